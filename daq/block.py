@@ -1,0 +1,55 @@
+"""A run of consecutive samples of one channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+NS_PER_S = 1_000_000_000
+
+
+class Flag(IntFlag):
+    """What is known to be wrong with a block; the values are those of the log format."""
+
+    GOOD = 0
+    OVERLOAD = 1
+    OPEN_SENSOR = 2
+    SAMPLES_MISSING_BEFORE = 4
+    CLOCK_NOT_LOCKED = 8
+    NOT_FINITE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBlock:
+    """Consecutive samples of one channel on the run's time base.
+
+    `first_sample` counts from the start of recording; `time_ns` is the time of that sample (Unix epoch, ns);
+    `sample_rate` is the device's own, in Hz; `values` has shape (n,) and the channel's unit.
+    """
+
+    channel: str
+    first_sample: int
+    time_ns: int
+    sample_rate: float
+    values: NDArray[np.floating]
+    flags: Flag = Flag.GOOD
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def end_sample(self) -> int:
+        """Index of the first sample after this block."""
+        return self.first_sample + len(self.values)
+
+    def times_s(self) -> NDArray[np.float64]:
+        """Times of the samples in seconds since the start of recording, shape (n,)."""
+        return (self.first_sample + np.arange(len(self.values))) / self.sample_rate
+
+
+def sample_time_ns(start_ns: int, index: int, sample_rate: float) -> int:
+    """Time in ns of sample `index` on a base that starts at `start_ns` and runs at `sample_rate` Hz."""
+    return start_ns + round(index * NS_PER_S / sample_rate)

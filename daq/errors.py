@@ -1,0 +1,88 @@
+"""What can go wrong, one class for each reaction of the caller.
+
+    RattleError
+    +-- ConfigurationError    fix the file                     (ValueError)
+    +-- InstrumentError       look at the instrument
+    |   +-- InstrumentAbsent  nobody, or somebody else, answers (ConnectionError)
+    |   +-- InstrumentRefused it answered: no                   (RuntimeError)
+    |   +-- InstrumentSilent  it did not answer in time         (TimeoutError)
+    |   +-- DeviceLost        it went away during the run       (ConnectionError)
+    +-- InterlockTripped      a limit was passed; rig is safe   (RuntimeError)
+    +-- LogError              the file cannot be trusted        (ValueError)
+    +-- RecorderFailed        stop the rig: samples are lost    (OSError)
+
+Each class also inherits the matching built-in, so that code that knows nothing of rattle can handle it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class RattleError(Exception):
+    """Anything that rattle raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One fault in a file: where, what stands there, what may stand there (with its unit)."""
+
+    key: str
+    value: str
+    allowed: str
+
+    def __str__(self) -> str:
+        return f"{self.key} = {self.value}: {self.allowed}"
+
+
+class ConfigurationError(RattleError, ValueError):
+    """A scenario, bench or effects file is wrong; `problems` lists every fault in it at once."""
+
+    def __init__(self, source: str, problems: Sequence[Problem]) -> None:
+        self.source = source
+        self.problems = tuple(problems)
+        super().__init__("\n".join([f"{source}:", *(f"  {problem}" for problem in self.problems)]))
+
+
+class InstrumentError(RattleError):
+    """An instrument did not do as asked; says which, where it is, and what to check."""
+
+    def __init__(self, instrument: str, address: str, what: str, check: str = "", code: str = "") -> None:
+        self.instrument, self.address, self.what, self.check, self.code = (
+            instrument,
+            address,
+            what,
+            check,
+            code,
+        )
+        text = f"{instrument} at {address}: {what}"
+        super().__init__(f"{text}. Check {check}" if check else text)
+
+
+class InstrumentAbsent(InstrumentError, ConnectionError):
+    """Nobody answers at the address, or another model does."""
+
+
+class InstrumentRefused(InstrumentError, RuntimeError):
+    """The instrument answered with an error of its own (`code`)."""
+
+
+class InstrumentSilent(InstrumentError, TimeoutError):
+    """The instrument did not answer within its deadline."""
+
+
+class DeviceLost(InstrumentError, ConnectionError):
+    """The instrument went away while the rig was running."""
+
+
+class InterlockTripped(RattleError, RuntimeError):
+    """A channel passed its abort limit; the rig was brought to its safe state."""
+
+
+class LogError(RattleError, ValueError):
+    """A log is damaged, truncated or not a rattle log."""
+
+
+class RecorderFailed(RattleError, OSError):
+    """The recorder could not keep every sample; nothing was accepted after this."""

@@ -1,0 +1,17 @@
+"""The log file: one MCAP file a run, readable by any MCAP program through its embedded schemas."""
+
+from daq.log.reader import LogReader, Origin
+from daq.log.records import ClockRecord, Event, Gap
+from daq.log.recover import recover_log, verify_log
+from daq.log.writer import LogWriter
+
+__all__ = [
+    "ClockRecord",
+    "Event",
+    "Gap",
+    "LogReader",
+    "LogWriter",
+    "Origin",
+    "recover_log",
+    "verify_log",
+]

@@ -1,0 +1,117 @@
+"""Between the nouns and the protobuf messages of the log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.log import schema
+from daq.log.records import ClockRecord, Event, Gap
+
+
+def encode_block(block: SampleBlock) -> bytes:
+    """Encode a block: float32 values travel as `values`, float64 values as `wide`."""
+    message = schema.FastSampleBlockMessage(
+        first_sample=block.first_sample, sample_rate=block.sample_rate, flags=int(block.flags)
+    )
+    _stamp(message, block.time_ns)
+    if block.values.dtype == np.float64:
+        message.wide = block.values.astype("<f8", copy=False).tobytes()
+    else:
+        message.values = block.values.astype("<f4", copy=False).tobytes()
+    if len(block):
+        values = np.asarray(block.values, dtype=np.float64)
+        message.minimum, message.maximum = float(values.min()), float(values.max())
+        message.rms = float(np.sqrt(np.mean(np.square(values))))
+    return bytes(message.SerializeToString())
+
+
+def decode_block(channel: str, data: bytes) -> SampleBlock:
+    """Decode a block written by any program to the format; float64 values if it came as `wide`."""
+    message = schema.FastSampleBlockMessage.FromString(data)
+    if message.ByteSize() == len(data) and not _has_unknown_fields(message):
+        values = _array(message.values, "<f4")
+        wide = _array(message.wide, "<f8")
+    else:
+        # Unpacked or split arrays are legal protobuf, which the `bytes` declaration cannot see.
+        message = schema.SampleBlockMessage.FromString(data)
+        values = np.asarray(message.values, dtype=np.float32)
+        wide = np.asarray(message.wide, dtype=np.float64)
+    return SampleBlock(
+        channel=channel,
+        first_sample=message.first_sample,
+        time_ns=_time_ns(message),
+        sample_rate=message.sample_rate,
+        values=wide if len(wide) else values,
+        flags=Flag(message.flags & 31),
+    )
+
+
+def encode_event(event: Event) -> bytes:
+    """Encode an event."""
+    message = schema.EventMessage(level=event.level, source=event.source, code=event.code, text=event.text)
+    return _finish(message, event.time_ns)
+
+
+def decode_event(data: bytes) -> Event:
+    """Decode an event."""
+    message = schema.EventMessage.FromString(data)
+    return Event(_time_ns(message), message.level, message.source, message.code, message.text)
+
+
+def encode_gap(gap: Gap) -> bytes:
+    """Encode a gap."""
+    message = schema.GapMessage(
+        channel=gap.channel, first_sample=gap.first_sample, count=gap.count, cause=gap.cause
+    )
+    return _finish(message, gap.time_ns)
+
+
+def decode_gap(data: bytes) -> Gap:
+    """Decode a gap."""
+    message = schema.GapMessage.FromString(data)
+    return Gap(_time_ns(message), message.channel, message.first_sample, message.count, message.cause)
+
+
+def encode_clock(clock: ClockRecord) -> bytes:
+    """Encode a clock record."""
+    message = schema.ClockMessage(
+        device=clock.device,
+        offset_s=clock.offset_s,
+        rate_ppm=clock.rate_ppm,
+        uncertainty_s=clock.uncertainty_s,
+    )
+    return _finish(message, clock.time_ns)
+
+
+def decode_clock(data: bytes) -> ClockRecord:
+    """Decode a clock record."""
+    message = schema.ClockMessage.FromString(data)
+    return ClockRecord(
+        _time_ns(message), message.device, message.offset_s, message.rate_ppm, message.uncertainty_s
+    )
+
+
+def _array(data: bytes, dtype: str) -> NDArray[Any]:
+    return np.frombuffer(data, dtype=dtype)
+
+
+def _has_unknown_fields(message: Any) -> bool:
+    # ByteSize() counts unknown fields too, so a fixed32 `values` (unpacked) would slip through.
+    return not message.values and not message.wide
+
+
+def _stamp(message: Any, time_ns: int) -> None:
+    message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, NS_PER_S)
+
+
+def _time_ns(message: Any) -> int:
+    return int(message.timestamp.seconds) * NS_PER_S + int(message.timestamp.nanos)
+
+
+def _finish(message: Any, time_ns: int) -> bytes:
+    _stamp(message, time_ns)
+    return bytes(message.SerializeToString())

@@ -1,0 +1,300 @@
+"""Reads logs, also those without summary (a crash), with every checksum verified."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Literal, NamedTuple, get_args
+
+import numpy as np
+import zstandard
+from google.protobuf.message import DecodeError
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Chunk, ChunkIndex, Message, Metadata
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
+
+from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.channel import Channel
+from daq.errors import LogError
+from daq.log import codec
+from daq.log.records import ClockRecord, Event, Gap
+
+Origin = Literal["measured", "predicted"]
+MAXIMUM_CHUNK_BYTES = 256 << 20
+_FOREIGN_ERRORS = (
+    McapError,
+    DecodeError,
+    zstandard.ZstdError,
+    struct.error,
+    ValueError,
+    KeyError,
+    OverflowError,
+    MemoryError,
+    OSError,
+    EOFError,
+)
+"""What the MCAP, zstd and protobuf packages raise on damaged input."""
+
+
+class LoggedMessage(NamedTuple):
+    """One message as it stands in the file."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+class LogReader:
+    """A log opened for reading.
+
+    `complete` is False where the writer never finished: then the file is read from its front, up to the last
+    whole chunk, and `damage` says after the first full pass why it ended there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.complete = False
+        self.damage = ""
+        self.library = ""
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._topics: dict[str, dict[str, str]] = {}
+        self._summary: Summary | None = None
+
+    def __enter__(self) -> LogReader:
+        return self.open()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def open(self) -> LogReader:
+        """Open the file and read what describes it; raises LogError if it is no MCAP file at all."""
+        try:
+            self._file: IO[bytes] = self.path.open("rb")
+        except OSError as error:
+            raise LogError(f"{self.path}: {error.strerror}") from error
+        try:
+            self._read_summary()
+        except _FOREIGN_ERRORS:
+            self._summary = None
+        try:
+            if self._summary is None:
+                self._scan()
+        except LogError:
+            self.close()
+            raise
+        return self
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def scenario(self) -> str:
+        """The scenario's TOML text; empty if the log has none."""
+        return self.metadata.get("scenario", {}).get("toml", "")
+
+    def channels(self, origin: Origin) -> dict[str, Channel]:
+        """Channels under /`origin`/, by name, in the order of declaration."""
+        prefix = f"/{origin}/"
+        return {
+            topic.removeprefix(prefix): Channel.from_metadata(topic.removeprefix(prefix), metadata)
+            for topic, metadata in self._topics.items()
+            if topic.startswith(prefix)
+        }
+
+    def topic_metadata(self) -> dict[str, dict[str, str]]:
+        """Every topic of the file with its channel metadata."""
+        return dict(self._topics)
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[LoggedMessage]:
+        """Messages in file order; `start_ns`, `end_ns` choose chunks by log time, so a little more may come."""
+        names: dict[int, str] = {}
+        for chunk in self._chunks(start_ns, end_ns):
+            for record in _records(chunk, self.path):
+                if isinstance(record, ChannelRecord):
+                    names[record.id] = record.topic
+                elif isinstance(record, Message):
+                    topic = names.get(record.channel_id) or self._topic_of(record.channel_id)
+                    if topics is None or topic in topics:
+                        yield LoggedMessage(
+                            topic, record.log_time, record.publish_time, record.sequence, record.data
+                        )
+
+    def blocks(
+        self, origin: Origin | None = None, channels: Collection[str] | None = None
+    ) -> Iterator[tuple[Origin, SampleBlock]]:
+        """Sample blocks with their origin, in file order (as they were recorded)."""
+        wanted = self._sample_topics(origin, channels)
+        for message in self.messages(set(wanted)):
+            found_origin, name = wanted[message.topic]
+            yield found_origin, _decode(self.path, name, message.data)
+
+    def series(
+        self, origin: Origin, channel: str, start_s: float = 0.0, end_s: float | None = None
+    ) -> SampleBlock:
+        """All samples of a channel between `start_s` and `end_s` (seconds since sample 0) as one block.
+
+        Missing samples are NaN and SAMPLES_MISSING_BEFORE is set. Raises LogError if there is none.
+        """
+        return self.table(origin, [channel], start_s, end_s)[channel]
+
+    def table(
+        self,
+        origin: Origin,
+        channels: Collection[str] | None = None,
+        start_s: float = 0.0,
+        end_s: float | None = None,
+    ) -> dict[str, SampleBlock]:
+        """Like `series`, for several channels (default: all) in one pass over the file."""
+        names = list(self.channels(origin)) if channels is None else list(channels)
+        parts: dict[str, list[SampleBlock]] = {name: [] for name in names}
+        for _, block in self.blocks(origin, names):
+            begin = block.first_sample / block.sample_rate
+            if (end_s is None or begin < end_s) and block.end_sample / block.sample_rate > start_s:
+                parts[block.channel].append(block)
+        return {
+            name: _join(self.path, origin, name, blocks, start_s, end_s) for name, blocks in parts.items()
+        }
+
+    def events(self) -> list[Event]:
+        """All events in file order."""
+        return [codec.decode_event(message.data) for message in self.messages({"/event"})]
+
+    def gaps(self) -> list[Gap]:
+        """The gap ledger."""
+        return [codec.decode_gap(message.data) for message in self.messages({"/gap"})]
+
+    def clocks(self) -> list[ClockRecord]:
+        """The clock records."""
+        return [codec.decode_clock(message.data) for message in self.messages({"/clock"})]
+
+    def _sample_topics(
+        self, origin: Origin | None, channels: Collection[str] | None
+    ) -> dict[str, tuple[Origin, str]]:
+        origins: tuple[Origin, ...] = get_args(Origin) if origin is None else (origin,)
+        return {
+            f"/{each}/{name}": (each, name)
+            for each in origins
+            for name in self.channels(each)
+            if channels is None or name in channels
+        }
+
+    def _read_summary(self) -> None:
+        reader = SeekingReader(self._file, validate_crcs=True)
+        summary = reader.get_summary()
+        if summary is None or not summary.channels:
+            return
+        self.library = reader.get_header().library
+        self._topics = {channel.topic: channel.metadata for channel in summary.channels.values()}
+        self.metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        self._summary, self.complete = summary, True
+
+    def _scan(self) -> None:
+        self._file.seek(0)
+        try:
+            stream = StreamReader(self._file, emit_chunks=True, validate_crcs=True)
+            self._channel_names: dict[int, str] = {}
+            for record in stream.records:
+                if isinstance(record, Metadata):
+                    self.metadata[record.name] = record.metadata
+                elif isinstance(record, Chunk):
+                    self._note_channels(record)
+        except _FOREIGN_ERRORS as error:
+            self.damage = f"{type(error).__name__}: {error}"
+        if not self._topics and not self.metadata:
+            raise LogError(f"{self.path}: not a log ({self.damage or 'it holds nothing'})")
+
+    def _note_channels(self, chunk: Chunk) -> None:
+        for record in _records(chunk, self.path):
+            if isinstance(record, ChannelRecord):
+                self._topics.setdefault(record.topic, record.metadata)
+                self._channel_names[record.id] = record.topic
+
+    def _topic_of(self, channel_id: int) -> str:
+        if self._summary is not None:
+            return str(self._summary.channels[channel_id].topic)
+        return self._channel_names.get(channel_id, "")
+
+    def _chunks(self, start_ns: int | None, end_ns: int | None) -> Iterator[Chunk]:
+        if self._summary is not None:
+            for index in sorted(self._summary.chunk_indexes, key=lambda each: each.chunk_start_offset):
+                if _overlaps(index, start_ns, end_ns):
+                    yield self._chunk_at(index)
+            return
+        self._file.seek(0)
+        try:
+            for record in StreamReader(self._file, emit_chunks=True, validate_crcs=True).records:
+                if isinstance(record, Chunk):
+                    yield record
+        except _FOREIGN_ERRORS as error:
+            self.damage = f"{type(error).__name__}: {error}"
+
+    def _chunk_at(self, index: ChunkIndex) -> Chunk:
+        self._file.seek(index.chunk_start_offset)
+        try:
+            record = next(StreamReader(self._file, skip_magic=True, emit_chunks=True).records)
+        except (*_FOREIGN_ERRORS, StopIteration) as error:
+            raise LogError(f"{self.path}: chunk at byte {index.chunk_start_offset} is damaged") from error
+        if not isinstance(record, Chunk):
+            raise LogError(f"{self.path}: no chunk at byte {index.chunk_start_offset}")
+        return record
+
+
+def _overlaps(index: ChunkIndex, start_ns: int | None, end_ns: int | None) -> bool:
+    return (start_ns is None or index.message_end_time >= start_ns) and (
+        end_ns is None or index.message_start_time <= end_ns
+    )
+
+
+def _records(chunk: Chunk, path: Path) -> list[object]:
+    """Records of a chunk, its checksum verified and its size bounded before memory is taken."""
+    if chunk.uncompressed_size > MAXIMUM_CHUNK_BYTES:
+        raise LogError(f"{path}: a chunk claims {chunk.uncompressed_size} bytes")
+    try:
+        if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) > chunk.uncompressed_size:
+            raise LogError(f"{path}: a chunk is larger than it says")
+        return list(breakup_chunk(chunk, validate_crc=True))
+    except LogError:
+        raise
+    except _FOREIGN_ERRORS as error:
+        raise LogError(f"{path}: a chunk is damaged ({type(error).__name__}: {error})") from error
+
+
+def _decode(path: Path, name: str, data: bytes) -> SampleBlock:
+    try:
+        return codec.decode_block(name, data)
+    except _FOREIGN_ERRORS as error:
+        raise LogError(f"{path}: a block of {name} is damaged ({error})") from error
+
+
+def _join(
+    path: Path, origin: str, name: str, blocks: list[SampleBlock], start_s: float, end_s: float | None
+) -> SampleBlock:
+    if not blocks:
+        raise LogError(f"{path}: no samples of /{origin}/{name} in the asked time")
+    rate = blocks[0].sample_rate
+    first = max(min(block.first_sample for block in blocks), round(start_s * rate))
+    end = max(block.end_sample for block in blocks)
+    if end_s is not None:
+        end = min(end, round(end_s * rate))
+    values = np.full(max(end - first, 0), np.nan, dtype=blocks[0].values.dtype)
+    flags = Flag.GOOD
+    for block in blocks:
+        low, high = max(block.first_sample, first), min(block.end_sample, end)
+        values[max(low - first, 0) : max(high - first, 0)] = block.values[
+            low - block.first_sample : max(high, low) - block.first_sample
+        ]
+        flags |= block.flags
+    origin_ns = blocks[0].time_ns - round(blocks[0].first_sample * NS_PER_S / rate)
+    return SampleBlock(name, first, origin_ns + round(first * NS_PER_S / rate), rate, values, flags)
