@@ -118,7 +118,7 @@ class LogReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[LoggedMessage]:
-        """Messages in file order; `start_ns`, `end_ns` choose chunks by log time, so a little more may come."""
+        """Messages in file order; `start_ns`, `end_ns` choose whole chunks by log time."""
         names: dict[int, str] = {}
         for chunk in self._chunks(start_ns, end_ns):
             for record in _records(chunk, self.path):

@@ -1,0 +1,1 @@
+"""Parts that rigs are made of."""

@@ -1,0 +1,1 @@
+"""The rigs that the twin knows, one folder each."""

@@ -1,0 +1,255 @@
+"""Assembles the impact beam into a switched system: free or touching a stop, and slipping or stuck at the pivot.
+
+Generalised coordinates q: mass-normalised modes of beam with flexure, moving shaker mass and suspension, then
+(with a flexible base) the yoke. Outputs: upper force, lower force, base acceleration, stations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.parts.modal import lowest_modes
+from sim_twin.rigs.impact_beam.model import ImpactBeam
+from sim_twin.switched import Event, Excitation, Output, Regime, Residual, Row, SwitchedSystem
+from sim_twin.switched.system import Constraint
+
+Array = NDArray[np.float64]
+FREE, UPPER, LOWER = 0, 1, 2
+SLIP_UP, SLIP_DOWN, STUCK = 0, 1, 2
+_TYPICAL_FORCE = 30.0
+"""N; the linear part of a Hertzian contact is its secant here, so that the residual stays small."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Structure:
+    """M = I; K, C (n, n); rows for drive point, contact (tip minus yoke), pivot rotation, tip and stations."""
+
+    K: Array
+    C: Array
+    drive: Array
+    contact: Array
+    rotation: Array
+    stations: Array
+    yoke: int | None
+
+
+def assemble(rig: ImpactBeam, drive_orders: tuple[int, ...] = (1,)) -> SwitchedSystem:
+    """Return the switched system of `rig` with one excitation (N at the drive point) for each order."""
+    structure = _structure(rig)
+    pivots = (SLIP_UP, SLIP_DOWN, STUCK) if rig.pivot_friction > 0 else (SLIP_UP,)
+    regimes = tuple(
+        _regime(rig, structure, contact, pivot, len(drive_orders))
+        for pivot in pivots
+        for contact in (FREE, UPPER, LOWER)
+    )
+    return SwitchedSystem(
+        states=2 * len(structure.K),
+        excitations=tuple(Excitation(order) for order in drive_orders),
+        regimes=regimes,
+        outputs=3 + len(rig.stations),
+        rest_regime=3 * pivots.index(pivots[-1]),
+    )
+
+
+def deflection_shapes(rig: ImpactBeam, fractions: Array) -> Array:
+    """Deflection rows at `fractions` of L, shape (len(fractions), 2 n), m per unit of state."""
+    shapes = _modes(rig).shapes
+    kept = _kept_dofs(rig)
+    rows = np.array([rig.beam.deflection_row(fraction)[kept] @ shapes for fraction in fractions])
+    extra = 1 if rig.base is not None else 0
+    padding = np.zeros((len(fractions), rig.modes + 2 * extra))
+    return np.hstack([rows, padding])
+
+
+def _kept_dofs(rig: ImpactBeam) -> NDArray[np.int64]:
+    fixed = 2 if rig.clamped else (1 if rig.pivot_stiffness is None else 0)
+    return np.arange(fixed, 2 * (rig.beam.elements + 1))
+
+
+def _modes(rig: ImpactBeam):  # noqa: ANN202
+    M, K = rig.beam.matrices()
+    drive = rig.beam.deflection_row(rig.drive_position)
+    M += rig.shaker_mass * np.outer(drive, drive)
+    K += rig.shaker_stiffness * np.outer(drive, drive)
+    if not rig.clamped:
+        K[1, 1] += rig.rotation_stiffness
+        K[0, 0] += rig.pivot_stiffness or 0.0
+    kept = _kept_dofs(rig)
+    return lowest_modes(M[np.ix_(kept, kept)], K[np.ix_(kept, kept)], rig.modes)
+
+
+def _structure(rig: ImpactBeam) -> _Structure:
+    modes, kept = _modes(rig), _kept_dofs(rig)
+
+    def row(fraction: float) -> Array:
+        return np.asarray(rig.beam.deflection_row(fraction)[kept] @ modes.shapes)
+
+    drive = row(rig.drive_position)
+    K = np.diag(modes.omega**2)
+    C = np.diag(2 * np.array(rig.modal_damping) * modes.omega)
+    C += rig.shaker_damping * np.outer(drive, drive)
+    rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
+    stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
+    structure = _Structure(K, C, drive, row(1.0), rotation, stations, None)
+    return structure if rig.base is None else _with_yoke(rig, structure)
+
+
+def _with_yoke(rig: ImpactBeam, fixed: _Structure) -> _Structure:
+    assert rig.base is not None
+    omega = 2 * np.pi * rig.base.frequency
+    n = len(fixed.K)
+
+    def grown(row: Array, last: float = 0.0) -> Array:
+        return np.append(row, last)
+
+    K, C = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
+    K[:n, :n], C[:n, :n] = fixed.K, fixed.C
+    K[n, n], C[n, n] = omega**2, 2 * rig.base.damping_ratio * omega
+    return _Structure(
+        K,
+        C,
+        grown(fixed.drive),
+        grown(fixed.contact, -1 / np.sqrt(rig.base.mass)),
+        grown(fixed.rotation),
+        np.array([grown(row) for row in fixed.stations]).reshape(-1, n + 1),
+        n,
+    )
+
+
+def _regime(rig: ImpactBeam, s: _Structure, contact: int, pivot: int, drives: int) -> Regime:
+    n = len(s.K)
+    K, C, force, residual = _contact_terms(rig, s, contact)
+    if rig.pivot_friction > 0 and pivot != STUCK:
+        force = force - np.where(pivot == SLIP_UP, 1.0, -1.0) * rig.pivot_friction * s.rotation
+    B = np.zeros((2 * n, drives))
+    B[n:] = s.drive[:, None]
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -C]])
+    c = np.concatenate([np.zeros(n), force])
+    events = _contact_events(rig, s, contact, pivot)
+    if rig.pivot_friction > 0:
+        events = (*events, *_pivot_events(rig, s, contact, pivot, A, B, c, residual))
+    outputs = _outputs(rig, s, contact)
+    if pivot != STUCK:
+        return Regime(A, B, c, events, outputs, residual)
+    return _held(Regime(A, B, c, events, outputs, residual), s.rotation)
+
+
+def _contact_terms(
+    rig: ImpactBeam, s: _Structure, contact: int
+) -> tuple[Array, Array, Array, Residual | None]:
+    """K, C and constant force of the structure with the stop's spring and damper in, if it touches."""
+    n = len(s.K)
+    if contact == FREE:
+        return s.K, s.C, np.zeros(n), None
+    k, c = _linear_stiffness(rig), rig.contact_damping
+    pair = np.outer(s.contact, s.contact)
+    sign, gap = _side(rig, contact)
+    residual = None
+    if rig.hertz is not None:
+        direction = np.concatenate([np.zeros(n), -sign * s.contact])
+        residual = Residual(rig.hertz, k, _penetration(rig, s, contact), direction)
+    return s.K + k * pair, s.C + c * pair, sign * k * gap * s.contact, residual
+
+
+def _linear_stiffness(rig: ImpactBeam) -> float:
+    if rig.hertz is None:
+        return rig.contact_stiffness
+    return float(_TYPICAL_FORCE / (_TYPICAL_FORCE / rig.hertz) ** (2 / 3))
+
+
+def _side(rig: ImpactBeam, contact: int) -> tuple[float, float]:
+    """Direction of the stop and the free way to it, m."""
+    if contact == UPPER:
+        return 1.0, rig.clearance - rig.rest_offset
+    return -1.0, rig.clearance + rig.rest_offset
+
+
+def _penetration(rig: ImpactBeam, s: _Structure, contact: int) -> Row:
+    sign, gap = _side(rig, contact)
+    return Row(np.concatenate([sign * s.contact, np.zeros(len(s.contact))]), -gap)
+
+
+def _contact_force(rig: ImpactBeam, s: _Structure, contact: int, factor: float = 1.0) -> Row:
+    sign, gap = _side(rig, contact)
+    k, c = _linear_stiffness(rig), rig.contact_damping
+    row = factor * sign * np.concatenate([k * s.contact, c * s.contact])
+    return Row(row, -factor * k * gap, residual=factor)
+
+
+def _contact_events(rig: ImpactBeam, s: _Structure, contact: int, pivot: int) -> tuple[Event, ...]:
+    base = 3 * pivot
+    if contact != FREE:
+        return (Event(_contact_force(rig, s, contact, -1.0), base + FREE),)
+    return tuple(
+        Event(_penetration(rig, s, side), base + side, _approach(rig, s, side)) for side in (UPPER, LOWER)
+    )
+
+
+def _approach(rig: ImpactBeam, s: _Structure, side: int) -> Row:
+    """Positive where the stop would push: the linear law's force, or with Hertz's law the closing speed."""
+    if rig.hertz is None:
+        return _contact_force(rig, s, side)
+    sign, _ = _side(rig, side)
+    return Row(np.concatenate([np.zeros(len(s.contact)), sign * s.contact]))
+
+
+def _pivot_events(
+    rig: ImpactBeam,
+    s: _Structure,
+    contact: int,
+    pivot: int,
+    A: Array,
+    B: Array,
+    c: Array,
+    residual: Residual | None,
+) -> tuple[Event, ...]:
+    n = len(s.K)
+    velocity = np.concatenate([np.zeros(n), s.rotation])
+    if pivot != STUCK:
+        sign = 1.0 if pivot == SLIP_UP else -1.0
+        return (Event(Row(-sign * velocity), 3 * STUCK + contact),)
+    inertia = float(s.rotation @ s.rotation)
+    torque, drive, constant = velocity @ A / inertia, velocity @ B / inertia, float(velocity @ c) / inertia
+    extra = 0.0 if residual is None else float(velocity @ residual.direction) / inertia
+    return tuple(
+        Event(
+            Row(sign * torque, sign * constant - rig.pivot_friction, None, sign * drive, sign * extra),
+            3 * target + contact,
+        )
+        for sign, target in ((1.0, SLIP_UP), (-1.0, SLIP_DOWN))
+    )
+
+
+def _outputs(rig: ImpactBeam, s: _Structure, contact: int) -> tuple[Output, ...]:
+    n = len(s.K)
+    outputs = [] if contact == FREE else [Output(contact - 1, _contact_force(rig, s, contact))]
+    still = np.zeros(2 * n)
+    if rig.base is not None and s.yoke is not None:
+        rate = np.zeros(2 * n)
+        rate[n + s.yoke] = 1 / np.sqrt(rig.base.mass)
+        outputs.append(Output(2, Row(still, rate=rate)))
+    for index, station in enumerate(s.stations):
+        outputs.append(Output(3 + index, Row(still, rate=np.concatenate([np.zeros(n), station]))))
+    return tuple(outputs)
+
+
+def _held(regime: Regime, rotation: Array) -> Regime:
+    """The same regime with the pivot's rotation held where it is."""
+    n = len(rotation)
+    unit = rotation / np.linalg.norm(rotation)
+    free = np.linalg.svd(unit[None, :])[2][1:].T
+    basis = np.block([[free, np.zeros_like(free)], [np.zeros_like(free), free]])
+    direction = np.concatenate([rotation / (rotation @ rotation), np.zeros(n)])
+    captured = np.concatenate([rotation, np.zeros(n)])
+    return Regime(
+        basis.T @ regime.A @ basis,
+        basis.T @ regime.B,
+        basis.T @ regime.c,
+        regime.events,
+        regime.outputs,
+        regime.residual,
+        Constraint(basis, captured, direction, basis.T @ regime.A @ direction),
+    )

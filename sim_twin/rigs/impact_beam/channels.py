@@ -1,0 +1,34 @@
+"""The channels of the impact beam: names, units, quantities."""
+
+from __future__ import annotations
+
+import re
+
+from sim_twin.rigs.impact_beam.model import ImpactBeam
+
+STATION = re.compile(r"beam\.acceleration_([1-9][0-9]?|100)")
+_UNITS = {
+    "drive.force": "N",
+    "contact.force_upper": "N",
+    "contact.force_lower": "N",
+    "yoke.force": "N",
+    "base.acceleration": "m/s2",
+}
+
+
+def channel_names(rig: ImpactBeam) -> tuple[str, ...]:
+    """Channels that the twin of `rig` predicts; accelerometers on the beam by their station in percent of L."""
+    return (*_UNITS, *(f"beam.acceleration_{percent}" for percent in rig.stations))
+
+
+def channel_unit(name: str) -> str:
+    """Unit of a channel; raises KeyError for a name that the rig does not have."""
+    if STATION.fullmatch(name):
+        return "m/s2"
+    return _UNITS[name]
+
+
+def stations_of(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Stations (percent of L) of those `names` that are accelerometers on the beam."""
+    matches = (STATION.fullmatch(name) for name in names)
+    return tuple(int(match[1]) for match in matches if match)

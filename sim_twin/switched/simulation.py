@@ -1,0 +1,92 @@
+"""A switched system in motion: advance it, change its drive, read its outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.switched.kernel import run
+from sim_twin.switched.system import Row, SwitchedSystem
+from sim_twin.switched.tables import Tables, build_tables
+
+_MOST_SWITCHES_A_STEP = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Outputs at times start + k `step`, shape (outputs, n), and the switches in between (s since rest)."""
+
+    start: float
+    step: float
+    outputs: NDArray[np.float64]
+    switch_times: NDArray[np.float64]
+    switch_regimes: NDArray[np.int64]
+    switches: int
+
+
+class Simulation:
+    """One run of `system` from rest at t = 0, sampled every `step` seconds.
+
+    The excitations are U_k exp(i order_k (omega (t - t0) + phase)); `drive` may change them at any time.
+    """
+
+    def __init__(self, system: SwitchedSystem, step: float) -> None:
+        self.system, self.step = system, step
+        self.time = 0.0
+        self._samples = 0
+        self._x = np.zeros(system.states)
+        self._regime = system.rest_regime
+        self._amplitudes = np.zeros(len(system.excitations), dtype=complex)
+        self._omega, self._phase, self._reference = 1.0, 0.0, 0.0
+        self._tables: Tables | None = None
+
+    def drive(
+        self, amplitudes: NDArray[np.complex128], omega: float, phase: float = 0.0, reference: float | None = None
+    ) -> None:
+        """Set the excitations from now on: `omega` in rad/s, `phase` in rad of the fundamental at `reference` s.
+
+        `reference` defaults to now. The motion itself stays continuous.
+        """
+        if omega != self._omega:
+            self._tables = None
+        self._amplitudes = np.asarray(amplitudes, dtype=complex)
+        self._omega, self._phase = omega, phase
+        self._reference = self.time if reference is None else reference
+
+    def advance(self, count: int) -> Trace:
+        """Advance by `count` steps; the trace starts at the present time and ends one step before the new one."""
+        if self._tables is None:
+            self._tables = build_tables(self.system, self._omega, self.step)
+        out = np.zeros((max(1, self.system.outputs), count))
+        room = 64 + int(count * _MOST_SWITCHES_A_STEP)
+        times, regimes = np.zeros(room), np.zeros(room, dtype=np.int64)
+        u = self._excitation_now()
+        start = self.time
+        self._regime, switches = run(
+            self._tables, self._x, self._regime, u.real.copy(), u.imag.copy(), out, times, regimes
+        )
+        self._samples += count
+        self.time = self._samples * self.step
+        kept = min(switches, room)
+        return Trace(start, self.step, out, start + times[:kept] * self.step, regimes[:kept], switches)
+
+    def value(self, row: Row) -> float:
+        """Value of a scalar of the present state (position and constant parts)."""
+        return float(row.position @ self._x) + row.constant
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """The present state x = [q, q'], a copy of shape (states,)."""
+        return self._x.copy()
+
+    @state.setter
+    def state(self, x: NDArray[np.float64]) -> None:
+        self._x = np.array(x, dtype=float)
+
+    def _excitation_now(self) -> NDArray[np.complex128]:
+        angle = self._omega * (self.time - self._reference) + self._phase
+        orders = np.array([excitation.order for excitation in self.system.excitations])
+        return np.asarray(self._amplitudes * np.exp(1j * orders * angle))
+
