@@ -210,7 +210,9 @@ def _pivot_events(
     velocity = np.concatenate([np.zeros(n), s.rotation])
     if pivot != STUCK:
         sign = 1.0 if pivot == SLIP_UP else -1.0
-        return (Event(Row(-sign * velocity), 3 * STUCK + contact),)
+        # Also while slowing down: a slip that has just begun must not end on the rounding of its zero speed.
+        slowing = Row(np.zeros(2 * n), rate=-sign * velocity)
+        return (Event(Row(-sign * velocity), 3 * STUCK + contact, slowing),)
     inertia = float(s.rotation @ s.rotation)
     torque, drive, constant = velocity @ A / inertia, velocity @ B / inertia, float(velocity @ c) / inertia
     extra = 0.0 if residual is None else float(velocity @ residual.direction) / inertia

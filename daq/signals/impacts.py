@@ -1,0 +1,128 @@
+"""Impacts in a contact force, and the half cycles of a beam between two stops.
+
+A half cycle is all contact on one side before any on the other; a contact counts once its force passes a
+tenth of the largest in the run. The *first* of a half cycle is the peak of its first contact, its *max* the
+largest force in it (Deck and Dubowsky's statistics of the impact beam system).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+COUNTS_FROM = 0.1
+"""Share of the run's largest force from which a contact counts."""
+
+RELEASED_BELOW = 0.02
+"""Share of the run's largest force below which a contact has ended: above a force channel's noise
+(0.05 N rms against some 20 N), and above the ripple that an anti-alias filter leaves behind an impact."""
+
+_FAINTEST_N = 0.5
+"""Ten times the noise of a healthy force channel: a record that never passes it holds no contact."""
+
+
+@dataclass(frozen=True, slots=True)
+class Impacts:
+    """Contacts of one trace, every array of shape (m,) and in order of time.
+
+    `index` is the sample of the peak, `start` and `end` bound the contact (end excluded).
+    """
+
+    index: NDArray[np.intp]
+    start: NDArray[np.intp]
+    end: NDArray[np.intp]
+    peak_n: NDArray[np.float64]
+    impulse_ns: NDArray[np.float64]
+    contact_s: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True, slots=True)
+class HalfCycles:
+    """One row a half cycle, every array of shape (m,): side (+1 upper, -1 lower), *first* and *max* in N.
+
+    `first_index` and `max_index` are the samples of those peaks, `contacts` how many contacts there were.
+    """
+
+    side: NDArray[np.intp]
+    first_index: NDArray[np.intp]
+    first_n: NDArray[np.float64]
+    max_index: NDArray[np.intp]
+    max_n: NDArray[np.float64]
+    contacts: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.side)
+
+
+def largest_force(*forces: NDArray[np.floating]) -> float:
+    """Largest finite sample in N of all `forces`; 0 where there is none."""
+    return max((float(np.max(force, initial=0.0, where=np.isfinite(force))) for force in forces), default=0.0)
+
+
+def find_impacts(force: NDArray[np.floating], sample_rate: float, largest: float | None = None) -> Impacts:
+    """Contacts in `force` (N, positive in compression, shape (n,)) that pass a tenth of `largest`.
+
+    `largest` is the largest force of the run in N (default: of this trace). A sample that is not finite
+    counts as no contact.
+    """
+    top = largest_force(force) if largest is None else largest
+    if top < _FAINTEST_N:
+        return _no_impacts()
+    touching = np.concatenate(([False], force > RELEASED_BELOW * top, [False]))
+    edges = np.flatnonzero(touching[1:] != touching[:-1])
+    start, end = edges[::2], edges[1::2]
+    if not len(start):
+        return _no_impacts()
+    bounds = np.column_stack((start, end)).ravel()
+    bounds = bounds[:-1] if bounds[-1] == len(force) else bounds
+    counted = np.maximum.reduceat(force, bounds)[::2] > COUNTS_FROM * top
+    start, end = start[counted], end[counted]
+    index = np.array(
+        [first + np.argmax(force[first:last]) for first, last in zip(start, end, strict=True)], dtype=np.intp
+    )
+    impulse = np.array([np.sum(force[first:last]) for first, last in zip(start, end, strict=True)])
+    return Impacts(
+        index=index,
+        start=start,
+        end=end,
+        peak_n=force[index].astype(np.float64),
+        impulse_ns=impulse.astype(np.float64) / sample_rate,
+        contact_s=(end - start) / sample_rate,
+    )
+
+
+def half_cycles(
+    upper: NDArray[np.floating],
+    lower: NDArray[np.floating],
+    sample_rate: float,
+    largest: float | None = None,
+) -> HalfCycles:
+    """Half cycles of two contact forces (N, positive in compression, equal length and start).
+
+    `largest` as in `find_impacts`. Half cycles that the ends of the record cut are among them.
+    """
+    top = largest_force(upper, lower) if largest is None else largest
+    above, below = find_impacts(upper, sample_rate, top), find_impacts(lower, sample_rate, top)
+    index = np.concatenate((above.index, below.index))
+    order = np.argsort(index, kind="stable")
+    index = index[order]
+    peak = np.concatenate((above.peak_n, below.peak_n))[order]
+    side = np.concatenate((np.ones(len(above), np.intp), -np.ones(len(below), np.intp)))[order]
+    if not len(index):
+        nothing, no_force = np.empty(0, np.intp), np.empty(0)
+        return HalfCycles(nothing, nothing, no_force, nothing, no_force, nothing)
+    begins = np.flatnonzero(np.concatenate(([True], side[1:] != side[:-1])))
+    contacts = np.diff(np.concatenate((begins, [len(index)])))
+    parts = zip(begins, contacts, strict=True)
+    at = np.array([begin + np.argmax(peak[begin : begin + count]) for begin, count in parts], dtype=np.intp)
+    return HalfCycles(side[begins], index[begins], peak[begins], index[at], peak[at], contacts)
+
+
+def _no_impacts() -> Impacts:
+    nothing, no_number = np.empty(0, np.intp), np.empty(0)
+    return Impacts(nothing, nothing, nothing, no_number, no_number, no_number)

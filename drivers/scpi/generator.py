@@ -1,0 +1,171 @@
+"""A function generator of the Agilent 33220A / 33500 command set."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from daq.errors import InstrumentAbsent, InstrumentRefused
+from drivers.scpi import answers, settings
+from drivers.scpi.link import ScpiLink
+from drivers.scpi.settings import Choice, Quantity
+
+KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
+LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratorSettings:
+    """Where the generator is and how far it may go.
+
+    `maximum_amplitude_v` bounds |offset| plus peak, in V at its output into high impedance.
+    """
+
+    resource: str
+    maximum_amplitude_v: float
+    name: str = "signal generator"
+    timeout_s: float = 2.0
+
+
+class ScpiGenerator:
+    """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it."""
+
+    def __init__(self, config: GeneratorSettings) -> None:
+        self.config = config
+        self.name, self.address = config.name, config.resource
+        self.identity = ""
+        self._link = ScpiLink(config.name, config.resource, config.timeout_s)
+        self._amplitude_v = self._offset_v = 0.0
+        self._triggered = False
+
+    def open(self) -> None:
+        """Connect, discard stale answers and errors, and check the model."""
+        self._link.open()
+        try:
+            self._identify()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Hang up; the output stays as it is."""
+        self._link.close()
+
+    def arm_sine(self, frequency_hz: float, amplitude_v: float, offset_v: float, *, triggered: bool) -> None:
+        """Reset the generator and prepare a sine; see `DriveGenerator.arm_sine`."""
+        self._check_limits(amplitude_v, offset_v)
+        self._check_range(settings.FREQUENCY, frequency_hz)
+        self._link.write("*RST")
+        self._link.query("*OPC?")
+        for choice in (settings.OUTPUT_OFF, settings.SINE, settings.OPEN_CIRCUIT, settings.PEAK_TO_PEAK):
+            self._choose(choice)
+        self._set(settings.FREQUENCY, frequency_hz)
+        self._set(settings.AMPLITUDE, 2.0 * amplitude_v)
+        self._set(settings.OFFSET, offset_v)
+        self._amplitude_v, self._offset_v, self._triggered = amplitude_v, offset_v, triggered
+        if triggered:
+            for choice in (*settings.TRIGGERED_BURST, settings.OUTPUT_ON):
+                self._choose(choice)
+
+    def start(self) -> None:
+        """Let the armed sine begin."""
+        if self._triggered:
+            self._link.write("*TRG")
+            self._refuse_on_error("trigger")
+        else:
+            self._choose(settings.OUTPUT_ON)
+
+    def set_amplitude(self, amplitude_v: float) -> None:
+        """Change the peak amplitude in V."""
+        self._check_limits(amplitude_v, self._offset_v)
+        self._set(settings.AMPLITUDE, 2.0 * amplitude_v)
+        self._amplitude_v = amplitude_v
+
+    def set_offset(self, offset_v: float) -> None:
+        """Change the offset in V."""
+        self._check_limits(self._amplitude_v, offset_v)
+        self._set(settings.OFFSET, offset_v)
+        self._offset_v = offset_v
+
+    def off(self) -> None:
+        """Turn the output off and see that it is; errors of earlier commands do not matter here."""
+        if not self._link.is_open:
+            return
+        choice = settings.OUTPUT_OFF
+        self._link.write(f"{choice.command} {choice.word}")
+        answer = self._link.query(f"{choice.command}?")
+        if not choice.agrees(answer):
+            raise self._refused(f"the output does not go off, it answers {answer!r}")
+
+    def _identify(self) -> None:
+        self.identity = self._link.query("*IDN?")
+        if not KNOWN_MODELS.fullmatch(answers.model(self.identity)):
+            raise InstrumentAbsent(
+                self.name,
+                self.address,
+                f"{self.identity[:200]!r} answers, which is no 33210A, 33220A, 33500 or 33600",
+                "the resource string in the bench file",
+            )
+        self._errors()
+
+    def _set(self, quantity: Quantity, value: float) -> None:
+        self._check_range(quantity, value)
+        self._link.write(f"{quantity.command} {quantity.text(value)}")
+        answer = self._link.query(f"{quantity.command}?")
+        self._refuse_on_error(f"{quantity.name} = {quantity.text(value)} {quantity.unit}")
+        try:
+            agrees = quantity.agrees(value, answer)
+        except ValueError as error:
+            raise self._refused(f"{quantity.name}: {error}") from error
+        if not agrees:
+            raise self._refused(
+                f"{quantity.name} = {quantity.text(value)} {quantity.unit} reads back {answer}"
+            )
+
+    def _choose(self, choice: Choice) -> None:
+        self._link.write(f"{choice.command} {choice.word}")
+        answer = self._link.query(f"{choice.command}?")
+        self._refuse_on_error(f"{choice.name} = {choice.word}")
+        if not choice.agrees(answer):
+            raise self._refused(f"{choice.name} = {choice.word} reads back {answer!r}")
+
+    def _refuse_on_error(self, setting: str) -> None:
+        errors = self._errors()
+        if errors:
+            text = "; ".join(f"{code} {message}" for code, message in errors)
+            raise self._refused(f"{setting}: {text}", code=str(errors[0][0]))
+
+    def _errors(self) -> list[tuple[int, str]]:
+        errors: list[tuple[int, str]] = []
+        for _ in range(LONGEST_ERROR_QUEUE):
+            try:
+                code, message = answers.error(self._link.query("SYST:ERR?"))
+            except ValueError as error:
+                raise self._refused(str(error)) from error
+            if code == 0:
+                return errors
+            errors.append((code, message))
+        raise self._refused(f"its error queue does not end, last {errors[-1][0]} {errors[-1][1]}")
+
+    def _check_limits(self, amplitude_v: float, offset_v: float) -> None:
+        self._check_range(settings.AMPLITUDE, 2.0 * amplitude_v)
+        self._check_range(settings.OFFSET, offset_v)
+        largest = amplitude_v + abs(offset_v)
+        if largest > self.config.maximum_amplitude_v:
+            raise self._refused(
+                f"amplitude + |offset| = {largest:g} V is above the bench's limit of "
+                f"{self.config.maximum_amplitude_v:g} V; nothing was sent",
+                check="drive amplitude and the bench's maximum_amplitude",
+                code="limit",
+            )
+
+    def _check_range(self, quantity: Quantity, value: float) -> None:
+        if not quantity.allows(value):
+            raise self._refused(
+                f"{quantity.name} = {value:g} {quantity.unit} is outside {quantity.minimum:g} to "
+                f"{quantity.maximum:g} {quantity.unit}; nothing was sent",
+                code="limit",
+            )
+
+    def _refused(self, what: str, check: str = "", code: str = "") -> InstrumentRefused:
+        return InstrumentRefused(self.name, self.address, what, check, code)

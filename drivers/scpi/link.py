@@ -1,0 +1,157 @@
+"""Lines of text to and from an instrument through VISA; no exception of pyvisa leaves this module."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import cast
+
+import pyvisa
+from pyvisa.constants import StatusCode
+from pyvisa.resources import MessageBasedResource
+
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
+
+LONGEST_ANSWER = 4096
+QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
+DRAIN_S = 2.0
+
+
+class ScpiLink:
+    """One instrument at a VISA resource string, e.g. `TCPIP::192.168.0.5::5025::SOCKET`.
+
+    Every answer is awaited for `timeout_s` at most and may be 4096 bytes long.
+    """
+
+    def __init__(self, instrument: str, resource: str, timeout_s: float = 2.0) -> None:
+        self.instrument, self.resource, self.timeout_s = instrument, resource, timeout_s
+        self._visa: MessageBasedResource | None = None
+        self._answer_pending = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a connection was made and not closed."""
+        return self._visa is not None
+
+    def open(self) -> None:
+        """Connect and discard what an earlier client left half said. Raises `InstrumentAbsent`."""
+        timeout_ms = round(self.timeout_s * 1e3)
+        try:
+            visa = pyvisa.ResourceManager("@py").open_resource(self.resource, open_timeout=timeout_ms)
+        except Exception as error:  # pyvisa-py raises a bare Exception where a connection times out
+            raise self._absent(str(error)) from error
+        self._visa = cast(MessageBasedResource, visa)
+        try:
+            self._visa.read_termination = self._visa.write_termination = "\n"
+            self._visa.timeout = timeout_ms
+            stream = _socket(self._visa)
+            if stream is not None:  # a short command must not wait 40 ms for the last one's acknowledgement
+                stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clear()
+        except (OSError, ValueError, pyvisa.Error) as error:
+            self.close()
+            raise self._absent(str(error)) from error
+        except DeviceLost as error:
+            self.close()
+            raise self._absent(error.what) from error
+
+    def close(self) -> None:
+        """Hang up. Never raises."""
+        if self._visa is not None:
+            visa, self._visa = self._visa, None
+            with suppress(pyvisa.Error, OSError):
+                visa.close()
+
+    def write(self, command: str) -> None:
+        """Send one command. Raises `DeviceLost`."""
+        with self._translated(command) as visa:
+            visa.write(command)
+
+    def query(self, command: str) -> str:
+        """Return the answer to a query. Raises `InstrumentSilent`, `InstrumentRefused`, `DeviceLost`."""
+        with self._translated(command) as visa:
+            if self._answer_pending:  # the last query timed out or was interrupted; its answer may be late
+                self._drain(visa)
+            self._answer_pending = True
+            visa.write(command)
+            answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
+        self._answer_pending = not answer.endswith(b"\n")
+        if self._answer_pending:
+            raise self._refused(f"its answer to {command} is longer than {LONGEST_ANSWER} bytes")
+        return answer.decode("ascii", errors="replace").strip()
+
+    def _clear(self) -> None:
+        with self._translated("clearing") as visa:
+            self._drain(visa)
+            visa.write("")  # ends a command that an earlier client left without its line end
+            visa.write("*CLS")
+            self._drain(visa)
+
+    def _drain(self, visa: MessageBasedResource) -> None:
+        deadline = time.monotonic() + DRAIN_S
+        visa.timeout = QUIET_S * 1e3
+        try:
+            while time.monotonic() < deadline and not _closed_by_peer(visa):
+                visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
+        except pyvisa.VisaIOError as error:
+            if error.error_code != StatusCode.error_timeout:
+                raise
+        finally:
+            visa.timeout = self.timeout_s * 1e3
+        self._answer_pending = False
+
+    @contextmanager
+    def _translated(self, command: str) -> Iterator[MessageBasedResource]:
+        visa = self._visa
+        if visa is None:
+            raise self._lost("the connection is closed")
+        try:
+            if _closed_by_peer(visa):
+                raise self._lost("it closed the connection")
+            yield visa
+        except pyvisa.VisaIOError as error:
+            if error.error_code != StatusCode.error_timeout:
+                raise self._lost(str(error)) from error
+            if _closed_by_peer(visa):
+                raise self._lost(f"it closed the connection after {command}") from error
+            raise InstrumentSilent(
+                self.instrument,
+                self.resource,
+                f"no answer to {command} within {self.timeout_s:g} s",
+                "that it is switched on, in remote mode and set to this interface",
+            ) from error
+        except (pyvisa.Error, OSError) as error:
+            raise self._lost(str(error)) from error
+
+    def _absent(self, why: str) -> InstrumentAbsent:
+        check = "cable, power and the resource string in the bench file"
+        return InstrumentAbsent(self.instrument, self.resource, f"nobody answers ({why})", check)
+
+    def _lost(self, why: str) -> DeviceLost:
+        return DeviceLost(
+            self.instrument, self.resource, f"the connection is lost ({why})", "cable and power"
+        )
+
+    def _refused(self, why: str) -> InstrumentRefused:
+        return InstrumentRefused(self.instrument, self.resource, why, "that it is a SCPI instrument")
+
+
+def _socket(visa: MessageBasedResource) -> socket.socket | None:
+    # pyvisa-py 0.8 does not set VI_ATTR_TCPIP_NODELAY and takes the end of a stream for silence.
+    session = getattr(visa.visalib, "sessions", {}).get(visa.session)
+    interface = getattr(session, "interface", None)
+    return interface if isinstance(interface, socket.socket) else None
+
+
+def _closed_by_peer(visa: MessageBasedResource) -> bool:
+    stream = _socket(visa)
+    if stream is None:
+        return False
+    try:
+        readable, _, _ = select.select([stream], [], [], 0)
+        return bool(readable) and stream.recv(1, socket.MSG_PEEK) == b""
+    except OSError:
+        return True

@@ -1,0 +1,1 @@
+"""The files that an operator writes: scenario, bench, effects; checked as a whole before anything moves."""

@@ -1,0 +1,144 @@
+"""The effects file: which effects a rehearsal hides in the rig, or a prediction puts into the twin."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from daq.errors import ConfigurationError, Problem
+from rig.files.faults import Faults, read_text
+
+Effect = tuple[str, dict[str, float | str]]
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRange:
+    """What a parameter may be: in one of `intervals` (ends included, in `unit`), or one of `words`."""
+
+    intervals: tuple[tuple[float, float], ...] = ()
+    unit: str = ""
+    words: tuple[str, ...] = ()
+
+    @property
+    def allowed(self) -> str:
+        """The ranges, or the words, in the operator's words."""
+        if self.words:
+            return f"one of {', '.join(self.words)}"
+        ranges = " or ".join(f"{low:g} to {high:g}" for low, high in self.intervals)
+        return f"{ranges} {self.unit}".rstrip()
+
+    def holds(self, value: object) -> bool:
+        """Whether `value` is allowed."""
+        if self.words:
+            return value in self.words
+        return isinstance(value, float) and any(low <= value <= high for low, high in self.intervals)
+
+
+Catalogue = Mapping[str, Mapping[str, ParameterRange]]
+
+
+def load_effects(path: str | Path, catalogue: Catalogue) -> tuple[Effect, ...]:
+    """Read an effects file; raises ConfigurationError with every fault in it."""
+    return parse_effects(read_text(path), str(path), catalogue)
+
+
+def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Effect, ...]:
+    """Read `[{"name": ..., "parameters": {...}}]` as (name, parameters), numbers as floats in SI.
+
+    `catalogue` holds the effects of the rig, and for each its parameters, all of which have to be given. An
+    effect with a parameter `channel` may be there once a channel, any other once. Raises ConfigurationError
+    with every fault.
+    """
+    faults = Faults(source)
+    entries = _read_json(text, source)
+    if not isinstance(entries, list):
+        faults.add("effects", entries, 'a list such as [{"name": "clearance", "parameters": {"scale": 1.5}}]')
+        raise faults.error()
+    seen: set[tuple[str, object]] = set()
+    effects = [
+        _effect(entry, f"[{index + 1}]", catalogue, seen, faults) for index, entry in enumerate(entries)
+    ]
+    faults.raise_if_any()
+    return tuple(effect for effect in effects if effect is not None)
+
+
+def _read_json(text: str, source: str) -> Any:
+    try:
+        return json.loads(text, object_pairs_hook=_once_each)
+    except (ValueError, RecursionError) as error:
+        reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
+        raise ConfigurationError(source, [Problem("JSON", "(syntax)", reason)]) from error
+
+
+def _once_each(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in table:
+            raise ValueError(f"the key {key!r} stands there twice")
+        table[key] = value
+    return table
+
+
+def _effect(
+    entry: object, key: str, catalogue: Catalogue, seen: set[tuple[str, object]], faults: Faults
+) -> Effect | None:
+    if not isinstance(entry, dict):
+        faults.add(key, entry, 'an object with "name" and "parameters"')
+        return None
+    for unknown in entry.keys() - {"name", "parameters"}:
+        faults.unknown(f"{key}.{unknown}", entry[unknown], unknown, ("name", "parameters"))
+    name, given = entry.get("name"), entry.get("parameters", {})
+    if not isinstance(name, str) or name not in catalogue:
+        faults.add(f"{key}.name", name, f"an effect of this rig: {', '.join(catalogue)}")
+        return None
+    if not isinstance(given, dict):
+        faults.add(f"{key}.parameters", given, "an object")
+        return None
+    _note_repeated(name, given, key, seen, faults)
+    return name, _parameters(given, catalogue[name], f"{key}.{name}", faults)
+
+
+def _note_repeated(
+    name: str, given: dict[str, Any], key: str, seen: set[tuple[str, object]], faults: Faults
+) -> None:
+    channel = given.get("channel")
+    identity = name, channel if isinstance(channel, str) else None
+    if identity in seen:
+        faults.add(f"{key}.name", name, "once a channel" if identity[1] else "once in a file")
+    seen.add(identity)
+
+
+def _parameters(
+    given: dict[str, Any], ranges: Mapping[str, ParameterRange], key: str, faults: Faults
+) -> dict[str, float | str]:
+    values: dict[str, float | str] = {}
+    for name in given:
+        if name not in ranges:
+            faults.unknown(f"{key}.{name}", given[name], name, ranges)
+    for name, allowed in ranges.items():
+        if name not in given:
+            faults.missing(f"{key}.{name}", allowed.allowed)
+            continue
+        value = _plain(given[name])
+        if allowed.holds(value) and value is not None:
+            values[name] = value
+        else:
+            faults.add(f"{key}.{name}", given[name], allowed.allowed)
+    return values
+
+
+def _plain(value: object) -> float | str | None:
+    """A finite number as float, a text as it is, None for all else."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None

@@ -1,0 +1,114 @@
+"""Collecting every fault of a file, so that an operator mends it in one go."""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from daq.errors import ConfigurationError, Problem
+
+_LARGEST_BYTES = 4 << 20
+
+
+class Faults:
+    """The faults found so far in one file."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self._problems: list[Problem] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._problems)
+
+    def add(self, key: str, value: object, allowed: str) -> None:
+        """Note that `key` holds `value` (as read from the file) where only `allowed` may stand."""
+        self._problems.append(Problem(key, as_written(value), allowed))
+
+    def add_from(self, table: Mapping[str, object], name: str, key: str, allowed: str) -> None:
+        """Note that `name` in the table `key` does not fit other values, with what stands there."""
+        if name in table:
+            self.add(dotted(key, name), table[name], allowed)
+        else:
+            self.missing(dotted(key, name), allowed)
+
+    def missing(self, key: str, allowed: str) -> None:
+        """Note that `key` has to be there."""
+        self._problems.append(Problem(key, "(missing)", allowed))
+
+    def unknown(self, key: str, value: object, name: str, known: Iterable[str]) -> None:
+        """Note that nobody knows `name`, and which known one it may be meant for."""
+        names = list(known)
+        near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
+        self.add(key, value, f"unknown key; {hint}")
+
+    def error(self) -> ConfigurationError:
+        """The error that tells all of them."""
+        return ConfigurationError(self.source, self._problems)
+
+    def raise_if_any(self) -> None:
+        """Raise ConfigurationError if a fault was found."""
+        if self._problems:
+            raise self.error()
+
+
+def as_written(value: object) -> str:
+    """A value the way TOML writes it, cut to one readable line."""
+    match value:
+        case bool():
+            text = str(value).lower()
+        case str():
+            text = json.dumps(value, ensure_ascii=False)
+        case datetime.date() | datetime.time():
+            text = value.isoformat()
+        case dict():
+            text = "{...}"
+        case list():
+            text = "[...]"
+        case int() if abs(value) > 10**18:
+            text = "(a number of more than 18 digits)"
+        case _:
+            text = str(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def dotted(prefix: str, key: str) -> str:
+    """The full key of `key` in the table `prefix`; one that holds a dot is quoted, as TOML has it."""
+    quoted = f'"{key}"' if "." in key else key
+    return f"{prefix}.{quoted}" if prefix else quoted
+
+
+def read_text(path: str | Path) -> str:
+    """Text of a UTF-8 file; raises ConfigurationError if it cannot be read."""
+    faults = Faults(str(path))
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(_LARGEST_BYTES + 1)
+        if len(content) > _LARGEST_BYTES:
+            faults.add("file", str(path), "at most 4 MiB")
+            raise faults.error()
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        faults.add("file", str(path), f"UTF-8 text (byte {error.start} is not)")
+        raise faults.error() from error
+    except (OSError, ValueError) as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        faults.add("file", str(path), f"a readable file ({reason})")
+        raise faults.error() from error
+
+
+def read_toml(text: str, source: str) -> dict[str, Any]:
+    """Tables of a TOML text; raises ConfigurationError with line and column."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        # tomllib passes on what int() says of too many digits, hence more than TOMLDecodeError
+        reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
+        raise ConfigurationError(source, [Problem("TOML", "(syntax)", reason)]) from error

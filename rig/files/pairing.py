@@ -1,0 +1,71 @@
+"""Whether a scenario can be run on a bench; checked before anything moves."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator
+
+from daq.errors import ConfigurationError, Problem
+from rig.files.bench import Bench
+from rig.files.faults import dotted
+from rig.files.rigs import RIGS
+from rig.files.scenario import Limit, Scenario
+
+
+def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
+    """Raise ConfigurationError with all that forbids this scenario on this bench.
+
+    The drive asks for more than the bench allows; a channel of the bench is none of the rig's; a limit names
+    a channel that the bench lacks, or lies beyond its range and could never trip; a calibration has run out
+    by `today` (emulated sensors do not age).
+    """
+    problems = [
+        *_drive(scenario, bench),
+        *_channels(scenario, bench),
+        *_limits(scenario, bench),
+        *_calibrations(bench, today),
+    ]
+    if problems:
+        raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
+
+
+def _drive(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    peak = RIGS[scenario.rig].drive_peak(scenario.drive)
+    highest = bench.signal_generator.maximum_amplitude
+    if peak > highest:
+        allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
+        yield Problem("drive.amplitude", f"{peak:g} N", allowed)
+
+
+def _channels(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    kind = RIGS[scenario.rig]
+    for channel in bench.daq_card.channels:
+        if kind.channel_unit(channel.name) is None:
+            key = dotted("daq_card.channels", channel.name)
+            yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels)}")
+
+
+def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    ranges = {channel.name: channel.range for channel in bench.daq_card.channels}
+    for limit in scenario.limits:
+        key = dotted("limits", limit.channel)
+        if limit.channel not in ranges:
+            yield Problem(key, "(here)", f"a channel of the bench: {', '.join(ranges)}")
+        else:
+            yield from _reachable(limit, key, ranges[limit.channel])
+
+
+def _reachable(limit: Limit, key: str, full_scale: float) -> Iterator[Problem]:
+    for name, level in (("warning", limit.warning), ("abort", limit.abort)):
+        if level is not None and level > full_scale:
+            allowed = f"up to {full_scale:g} {limit.unit}, the channel's range"
+            yield Problem(f"{key}.{name}", f"{level:g} {limit.unit}", allowed)
+
+
+def _calibrations(bench: Bench, today: datetime.date) -> Iterator[Problem]:
+    if bench.daq_card.emulated:
+        return
+    for channel in bench.daq_card.channels:
+        if channel.valid_until is not None and channel.valid_until < today:
+            key = dotted("daq_card.channels", channel.name)
+            yield Problem(f"{key}.valid_until", str(channel.valid_until), f"not before today, {today}")

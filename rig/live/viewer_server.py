@@ -1,0 +1,117 @@
+"""Rerun's viewer server as a child process, bound to loopback."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO
+from urllib.parse import quote
+
+from daq.errors import InstrumentAbsent
+
+_HOST = "127.0.0.1"
+_START_TIMEOUT_S = 15.0
+_PR_SET_PDEATHSIG = 1  # prctl(2)
+
+
+class ViewerServer:
+    """The `rerun` binary serving its web page and taking samples over gRPC, both on free loopback ports.
+
+    It dies with the thread that opened it.
+    """
+
+    def __init__(self, memory_limit: str, output: IO[bytes]) -> None:
+        self.grpc_port, self.web_port = _free_ports()
+        self._memory_limit = memory_limit
+        self._output = output
+
+    @property
+    def pid(self) -> int:
+        """Process id of the server."""
+        return self._process.pid
+
+    @property
+    def sink_url(self) -> str:
+        """Where samples are sent to."""
+        return f"rerun+http://{_HOST}:{self.grpc_port}/proxy"
+
+    @property
+    def page_url(self) -> str:
+        """The page for a browser."""
+        return f"http://{_HOST}:{self.web_port}/?url={quote(self.sink_url, safe='')}"
+
+    def open(self) -> ViewerServer:
+        """Start the server and wait until it listens; raises InstrumentAbsent if it does not."""
+        self._process = subprocess.Popen(  # noqa: S603
+            [
+                viewer_executable(),
+                "--serve-web",
+                f"--bind={_HOST}",
+                f"--port={self.grpc_port}",
+                f"--web-viewer-port={self.web_port}",
+                f"--server-memory-limit={self._memory_limit}",
+                "--newest-first",
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=self._output,
+            env=viewer_environment(),
+            preexec_fn=_die_with_parent,
+        )
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not (_listens(self.grpc_port) and _listens(self.web_port)):
+            if self._process.poll() is not None or time.monotonic() > deadline:
+                self.close()
+                raise InstrumentAbsent("viewer server", _HOST, "it did not start")
+            time.sleep(0.02)
+        return self
+
+    def close(self) -> None:
+        """End the server."""
+        self._process.kill()
+        self._process.wait()
+
+    def __enter__(self) -> ViewerServer:
+        return self.open()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def viewer_executable() -> Path:
+    """Return the viewer's binary itself: killing the `rerun` script would leave it orphaned."""
+    spec = find_spec("rerun_cli")
+    if spec is None or spec.origin is None:
+        raise InstrumentAbsent("viewer server", _HOST, "rerun-sdk is not installed")
+    return Path(spec.origin).parent / "rerun"
+
+
+def viewer_environment() -> dict[str, str]:
+    """Environment in which the binary reports no usage to its makers and prints no colours."""
+    return {**os.environ, "CI": "true", "NO_COLOR": "1"}
+
+
+def _free_ports() -> tuple[int, int]:
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.create_server((_HOST, 0))) for _ in range(2)]
+        first, second = (int(each.getsockname()[1]) for each in sockets)
+        return first, second
+
+
+def _listens(port: int) -> bool:
+    try:
+        with socket.create_connection((_HOST, port), timeout=0.2):
+            return True
+    except OSError:
+        return False
+
+
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

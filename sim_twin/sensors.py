@@ -1,0 +1,132 @@
+"""The healthy measuring chain and what can be wrong with it: from the finely sampled truth to channel samples.
+
+True signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay, decimation
+-> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+Array = NDArray[np.float64]
+OVERSAMPLED_RATE = 204_800.0
+"""Hz; the least rate at which the truth is computed."""
+_PASS, _STOP, _ATTENUATION_DB = 0.45, 0.55, 80.0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorChain:
+    """One channel: `noise` rms and `full_scale` in the channel's unit, `skew` in s (shows x(t - skew)).
+
+    `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none.
+    """
+
+    noise: float = 0.0
+    full_scale: float = 500.0
+    gain: float = 1.0
+    skew: float = 0.0
+    droop_corner: float | None = None
+    bandwidth_corner: float | None = None
+
+
+def oversampling(sample_rate: float) -> int:
+    """How many fine samples are computed for each channel sample."""
+    return max(1, int(np.ceil(OVERSAMPLED_RATE / sample_rate - 1e-9)))
+
+
+def anti_alias_taps(factor: int, delay: float) -> Array:
+    """FIR taps at the fine rate, flat to 0.45 and 80 dB down from 0.55 of the coarse rate, for a `delay`.
+
+    `delay` in fine samples, -0.5 to 0.5, beyond the centre tap. The number of taps is odd; taps - 1 is a
+    multiple of 2 `factor`. Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5).
+    """
+    count, beta = signal.kaiserord(_ATTENUATION_DB + 2, 2 * (_STOP - _PASS) / factor)
+    half = factor * int(np.ceil(count / 2 / factor))
+    k = np.arange(-half, half + 1) - delay
+    cutoff = (_PASS + _STOP) / factor
+    window = np.i0(beta * np.sqrt(np.clip(1 - (k / (half + 1)) ** 2, 0, None))) / np.i0(beta)
+    taps = cutoff * np.sinc(cutoff * k) * window
+    return np.asarray(taps / taps.sum())
+
+
+class SensorStream:
+    """One channel's chain in motion: fine samples in, channel samples out, state kept between calls.
+
+    The fine signal is zero before its first sample. `lookahead` is how many fine samples beyond the time of a
+    channel sample must have come before it can go out.
+    """
+
+    def __init__(self, chain: SensorChain, sample_rate: float, rng: np.random.Generator | None) -> None:
+        self._chain, self._rng = chain, rng
+        self._factor = oversampling(sample_rate)
+        fine_rate = sample_rate * self._factor
+        whole = round(chain.skew * fine_rate)
+        self._taps = anti_alias_taps(self._factor, chain.skew * fine_rate - whole)
+        half = len(self._taps) // 2
+        self.lookahead = max(0, half - whole + 1)
+        self._reach = half + max(0, whole)
+        self._offset = self._reach - half - whole
+        self._fine = np.zeros(self._reach)
+        self._low_pass = _butterworth(chain.bandwidth_corner, fine_rate)
+        self._high_pass = _high_pass(chain.droop_corner, sample_rate)
+
+    def push(self, fine: Array) -> None:
+        """Take the next fine samples."""
+        self._fine = np.concatenate([self._fine, self._low_pass(fine)])
+
+    def pull(self, count: int) -> Array:
+        """Give the next `count` channel samples, shape (count,)."""
+        last = (count - 1) * self._factor + len(self._taps)
+        segment = self._fine[self._offset : self._offset + last]
+        if len(segment) < last:
+            raise ValueError(f"{last - len(segment)} fine samples are missing")
+        filtered = signal.upfirdn(self._taps, segment, 1, self._factor)
+        first = (len(self._taps) - 1) // self._factor
+        self._fine = self._fine[count * self._factor :]
+        samples = self._chain.gain * self._high_pass(filtered[first : first + count])
+        return samples if self._rng is None else self._digitise(samples, self._rng)
+
+    def _digitise(self, samples: Array, rng: np.random.Generator) -> Array:
+        noisy = samples + self._chain.noise * rng.standard_normal(len(samples))
+        step = self._chain.full_scale / 2**23
+        return np.asarray(np.round(noisy / step) * step)
+
+
+class LinearFilter:
+    """A recursive filter with memory; starts at rest."""
+
+    def __init__(self, b: Array, a: Array) -> None:
+        self._b, self._a = b, a
+        self._state = np.zeros(max(len(a), len(b)) - 1)
+
+    def __call__(self, x: Array) -> Array:
+        """Filter the next samples, shape (n,) to (n,)."""
+        if len(self._state) == 0:
+            return x
+        y, self._state = signal.lfilter(self._b, self._a, x, zi=self._state)
+        return np.asarray(y)
+
+
+def resonance(frequency: float, damping_ratio: float, rate: float) -> LinearFilter:
+    """One mode, gain 1 at low frequency, exact for inputs that are linear between samples (first-order hold)."""
+    omega = 2 * np.pi * frequency
+    b, a, _ = signal.cont2discrete(
+        ([omega**2], [1.0, 2 * damping_ratio * omega, omega**2]), 1 / rate, method="foh"
+    )
+    return LinearFilter(np.atleast_1d(np.squeeze(b)), a)
+
+
+def _butterworth(corner: float | None, rate: float) -> LinearFilter:
+    if corner is None:
+        return LinearFilter(np.ones(1), np.ones(1))
+    return LinearFilter(*signal.butter(2, corner, fs=rate))
+
+
+def _high_pass(corner: float | None, rate: float) -> LinearFilter:
+    if corner is None:
+        return LinearFilter(np.ones(1), np.ones(1))
+    return LinearFilter(*signal.butter(1, corner, "highpass", fs=rate))

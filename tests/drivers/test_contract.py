@@ -1,0 +1,168 @@
+"""What holds for every driver, over every wire it speaks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import pytest
+
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentSilent
+from drivers.emulator_process import EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.ni_daq import NiDaqCard
+from drivers.protocols import AcquisitionCard, DriveGenerator
+from drivers.scpi import GeneratorSettings, ScpiGenerator
+from tests.drivers.conftest import WIRING, card_settings
+from tests.drivers.plants import SinePlant
+
+NOTICED_S = 1.0  # reliability: a lost device is noticed within a second
+
+
+def _generator(address: str) -> DriveGenerator:
+    return ScpiGenerator(GeneratorSettings(address, maximum_amplitude_v=5.0, timeout_s=0.5))
+
+
+def _card(address: str) -> AcquisitionCard:
+    return NiDaqCard(card_settings(address))
+
+
+@dataclass(frozen=True)
+class Case:
+    start: Callable[[], EmulatedInstrument]
+    address: Callable[[EmulatedInstrument], str]
+    driver: Callable[[str], DriveGenerator | AcquisitionCard]
+    arm: Callable[[DriveGenerator | AcquisitionCard], object]
+    use: Callable[[DriveGenerator | AcquisitionCard], object]
+    nobody: Callable[[int], str]
+
+
+def _use_generator(driver: DriveGenerator | AcquisitionCard) -> None:
+    assert isinstance(driver, ScpiGenerator)
+    driver.set_amplitude(1.0)
+
+
+def _arm_generator(driver: DriveGenerator | AcquisitionCard) -> None:
+    assert isinstance(driver, ScpiGenerator)
+    driver.arm_sine(20.0, 0.5, 0.0, triggered=False)
+    driver.start()
+
+
+def _use_card(driver: DriveGenerator | AcquisitionCard) -> None:
+    assert isinstance(driver, NiDaqCard)
+    driver.read(51200 // 10)
+
+
+CASES = {
+    "generator on TCP": Case(
+        start_function_generator,
+        lambda emulator: emulator.addresses[0],
+        _generator,
+        _arm_generator,
+        _use_generator,
+        lambda port: f"TCPIP::127.0.0.1::{port}::SOCKET",
+    ),
+    "generator on a pty": Case(
+        start_function_generator,
+        lambda emulator: emulator.addresses[1],
+        _generator,
+        _arm_generator,
+        _use_generator,
+        lambda port: f"ASRL/dev/pts/{port}::INSTR",
+    ),
+    "card": Case(
+        lambda: start_daq_card(SinePlant, WIRING),
+        lambda emulator: emulator.address,
+        _card,
+        lambda driver: driver.start(),
+        _use_card,
+        lambda port: f"127.0.0.1:{port}",
+    ),
+}
+
+
+@pytest.fixture(params=list(CASES.values()), ids=list(CASES))
+def case(request: pytest.FixtureRequest) -> Case:
+    chosen: Case = request.param
+    return chosen
+
+
+@contextmanager
+def running(case: Case) -> Iterator[tuple[EmulatedInstrument, DriveGenerator | AcquisitionCard]]:
+    with case.start() as emulator:
+        driver = case.driver(case.address(emulator))
+        driver.open()
+        try:
+            yield emulator, driver
+        finally:
+            driver.close()
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+        return port
+
+
+def test_nobody_at_the_address(case: Case) -> None:
+    driver = case.driver(case.nobody(free_port()))
+    with pytest.raises(InstrumentAbsent, match="nobody answers") as caught:
+        driver.open()
+    assert caught.value.address == driver.address
+    assert caught.value.check
+    driver.close()
+
+
+def test_works_again_after_closing_and_opening(case: Case) -> None:
+    with running(case) as (_, driver):
+        for _ in range(2):
+            case.arm(driver)
+            case.use(driver)
+            driver.close()
+            driver.close()
+            driver.open()
+
+
+def test_not_open(case: Case) -> None:
+    with pytest.raises(DeviceLost, match=r"not open|connection is closed"):
+        case.use(case.driver(case.nobody(1)))
+
+
+def test_dies_while_in_use(case: Case) -> None:
+    with running(case) as (emulator, driver):
+        case.arm(driver)
+        case.use(driver)
+        os.kill(emulator.pid, signal.SIGKILL)
+        emulator.process.join()
+        died = time.monotonic()
+        with pytest.raises(DeviceLost, match=r"connection is lost|device server is gone"):
+            case.use(driver)
+        assert time.monotonic() - died < NOTICED_S
+
+
+def test_hangs_while_in_use(case: Case, freeze: Callable[[int], None]) -> None:
+    with running(case) as (emulator, driver):
+        case.arm(driver)
+        case.use(driver)
+        freeze(emulator.pid)
+        began = time.monotonic()
+        with pytest.raises(InstrumentSilent, match="no answer") as caught:
+            case.use(driver)
+        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s.
+        assert time.monotonic() - began < 2.0
+        assert caught.value.check
+        os.kill(emulator.pid, signal.SIGCONT)
+
+
+def test_hangs_before_it_is_opened(case: Case, freeze: Callable[[int], None]) -> None:
+    with case.start() as emulator:
+        freeze(emulator.pid)
+        driver = case.driver(case.address(emulator))
+        with pytest.raises(InstrumentSilent, match=r"no answer|does not speak gRPC"):
+            driver.open()
+        driver.close()
+        os.kill(emulator.pid, signal.SIGCONT)

@@ -1,0 +1,139 @@
+"""Emulators as processes: they start or say why not, survive Ctrl-C, and never outlive their parent."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from daq.errors import ConfigurationError, InstrumentAbsent
+from drivers.emulator_process import start_daq_card, start_function_generator
+from drivers.ni_daq import NiDaqCard
+from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.scpi import GeneratorSettings, ScpiGenerator
+from tests.drivers.conftest import WIRING, card_settings
+from tests.drivers.plants import SinePlant, UnbuildablePlant
+
+DEADLINE_S = 10.0
+PARENT = """
+from drivers.emulator_process import DriveLink, start_daq_card, start_function_generator
+from tests.drivers.conftest import WIRING
+from tests.drivers.plants import SinePlant
+if __name__ == "__main__":
+    with DriveLink.new() as link:
+        generator = start_function_generator(link.sender)
+        card = start_daq_card(SinePlant, WIRING, link.receiver)
+    print(generator.pid, card.pid, flush=True)
+    input()
+"""
+
+
+def gone(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def await_gone(pids: list[int]) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not all(gone(pid) for pid in pids):
+        assert time.monotonic() < deadline, f"still there: {[pid for pid in pids if not gone(pid)]}"
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_they_end_with_their_parent(end: signal.Signals) -> None:
+    with subprocess.Popen(  # noqa: S603 - our own text
+        [sys.executable, "-c", PARENT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout is not None
+        pids = [int(pid) for pid in parent.stdout.readline().split()]
+        assert len(pids) == 2
+        parent.send_signal(end)
+    await_gone(pids)
+
+
+def test_ctrl_c_does_not_reach_them() -> None:
+    with start_function_generator() as emulated_generator, start_daq_card(SinePlant, WIRING) as emulated_card:
+        for emulator in (emulated_generator, emulated_card):
+            for _ in range(3):
+                os.kill(emulator.pid, signal.SIGINT)
+        generator = ScpiGenerator(GeneratorSettings(emulated_generator.address, 5.0))
+        card = NiDaqCard(card_settings(emulated_card.address))
+        generator.open()
+        card.open()
+        card.start()
+        assert card.read(5120).first_sample == 0
+        generator.off()
+        card.close()
+        generator.close()
+
+
+def test_ctrl_c_in_the_parent_is_not_lost_while_they_start() -> None:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, set())
+    with start_function_generator():
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, set()) == before
+
+
+def test_closing_ends_the_process_in_good_order_with_a_client_connected() -> None:
+    with start_daq_card(SinePlant, WIRING) as emulator:
+        card = NiDaqCard(card_settings(emulator.address))
+        card.open()
+        card.start()
+        emulator.close()
+        assert emulator.process.exitcode == 0
+        card.close()
+    assert multiprocessing.active_children() == []
+
+
+def test_a_plant_that_cannot_be_made_is_reported(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InstrumentAbsent, match="ValueError: no such rig"):
+        start_daq_card(UnbuildablePlant, WIRING)
+    assert "no such rig" in capfd.readouterr().err
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize(
+    ("wires", "match"),
+    [
+        ({"cDAQ1Mod1/ai0": Wire("nothing", 1.0)}, "plant channel = nothing: one of force, acceleration"),
+        ({"cDAQ1Mod1/ia0": Wire("force", 1.0)}, "physical = cDAQ1Mod1/ia0: an input like"),
+    ],
+)
+def test_a_wiring_that_cannot_be_is_reported(
+    wires: dict[str, Wire], match: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises((ConfigurationError, InstrumentAbsent), match=match):
+        start_daq_card(SinePlant, CardWiring(wires))
+    capfd.readouterr()
+
+
+def slow_plant() -> SinePlant:
+    time.sleep(DEADLINE_S)
+    return SinePlant()
+
+
+def test_a_plant_that_takes_too_long_is_given_up() -> None:
+    began = time.monotonic()
+    with pytest.raises(InstrumentAbsent, match=r"did not start within 0\.5 s"):
+        start_daq_card(slow_plant, WIRING, deadline_s=0.5)
+    assert time.monotonic() - began < DEADLINE_S
+    assert multiprocessing.active_children() == []
+
+
+def test_they_listen_on_loopback_only() -> None:
+    with start_function_generator() as emulated_generator, start_daq_card(SinePlant, WIRING) as emulated_card:
+        for emulator in (emulated_generator, emulated_card):
+            listeners = [
+                connection.laddr.ip.removeprefix("::ffff:")
+                for connection in psutil.Process(emulator.pid).net_connections(kind="inet")
+                if connection.status == psutil.CONN_LISTEN
+            ]
+            assert listeners == ["127.0.0.1"]

@@ -1,0 +1,112 @@
+"""The SCPI generator driver against an instrument that answers wrongly."""
+
+from __future__ import annotations
+
+import pytest
+
+from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.scpi import GeneratorSettings, ScpiGenerator
+from tests.drivers.scripted import Answer, ScriptedInstrument, healthy
+
+
+class Echo:
+    """Keeps every setting, except those that `wrong` answers instead."""
+
+    def __init__(self, wrong: dict[str, bytes | None]) -> None:
+        self.wrong, self.kept = wrong, dict[str, str]()
+
+    def __call__(self, line: str) -> bytes | None:
+        if line in self.wrong:
+            return self.wrong[line]
+        if line.endswith("?") and line[:-1] in self.kept:
+            word = {"INF": "9.9E+37", "ON": "1", "OFF": "0"}.get(self.kept[line[:-1]], self.kept[line[:-1]])
+            return word.encode() + b"\n"
+        if " " in line:
+            command, _, value = line.partition(" ")
+            self.kept[command] = value
+        return healthy(line)
+
+
+def arm(answer: Answer) -> list[str]:
+    with ScriptedInstrument(answer) as instrument:
+        driver = ScpiGenerator(GeneratorSettings(instrument.resource, 5.0, timeout_s=0.4))
+        try:
+            driver.open()
+            driver.arm_sine(20.0, 1.0, 0.5, triggered=True)
+            driver.start()
+        finally:
+            driver.close()
+        return instrument.lines
+
+
+def test_the_scripted_instrument_itself_is_good_enough() -> None:
+    lines = arm(Echo({}))
+    assert lines[-2:] == ["*TRG", "SYST:ERR?"]
+    assert lines.index("OUTP:LOAD INF") < lines.index("VOLT 2")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "match"),
+    [
+        ({"VOLT?": b"+1.0000000000000E+00\n"}, InstrumentRefused, r"amplitude = 2 Vpp reads back \+1\.0"),
+        ({"FREQ?": b"nan\n"}, InstrumentRefused, "frequency: not a number"),
+        ({"FREQ?": b"9.9E37\n"}, InstrumentRefused, "frequency = 20 Hz reads back 9.9E37"),
+        ({"FREQ?": b"#9999999999\n"}, InstrumentRefused, "frequency: not a number"),
+        ({"FREQ?": b"\xff\xfe\n"}, InstrumentRefused, "frequency: not a number"),
+        ({"FREQ?": b"2" * 100_000 + b"\n"}, InstrumentRefused, "longer than 4096 bytes"),
+        ({"OUTP:LOAD?": b"+5.0E+01\n"}, InstrumentRefused, "output load = INF reads back"),
+        ({"VOLT:UNIT?": b"VRMS\n"}, InstrumentRefused, "amplitude unit = VPP reads back 'VRMS'"),
+        ({"OUTP?": b"1\n"}, InstrumentRefused, "output = OFF reads back '1'"),
+        (
+            {"SYST:ERR?": b'-222,"Data out of range; value clipped"\n'},
+            InstrumentRefused,
+            "does not end, last -222",
+        ),
+        ({"SYST:ERR?": b"what?\n"}, InstrumentRefused, "not an entry of an error queue"),
+        ({"FREQ?": b""}, InstrumentSilent, "no answer to FREQ\\? within 0.4 s"),
+        ({"FREQ?": b"20"}, InstrumentSilent, "no answer to FREQ\\? within 0.4 s"),
+        ({"FREQ?": None}, DeviceLost, "it closed the connection"),
+        ({"*TRG": None}, DeviceLost, "it closed the connection"),
+        ({"*IDN?": b""}, InstrumentSilent, "no answer to \\*IDN\\?"),
+    ],
+)
+def test_wrong_answer(wrong: dict[str, bytes | None], error: type[InstrumentError], match: str) -> None:
+    with pytest.raises(error, match=match) as caught:
+        arm(Echo(wrong))
+    assert caught.value.instrument == "signal generator"
+
+
+def test_scpi_error_names_setting_and_code() -> None:
+    queue = [b'+0,"No error"\n'] * 3 + [b'-222,"Data out of range"\n', b'-221,"Settings conflict"\n']
+
+    class Errors(Echo):
+        def __call__(self, line: str) -> bytes | None:
+            if line == "SYST:ERR?" and "VOLT" in self.kept and queue:
+                return queue.pop()
+            return super().__call__(line)
+
+    with pytest.raises(
+        InstrumentRefused, match="amplitude = 2 Vpp: -221 Settings conflict; -222 Data"
+    ) as caught:
+        arm(Errors({}))
+    assert caught.value.code == "-221"
+
+
+def test_a_late_answer_is_not_taken_for_the_next() -> None:
+    late = [b""]
+
+    class Late(Echo):
+        def __call__(self, line: str) -> bytes | None:
+            if line == "*OPC?" and late:
+                return late.pop()
+            if line == "OUTP OFF":  # the late answer comes just before that to the next question
+                return b"1\n" + (super().__call__(line) or b"")
+            return super().__call__(line)
+
+    with ScriptedInstrument(Late({})) as instrument:
+        driver = ScpiGenerator(GeneratorSettings(instrument.resource, 5.0, timeout_s=0.4))
+        driver.open()
+        with pytest.raises(InstrumentSilent, match="OPC"):
+            driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+        driver.off()
+        driver.close()

@@ -1,0 +1,185 @@
+"""The SCPI generator driver against the emulated 33220A in another process."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import socket
+from collections.abc import Iterator
+from itertools import pairwise
+from multiprocessing.connection import Connection
+
+import numpy as np
+import pytest
+import pyvisa
+
+from daq import SystemClock
+from daq.errors import InstrumentAbsent, InstrumentRefused
+from drivers.emulator_process import EmulatedInstrument, GeneratorSetup, start_function_generator
+from drivers.protocols import DriveGenerator, DriveSettings
+from drivers.scpi import GeneratorSettings, ScpiGenerator
+
+DEADLINE_S = 5.0
+
+
+@pytest.fixture(scope="module")
+def outputs() -> Iterator[tuple[tuple[str, ...], Connection]]:
+    """Addresses of an emulator, and what it tells a plant."""
+    receiver, sender = multiprocessing.get_context("spawn").Pipe(duplex=False)
+    with start_function_generator(sender) as emulator, receiver:
+        sender.close()
+        yield emulator.addresses, receiver
+
+
+@pytest.fixture(params=[0, 1], ids=["TCP", "pty"])
+def generator(
+    outputs: tuple[tuple[str, ...], Connection], request: pytest.FixtureRequest
+) -> Iterator[ScpiGenerator]:
+    driver = ScpiGenerator(GeneratorSettings(outputs[0][request.param], maximum_amplitude_v=5.0))
+    driver.open()
+    yield driver
+    driver.off()
+    driver.close()
+
+
+def heard(outputs: tuple[tuple[str, ...], Connection], count: int) -> list[DriveSettings]:
+    settings = []
+    for _ in range(count):
+        assert outputs[1].poll(DEADLINE_S)
+        settings.append(outputs[1].recv())
+    assert not outputs[1].poll(0)
+    return settings
+
+
+def test_says_who_it_is(generator: DriveGenerator) -> None:
+    assert generator.identity.startswith("Agilent Technologies,33220A,")
+
+
+def test_soft_start_keeps_the_phase(
+    generator: DriveGenerator, outputs: tuple[tuple[str, ...], Connection]
+) -> None:
+    generator.arm_sine(20.0, 0.01, 0.25, triggered=False)
+    assert not outputs[1].poll(0), "arming must not move the shaker"
+    generator.start()
+    for amplitude_v in (1.0, 2.0):
+        generator.set_amplitude(amplitude_v)
+    generator.set_offset(0.0)
+    generator.off()
+    *on, off = heard(outputs, 5)
+    assert [(s.amplitude_v, s.offset_v) for s in on] == [(0.01, 0.25), (1.0, 0.25), (2.0, 0.25), (2.0, 0.0)]
+    assert all(s.on and s.frequency_hz == 20.0 for s in on)
+    assert not off.on
+    for before, after in pairwise(on):
+        advance = math.tau * 20.0 * (after.started_s - before.started_s)
+        difference = (after.phase_rad - before.phase_rad - advance + math.pi) % math.tau - math.pi
+        assert abs(difference) < 1e-9  # rounding of doubles near 1e4 s of uptime times 125 rad/s
+
+
+def test_triggered_start_waits_at_the_offset_and_begins_at_phase_zero(
+    generator: DriveGenerator, outputs: tuple[tuple[str, ...], Connection]
+) -> None:
+    generator.arm_sine(20.0, 2.5, 0.1, triggered=True)
+    before_s = SystemClock().monotonic_s()
+    generator.start()
+    after_s = SystemClock().monotonic_s()
+    generator.off()
+    waiting, running, off = heard(outputs, 3)
+    assert (waiting.on, waiting.amplitude_v, waiting.offset_v) == (True, 0.0, 0.1)
+    assert (running.on, running.amplitude_v, running.phase_rad) == (True, 2.5, 0.0)
+    assert before_s < running.started_s < after_s
+    assert not off.on
+
+
+def test_off_is_safe_at_any_time(
+    generator: ScpiGenerator, outputs: tuple[tuple[str, ...], Connection]
+) -> None:
+    generator.off()
+    generator.off()
+    generator.close()
+    generator.off()
+    assert heard(outputs, 0) == []
+
+
+@pytest.mark.parametrize(
+    ("amplitude_v", "offset_v"),
+    [(5.001, 0.0), (3.0, 2.5), (3.0, -2.5), (math.nan, 0.0), (0.0, 0.0), (1.0, math.nan)],
+)
+def test_nothing_is_sent_beyond_the_limit(
+    generator: DriveGenerator,
+    outputs: tuple[tuple[str, ...], Connection],
+    amplitude_v: float,
+    offset_v: float,
+) -> None:
+    with pytest.raises(InstrumentRefused, match="nothing was sent") as caught:
+        generator.arm_sine(20.0, amplitude_v, offset_v, triggered=False)
+    assert caught.value.code == "limit"
+    assert heard(outputs, 0) == []
+
+
+def test_limit_holds_while_running(
+    generator: DriveGenerator, outputs: tuple[tuple[str, ...], Connection]
+) -> None:
+    generator.arm_sine(20.0, 3.0, 1.0, triggered=False)
+    generator.start()
+    with pytest.raises(InstrumentRefused, match=r"5\.5 V is above the bench's limit of 5 V"):
+        generator.set_amplitude(4.5)
+    with pytest.raises(InstrumentRefused, match="nothing was sent"):
+        generator.set_offset(2.01)
+    assert [s.amplitude_v for s in heard(outputs, 1)] == [3.0]
+    generator.off()
+    heard(outputs, 1)
+
+
+def test_frequency_beyond_the_instrument(generator: DriveGenerator) -> None:
+    with pytest.raises(InstrumentRefused, match="frequency = 3e\\+07 Hz is outside"):
+        generator.arm_sine(30e6, 1.0, 0.0, triggered=False)
+
+
+def test_start_without_arming_a_burst(generator: ScpiGenerator) -> None:
+    generator.arm_sine(20.0, 1.0, 0.0, triggered=True)
+    generator.off()
+    with pytest.raises(InstrumentRefused, match="trigger: -211 Trigger ignored") as caught:
+        generator.start()
+    assert caught.value.code == "-211"
+
+
+@pytest.mark.parametrize("way", [0, 1], ids=["TCP", "pty"])
+def test_what_an_earlier_client_left_is_cleared(way: int) -> None:
+    setup = GeneratorSetup(pending_errors=(-410, -420, *[-113] * 30), stale_answer=b"+1.5E+00\nhalf an ans")
+    with start_function_generator(setup=setup) as emulator:
+        driver = ScpiGenerator(GeneratorSettings(emulator.addresses[way], 5.0))
+        driver.open()
+        driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+        driver.close()
+
+
+def test_half_a_command_of_an_earlier_client(generator_emulator: EmulatedInstrument) -> None:
+    address = generator_emulator.addresses[1]
+    earlier = pyvisa.ResourceManager("@py").open_resource(address)
+    earlier.write_raw(b"FREQ 1")  # type: ignore[attr-defined]
+    earlier.close()
+    driver = ScpiGenerator(GeneratorSettings(address, 5.0))
+    driver.open()
+    driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+    driver.close()
+
+
+def test_noise_on_the_line_does_not_stop_the_emulator(generator_emulator: EmulatedInstrument) -> None:
+    noise = np.random.default_rng(1).bytes(300_000).replace(b"\n", b"", 1) + b"\x00" * 70_000
+    port = int(generator_emulator.address.split("::")[2])
+    with socket.create_connection(("127.0.0.1", port), DEADLINE_S) as client:
+        client.sendall(noise + b"\n*CLS\n*IDN?\n")
+        with client.makefile("rb") as answers:
+            assert any(line.startswith(b"Agilent Technologies,33220A,") for line in answers)
+
+
+@pytest.mark.parametrize(
+    "identity", ["Stanford Research Systems,DS345,1,1.0", "Agilent Technologies,34401A,0,1", "33220A", ""]
+)
+def test_another_model_answers(identity: str) -> None:
+    with start_function_generator(setup=GeneratorSetup(identity=identity)) as emulator:
+        driver = ScpiGenerator(GeneratorSettings(emulator.address, 5.0))
+        with pytest.raises(InstrumentAbsent, match="which is no 33210A, 33220A") as caught:
+            driver.open()
+        assert repr(identity) in caught.value.what
+        assert caught.value.address == emulator.address

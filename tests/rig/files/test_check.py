@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from daq.errors import ConfigurationError
+from rig.files.check import validate
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("impact_beam.toml", "scenario"), ("bench.example.toml", "bench")]
+)
+def test_kind_is_told_by_the_tables(name: str, kind: str) -> None:
+    assert validate(SCENARIOS / name) == kind
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ('rig = "impact_beam"\n', r"drive\.frequency = \(missing\)"),
+        ("[daq_card]\n", r"signal_generator = \(missing\)"),
+        ('[encoder]\ndriver = "canopen_cia406"\n', "encoder = .*this version drives the impact beam"),
+        ("[sweep]\n", "sweeps are not in this version"),
+        ("colour = 3\n", "a scenario .* or a bench"),
+        ("", "a scenario .* or a bench"),
+        ("[[[\n", "TOML"),
+    ],
+)
+def test_faulty_file_is_refused(text: str, match: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match=match):
+        validate(path)

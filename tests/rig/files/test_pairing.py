@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import pytest
+
+from daq.errors import ConfigurationError
+from rig.files.bench import embedded_bench, load_bench
+from rig.files.pairing import check_pair
+from rig.files.scenario import parse_scenario
+from tests.rig.files.faulty import only_problem
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+SOUND = (SCENARIOS / "impact_beam.toml").read_text()
+TODAY = datetime.date(2026, 11, 21)
+
+
+def test_main_scenario_runs_on_the_embedded_bench() -> None:
+    check_pair(parse_scenario(SOUND), embedded_bench(), TODAY)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "allowed"),
+    [
+        (
+            SOUND.replace('"9 N"', '"13 N"'),
+            "drive.amplitude",
+            "up to 12 N (signal_generator.maximum_amplitude)",
+        ),
+        (SOUND.replace('"9 N"', '"9 N"\noffset = "-4 N"'), "drive.amplitude", "up to 12 N"),
+        (
+            SOUND + '[limits."contact.force_upper"]\nabort = "250 N"',
+            "abort",
+            "up to 200 N, the channel's range",
+        ),
+        (
+            SOUND + '[limits."beam.acceleration_50"]\nabort = "5 g"',
+            "beam.acceleration_50",
+            "a channel of the bench",
+        ),
+    ],
+)
+def test_scenario_beyond_the_bench_is_refused(text: str, key: str, allowed: str) -> None:
+    with pytest.raises(ConfigurationError, match="on embedded bench") as caught:
+        check_pair(parse_scenario(text), embedded_bench(), TODAY)
+    (problem,) = caught.value.problems
+    assert key in problem.key
+    assert allowed in problem.allowed
+
+
+def test_outdated_calibration_of_a_real_sensor_is_refused() -> None:
+    scenario, bench = parse_scenario(SOUND), load_bench(SCENARIOS / "bench.example.toml")
+    last = datetime.date(2027, 5, 4)
+    check_pair(scenario, bench, last)
+    with pytest.raises(ConfigurationError, match="2027-05-04: not before today, 2027-05-05") as caught:
+        check_pair(scenario, bench, last + datetime.timedelta(days=1))
+    assert len(caught.value.problems) == 5
+
+
+def test_emulated_sensor_does_not_age() -> None:
+    check_pair(parse_scenario(SOUND), embedded_bench(), datetime.date(2099, 1, 1))
+
+
+def test_pairing_names_the_scenario() -> None:
+    scenario = parse_scenario(SOUND.replace('"9 N"', '"20 N"'))
+    problem = only_problem(lambda: check_pair(scenario, embedded_bench(), TODAY), "drive.amplitude")
+    assert problem.value == "20 N"

@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import contextlib
+import math
+import pickle
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from daq.errors import ConfigurationError
+from rig.files.rigs.impact_beam import beam_station
+from rig.files.scenario import Limit, Scenario, load_scenario, parse_scenario
+from tests.rig.files.faulty import only_problem, problems_of
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+SOUND = (SCENARIOS / "impact_beam.toml").read_text()
+
+
+def changed(old: str, new: str) -> str:
+    assert old in SOUND
+    return SOUND.replace(old, new)
+
+
+def with_model(line: str) -> str:
+    return changed('clearance = "0.127 mm"', line)
+
+
+def test_main_scenario_is_read_in_si() -> None:
+    scenario = load_scenario(SCENARIOS / "impact_beam.toml")
+    assert (scenario.name, scenario.rig) == ("steel beam, 20 Hz", "impact_beam")
+    assert (scenario.model.beam, scenario.model.clearance) == ("steel", 0.127e-3)
+    assert (scenario.drive.frequency, scenario.drive.amplitude, scenario.drive.offset) == (20.0, 9.0, 0.0)
+    acquisition = scenario.acquisition
+    assert (acquisition.sample_rate, acquisition.settle, acquisition.duration) == (51200.0, 1.0, 5.0)
+    assert scenario.limits == ()
+    assert scenario.text == SOUND
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("impact_beam*.toml")), ids=lambda path: path.stem)
+def test_every_scenario_of_the_project_is_sound(path: Path) -> None:
+    assert load_scenario(path).rig == "impact_beam"
+
+
+def test_key_that_is_not_given_is_none() -> None:
+    model = parse_scenario(SOUND).model
+    assert model.modes is None
+    assert model.rest_offset is None
+    assert model.flexure_translation is None
+
+
+def test_bare_number_is_si() -> None:
+    assert parse_scenario(with_model("clearance = 0.000254")).model.clearance == 0.000254
+
+
+def test_scenario_reaches_a_worker_process_unchanged() -> None:
+    scenario = parse_scenario(SOUND)
+    assert pickle.loads(pickle.dumps(scenario)) == scenario  # noqa: S301
+
+
+def test_every_model_key_is_read() -> None:
+    text = with_model(
+        """clearance = "0.254 mm"
+        base = "rigid"
+        cover = "none"
+        rest_offset = "-0.1 mm"
+        modal_damping = "1 %"
+        modes = 20
+        elements = 40
+        contact_stiffness = "15 MN/m"
+        contact_damping = "20 N s/m"
+        drive_position = 0.69
+        shaker_mass = "20 g"
+        shaker_stiffness = "3 kN/m"
+        shaker_damping = "27 N s/m"
+        flexure_translation = true"""
+    )
+    model = parse_scenario(text).model
+    assert (model.rest_offset, model.modal_damping, model.modes) == (-0.1e-3, 0.01, 20)
+    assert (model.contact_stiffness, model.contact_damping, model.drive_position) == (15e6, 20.0, 0.69)
+    assert (model.shaker_mass, model.shaker_stiffness, model.shaker_damping) == (0.02, 3000.0, 27.0)
+    assert model.flexure_translation is True
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value", "allowed"),
+    [
+        (with_model('clearance = "-1 mm"'), "model.clearance", '"-1 mm"', "0.001 mm to 10 mm"),
+        (with_model("clearance = nan"), "model.clearance", "nan", "0.001 mm to 10 mm"),
+        (with_model("clearance = true"), "model.clearance", "true", "not a number"),
+        (with_model('clearance = "1 V"'), "model.clearance", '"1 V"', "V is not a unit of this kind"),
+        (with_model('clearance = "0.127"'), "model.clearance", '"0.127"', "the unit is missing"),
+        (with_model('clearence = "1 mm"'), "model.clearence", '"1 mm"', "did you mean clearance?"),
+        (with_model("modal_damping = 1.5"), "model.modal_damping", "1.5", "0 to 0.5"),
+        (with_model('shaker_mass = "-20 g"'), "model.shaker_mass", '"-20 g"', "0 kg to 10 kg"),
+        (with_model("modes = 7.5"), "model.modes", "7.5", "a whole number from 1 to 400"),
+        (with_model("modes = true"), "model.modes", "true", "a whole number"),
+        (with_model("flexure_translation = 1"), "model.flexure_translation", "1", "true or false"),
+        (with_model('base = "flexible"'), "model.base", '"flexible"', "this version has the rigid base only"),
+        (with_model('cover = "fibreglass"'), "model.cover", '"fibreglass"', "this version has no covers"),
+        (
+            with_model('rest_offset = "0.127 mm"'),
+            "model.rest_offset",
+            '"0.127 mm"',
+            "the clearance, 0.127 mm",
+        ),
+        (with_model("modes = 76"), "model.modes", "76", "75 for 37 elements"),
+        (with_model("elements = 5"), "model.elements", "5", "11 for 5 elements"),
+        (changed('"steel"', '"brass"'), "model.beam", '"brass"', '"steel" or "aluminium"'),
+        (changed('"20 Hz"', '"1200 rpm"'), "drive.frequency", '"1200 rpm"', "0.1 Hz to 2000 Hz"),
+        (changed('frequency = "20 Hz"', ""), "drive.frequency", "(missing)", "0.1 Hz to 2000 Hz"),
+        (changed('"9 N"', '"101 N"'), "drive.amplitude", '"101 N"', "0 N to 100 N"),
+        (changed('"9 N"', '"60 N"\noffset = "-50 N"'), "drive.offset", '"-50 N"', "not 110 N"),
+        (changed('"51.2 kHz"', '"500 Hz"'), "acquisition.sample_rate", '"500 Hz"', "1000 Hz to 204800 Hz"),
+        (changed('"51.2 kHz"', "1e999"), "acquisition.sample_rate", "inf", "1000 Hz to 204800 Hz"),
+        (changed('"5 s"', '"0 s"'), "acquisition.duration", '"0 s"', "0.001 s to 86400 s"),
+        (changed('"1 s"', '"-1 s"'), "acquisition.settle", '"-1 s"', "0 s to 3600 s"),
+        (
+            changed('"impact_beam"', '"planar_slider_crank"'),
+            "rig",
+            '"planar_slider_crank"',
+            "not in this version",
+        ),
+        (changed('rig = "impact_beam"', ""), "rig", "(missing)", '"impact_beam"'),
+        (changed("[drive]", "[drvie]"), "drvie", "{...}", "did you mean drive?"),
+        (changed('"steel beam, 20 Hz"', "20"), "name", "20", "a text of one line"),
+    ],
+)
+def test_fault_is_told_with_key_value_and_range(text: str, key: str, value: str, allowed: str) -> None:
+    problem = problems_of(lambda: parse_scenario(text))[key]
+    assert problem.value == value
+    assert allowed in problem.allowed
+
+
+def test_rate_is_2_56_times_the_drive_or_more() -> None:
+    fast = changed('"20 Hz"', '"1 kHz"')
+    assert parse_scenario(fast.replace("51.2 kHz", "2560 Hz")).acquisition.sample_rate == 2560.0
+    slow = fast.replace("51.2 kHz", "2.5 kHz")
+    problem = only_problem(lambda: parse_scenario(slow), "acquisition.sample_rate")
+    assert str(problem) == (
+        'acquisition.sample_rate = "2.5 kHz": at least 2560 Hz (2.56 times the drive\'s 1000 Hz)'
+    )
+
+
+def test_clamped_beam_has_one_mode_less_and_no_flexure() -> None:
+    aluminium = changed('"steel"', '"aluminium"')
+    assert parse_scenario(aluminium + "[limits]\n").model.beam == "aluminium"
+    pinned = with_model("modes = 75")
+    assert parse_scenario(pinned).model.modes == 75
+    clamped = pinned.replace('"steel"', '"aluminium"').replace(
+        "[drive]", "flexure_translation = true\n[drive]"
+    )
+    assert set(problems_of(lambda: parse_scenario(clamped))) == {"model.modes", "model.flexure_translation"}
+
+
+def test_every_fault_is_told_at_once() -> None:
+    text = """
+        rig = "impact_beam"
+        speed = 3
+        [model]
+        base = "flexible"
+        clearance = "-1 mm"
+        modes = 80
+        [drive]
+        frequency = "1 kHz"
+        amplitude = "9 V"
+        [acquisition]
+        sample_rate = "2 kHz"
+        [limits."yoke.force"]
+        abort = "5 m"
+    """
+    assert set(problems_of(lambda: parse_scenario(text))) == {
+        "speed",
+        "model.base",
+        "model.clearance",
+        "model.modes",
+        "drive.amplitude",
+        "acquisition.sample_rate",
+        "acquisition.duration",
+        'limits."yoke.force".abort',
+    }
+
+
+@pytest.mark.parametrize("table", ['[limits."contact.force_upper"]', "[limits.contact.force_upper]"])
+def test_limits_are_read_in_the_channels_unit(table: str) -> None:
+    text = f'{SOUND}\n{table}\nwarning = "150 N"\nabort = "0.2 kN"\nhold = "10 ms"\n'
+    assert parse_scenario(text).limits == (Limit("contact.force_upper", "N", 150.0, 200.0, 0.01),)
+
+
+def test_limit_of_an_acceleration_takes_g() -> None:
+    text = f'{SOUND}\n[limits."beam.acceleration_50"]\nabort = "20 g"\n'
+    (limit,) = parse_scenario(text).limits
+    assert (limit.channel, limit.unit, limit.warning) == ("beam.acceleration_50", "m/s2", None)
+    assert limit.abort is not None
+    # standard gravity is 9.80665 m/s2; the rest is rounding
+    assert math.isclose(limit.abort, 196.133, rel_tol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("lines", "key", "allowed"),
+    [
+        ('[limits."yoke.forse"]\nabort = 1', 'limits."yoke.forse"', "did you mean yoke.force?"),
+        ('[limits."yoke.force"]\nabort = "5 m/s^2"', 'limits."yoke.force".abort', "not a unit of this kind"),
+        ('[limits."yoke.force"]\nabort = "-5 N"', 'limits."yoke.force".abort', "above 0 N"),
+        ('[limits."yoke.force"]\nabort = 5\nhold = "-1 s"', 'limits."yoke.force".hold', "0 s to 60 s"),
+        (
+            '[limits."yoke.force"]\nabort = 5\nwarning = 6',
+            'limits."yoke.force".warning',
+            "not above abort, 5",
+        ),
+        ('[limits."yoke.force"]', 'limits."yoke.force"', "warning or abort"),
+        ('[limits."yoke.force"]\nabrot = 5', 'limits."yoke.force".abrot', "did you mean abort?"),
+        ('[limits]\n"yoke.force" = 5', 'limits."yoke.force"', "a table"),
+    ],
+)
+def test_faulty_limit_is_told(lines: str, key: str, allowed: str) -> None:
+    assert allowed in only_problem(lambda: parse_scenario(f"{SOUND}\n{lines}\n"), key).allowed
+
+
+@pytest.mark.parametrize(
+    ("channel", "station"),
+    [
+        ("beam.acceleration_01", 0.01),
+        ("beam.acceleration_69", 0.69),
+        ("beam.acceleration_100", 1.0),
+        ("beam.acceleration_00", None),
+        ("beam.acceleration_101", None),
+        ("beam.acceleration_5", None),
+        ("yoke.force", None),
+    ],
+)
+def test_beam_accelerometer_is_named_by_its_place(channel: str, station: float | None) -> None:
+    assert beam_station(channel) == station
+
+
+def test_syntax_error_is_told_with_its_line() -> None:
+    with pytest.raises(ConfigurationError, match=re.escape("at line 2")):
+        parse_scenario('name = "x"\nrig = \n')
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 5000, "a = 1" + "0" * 5000, "rig = 1" + "0" * 4000])
+def test_hostile_text_is_a_configuration_error(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="scenario:"):
+        parse_scenario(text)
+
+
+def test_missing_file_folder_and_binary_are_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="No such file"):
+        load_scenario(tmp_path / "absent.toml")
+    with pytest.raises(ConfigurationError, match="Is a directory"):
+        load_scenario(tmp_path)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigurationError, match="UTF-8 text"):
+        load_scenario(binary)
+
+
+VALUES = st.one_of(
+    st.text(max_size=8),
+    st.integers(),
+    st.floats(),
+    st.booleans(),
+    st.sampled_from(["1 mm", "-1 N", "20 Hz", "steel", "rigid", "1e400 m"]),
+)
+
+
+def as_toml(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return '"' + "".join(f"\\U{ord(letter):08X}" for letter in value if letter.isprintable()) + '"'
+        case _:
+            return repr(value)
+
+
+# the first example loads the unit registry, which takes longer than hypothesis's deadline
+@settings(deadline=None)
+@given(
+    key=st.sampled_from(["beam", "clearance", "modes", "elements", "rest_offset", "modal_damping", "cover"]),
+    value=VALUES,
+)
+@example(key="modes", value=10**400)
+@example(key="clearance", value=10**400)
+def test_any_value_gives_a_scenario_or_a_configuration_error(key: str, value: object) -> None:
+    with contextlib.suppress(ConfigurationError):
+        assert isinstance(parse_scenario(with_model(f"{key} = {as_toml(value)}")), Scenario)
+
+
+@given(text=st.text(max_size=80))
+def test_any_text_gives_a_configuration_error(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="scenario:"):
+        parse_scenario(text)
