@@ -70,10 +70,14 @@ def _draw_drive(drive: SineDrive, rng: np.random.Generator) -> SineDrive:
 
 def _draw_sensors(twin: BeamTwin, rng: np.random.Generator) -> dict[str, SensorChain]:
     return {
-        name: SensorChain(
-            noise=noise_of(name),
-            gain=_scaled(rng, _YOKE_GAIN if name == "yoke.force" else _GAIN),
-            skew=_SKEW * float(rng.standard_normal()),
+        name: _drawn(
+            twin.sensors.get(name, SensorChain(noise=noise_of(name))),
+            _scaled(rng, _YOKE_GAIN if name == "yoke.force" else _GAIN),
+            _SKEW * float(rng.standard_normal()),
         )
         for name in twin.channels
     }
+
+
+def _drawn(chain: SensorChain, gain: float, skew: float) -> SensorChain:
+    return replace(chain, gain=chain.gain * gain, skew=chain.skew + skew)

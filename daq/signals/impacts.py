@@ -7,7 +7,7 @@ largest force in it (Deck and Dubowsky's statistics of the impact beam system).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,24 +75,30 @@ def find_impacts(force: NDArray[np.floating], sample_rate: float, largest: float
         return _no_impacts()
     touching = np.concatenate(([False], force > RELEASED_BELOW * top, [False]))
     edges = np.flatnonzero(touching[1:] != touching[:-1])
-    start, end = edges[::2], edges[1::2]
-    if not len(start):
+    if not len(edges):
         return _no_impacts()
-    bounds = np.column_stack((start, end)).ravel()
-    bounds = bounds[:-1] if bounds[-1] == len(force) else bounds
-    counted = np.maximum.reduceat(force, bounds)[::2] > COUNTS_FROM * top
-    start, end = start[counted], end[counted]
-    index = np.array(
-        [first + np.argmax(force[first:last]) for first, last in zip(start, end, strict=True)], dtype=np.intp
-    )
-    impulse = np.array([np.sum(force[first:last]) for first, last in zip(start, end, strict=True)])
+    found = _contacts(force, edges[::2], edges[1::2], sample_rate)
+    counted = found.peak_n > COUNTS_FROM * top
+    return Impacts(*(getattr(found, field.name)[counted] for field in fields(Impacts)))
+
+
+def _contacts(
+    force: NDArray[np.floating], start: NDArray[np.intp], end: NDArray[np.intp], sample_rate: float
+) -> Impacts:
+    lengths = end - start
+    offsets = np.cumsum(lengths) - lengths
+    samples = np.arange(lengths.sum()) + np.repeat(start - offsets, lengths)
+    values = force[samples].astype(np.float64)
+    peaks = np.maximum.reduceat(values, offsets)
+    at_peak = values == np.repeat(peaks, lengths)
+    _, first = np.unique(np.repeat(np.arange(len(start)), lengths)[at_peak], return_index=True)
     return Impacts(
-        index=index,
+        index=samples[at_peak][first],
         start=start,
         end=end,
-        peak_n=force[index].astype(np.float64),
-        impulse_ns=impulse.astype(np.float64) / sample_rate,
-        contact_s=(end - start) / sample_rate,
+        peak_n=peaks,
+        impulse_ns=np.add.reduceat(values, offsets) / sample_rate,
+        contact_s=lengths / sample_rate,
     )
 
 

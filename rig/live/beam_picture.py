@@ -44,8 +44,6 @@ class BeamPicture:
                 centers=[(self.length_m, 0.0, height) for height in heights],
                 half_sizes=[half, half],
                 colors=[_STOP_COLOUR],
-                labels=[f"{1000 * stop:+.3f} mm" for stop in stops],
-                show_labels=True,
             ),
             static=True,
         )

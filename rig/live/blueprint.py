@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 
 from daq.log.reader import Origin
 from rig.live import paths, spectrum_picture
+from rig.live.beam_picture import BeamPicture
 from rig.live.half_cycle_peaks import LOWER, UPPER
 from rig.live.layout import Layout
 
@@ -42,6 +43,7 @@ def channel_view(layout: Layout, channel: str) -> rrb.TimeSeriesView:
         name=f"{channel} [{layout.units[channel] or '-'}]",
         plot_legend=rrb.PlotLegend(visible=channel == next(iter(layout.units))),
         time_ranges=_newest(layout.window_s),
+        axis_x=_axis(layout.window_s),
     )
 
 
@@ -63,7 +65,7 @@ def _side(layout: Layout) -> rrb.Container:
     views: list[rrb.View | rrb.Container] = []
     shares = []
     if layout.beam is not None:
-        views.append(_beam_view(layout.beam.length_m))
+        views.append(_beam_view(layout.beam))
         shares.append(3.0)
     if UPPER in layout.units and LOWER in layout.units:
         views.append(_peaks_view(layout))
@@ -76,22 +78,25 @@ def _side(layout: Layout) -> rrb.Container:
 
 
 def _peaks_view(layout: Layout) -> rrb.TimeSeriesView:
+    window_s = None if layout.window_s is None else _PEAKS_SHOWN * layout.window_s
     return rrb.TimeSeriesView(
         origin=paths.PEAKS,
         name="Largest force of each half cycle [N]",
         plot_legend=rrb.PlotLegend(visible=True),
-        time_ranges=_newest(None if layout.window_s is None else _PEAKS_SHOWN * layout.window_s),
+        time_ranges=_newest(window_s),
+        axis_x=_axis(window_s),
     )
 
 
-def _beam_view(length_m: float) -> rrb.Spatial3DView:
+def _beam_view(beam: BeamPicture) -> rrb.Spatial3DView:
+    length = beam.length_m
     return rrb.Spatial3DView(
         origin=paths.BEAM,
-        name="Beam as predicted (deflection enlarged)",
+        name=f"Predicted beam, stops ±{1000 * beam.clearance_m:.3f} mm, drawn {beam.magnification:.0f} x",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=(0.5 * length_m, -1.25 * length_m, 0.35 * length_m),
-            look_target=(0.5 * length_m, 0.0, 0.0),
+            position=(0.42 * length, -0.95 * length, 0.3 * length),
+            look_target=(0.52 * length, 0.0, 0.0),
             eye_up=(0.0, 0.0, 1.0),
         ),
     )
@@ -101,11 +106,15 @@ def _spectrum_view(channel: str, unit: str) -> rrb.Spatial2DView:
     picture = spectrum_picture
     return rrb.Spatial2DView(
         origin=paths.spectrum(channel),
-        name=f"{channel} [({unit or '-'})²/Hz]",
+        name=f"{channel} [{_squared(unit)}/Hz]",
         visual_bounds=rrb.VisualBounds2D(
             x_range=(-picture.LEFT, picture.WIDTH + 0.5), y_range=(-0.3, picture.HEIGHT + picture.BOTTOM)
         ),
     )
+
+
+def _squared(unit: str) -> str:
+    return f"{unit}²" if unit.isalpha() else f"({unit or '-'})²"
 
 
 def _drawing_order(layout: Layout, channel: str) -> list[Origin]:
@@ -113,9 +122,17 @@ def _drawing_order(layout: Layout, channel: str) -> list[Origin]:
 
 
 def _newest(seconds: float | None) -> list[rr.VisibleTimeRange]:
+    """Samples that a view of the last `seconds` holds: more on both sides, for its axis lags when it is slow."""
     if seconds is None:
         start, end = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()
     else:
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
-        end = rr.TimeRangeBoundary.cursor_relative()
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-2 * seconds)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=seconds)
     return [rr.VisibleTimeRange(paths.TIMELINE, start=start, end=end)]
+
+
+def _axis(seconds: float | None) -> rrb.TimeAxis | None:
+    if seconds is None:
+        return None
+    start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start, rr.TimeRangeBoundary.cursor_relative()))

@@ -28,5 +28,6 @@ def rrd_from_log(log: Path, rrd: Path, beam: BeamPicture | None = None) -> None:
             scene.add_block(origin, block)
         for event in reader.events():
             scene.add_event(event)
+        scene.flush()
         recording.flush()
         recording.disconnect()

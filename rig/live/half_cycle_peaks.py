@@ -12,8 +12,8 @@ from rig.live.recent import Recent
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 """The two channels that hold the contact forces of the impact beam."""
 
-_WINDOW_S = 4.0
-_PERIOD_S = 0.5
+_WINDOW_S = 3.0
+_PERIOD_S = 1.0
 
 
 class Peak(NamedTuple):

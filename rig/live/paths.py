@@ -7,8 +7,11 @@ import rerun as rr
 from daq.log.reader import Origin
 
 TIMELINE = "time"
-COLOURS: dict[Origin, tuple[int, int, int]] = {"measured": (86, 180, 233), "predicted": (255, 145, 40)}
-"""Sky blue and orange after Okabe and Ito: apart for every eye, and bright enough on black."""
+COLOURS: dict[Origin, tuple[int, int, int]] = {"measured": (38, 132, 214), "predicted": (230, 126, 34)}
+"""Blue and orange, apart for every eye, and legible on the viewer's dark and on its light theme."""
+
+WIDTHS: dict[Origin, float] = {"measured": 2.6, "predicted": 1.2}
+"""Predictions are drawn last, and thin, so that what was measured shows on both sides of them."""
 
 DIM = (105, 110, 118)
 EVENTS = "/events"

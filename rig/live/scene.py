@@ -9,13 +9,14 @@ from rerun.components import MarkerShape
 from daq.block import NS_PER_S, SampleBlock
 from daq.log.reader import Origin
 from daq.log.records import Event
-from daq.signals import autospectrum, envelope
+from daq.signals import autospectrum
 from rig.live import paths
 from rig.live.frames import ShapeFrame
 from rig.live.half_cycle_peaks import HalfCyclePeaks
 from rig.live.layout import Layout
 from rig.live.recent import Recent
 from rig.live.spectrum_picture import SpectrumPicture
+from rig.live.trace import Trace
 
 _SPECTRUM_OVER_S = 1.0
 _MARKERS: dict[Origin, MarkerShape] = {
@@ -35,7 +36,7 @@ class Scene:
     Spectra, over the last second, are renewed every `spectrum_period_s` of each channel's own time.
     """
 
-    def __init__(self, recording: rr.RecordingStream, layout: Layout, spectrum_period_s: float = 0.5) -> None:
+    def __init__(self, recording: rr.RecordingStream, layout: Layout, spectrum_period_s: float = 1.0) -> None:
         self._recording = recording
         self._layout = layout
         self._spectrum_period_s = spectrum_period_s
@@ -44,6 +45,7 @@ class Scene:
             "measured": HalfCyclePeaks(),
             "predicted": HalfCyclePeaks(),
         }
+        self._traces: dict[tuple[Origin, str], Trace] = {}
         self._recent: dict[tuple[Origin, str], Recent] = {}
         self._spectrum_due_s: dict[tuple[Origin, str], float] = {}
         self._spectra = {name: SpectrumPicture(recording, name, unit) for name, unit in layout.units.items()}
@@ -63,7 +65,7 @@ class Scene:
         """Show a block's envelope, and what is computed from the blocks so far."""
         if self._start_ns is None:
             self._start_ns = block.time_ns - round(block.first_sample * NS_PER_S / block.sample_rate)
-        self._add_trace(origin, block)
+        self._trace(origin, block.channel).add(block)
         for peak in self._peaks[origin].add(block):
             self._at(peak.time_s)
             self._recording.log(paths.peaks(origin), rr.Scalars(peak.force_n))
@@ -87,28 +89,21 @@ class Scene:
 
     def show_dropped(self, count: int) -> None:
         """Show how many blocks did not reach this view."""
-        text = (
-            "**Everything shown.**"
-            if not count
-            else f"**{count} blocks not shown** (this view was too slow)."
-        )
-        self._recording.log(
-            paths.STATUS,
-            rr.TextDocument(
-                f"{self._layout.title}\n\n{text} The log has them all.", media_type="text/markdown"
-            ),
-            static=True,
-        )
+        text = f"{count} blocks not shown: this view was too slow. The log has them all."
+        status = f"{self._layout.title}\n\n{text if count else 'No block dropped.'}"
+        self._recording.log(paths.STATUS, rr.TextDocument(status), static=True)
 
-    def _add_trace(self, origin: Origin, block: SampleBlock) -> None:
-        points = max(round(self._layout.points_per_s * len(block) / block.sample_rate), 4)
-        chosen = envelope(block.values, points)
-        times = (block.first_sample + chosen.indices) * (NS_PER_S / block.sample_rate)
-        self._recording.send_columns(
-            paths.trace(origin, block.channel),
-            [rr.TimeColumn(paths.TIMELINE, duration=times.round().astype("m8[ns]"))],
-            rr.Scalars.columns(scalars=chosen.values),
-        )
+    def flush(self) -> None:
+        """Send what waits for the next batch."""
+        for trace in self._traces.values():
+            trace.flush()
+
+    def _trace(self, origin: Origin, channel: str) -> Trace:
+        key = origin, channel
+        if key not in self._traces:
+            path = paths.trace(origin, channel)
+            self._traces[key] = Trace(self._recording, path, self._layout.points_per_s)
+        return self._traces[key]
 
     def _renew_spectrum(self, origin: Origin, block: SampleBlock) -> None:
         key = origin, block.channel
@@ -130,8 +125,7 @@ class Scene:
 
 
 def _line(origin: Origin) -> rr.SeriesLines:
-    width = 1.2 if origin == "measured" else 2.2
-    return rr.SeriesLines(colors=[paths.COLOURS[origin]], names=[origin], widths=[width])
+    return rr.SeriesLines(colors=[paths.COLOURS[origin]], names=[origin], widths=[paths.WIDTHS[origin]])
 
 
 def _points(origin: Origin) -> rr.SeriesPoints:

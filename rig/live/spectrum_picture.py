@@ -12,14 +12,15 @@ from daq.log.reader import Origin
 from daq.signals import Autospectrum, log_bands
 from rig.live import paths
 
-WIDTH, HEIGHT = 16.0, 7.0
+WIDTH, HEIGHT = 16.0, 5.4
 """The picture's frame: x to the right, y downward."""
 
 LEFT, BOTTOM = 2.2, 1.3
 """Room for the labels."""
 
 BANDS = 240
-_DECADES = 9
+_DRAW_ORDER: dict[Origin, float] = {"measured": 2.0, "predicted": 3.0}
+_DECADES = 12
 _LOWEST_HZ = 1.0
 
 
@@ -55,8 +56,7 @@ class SpectrumPicture:
     def _points(self, spectrum: Autospectrum) -> NDArray[np.float64]:
         x = np.log10(spectrum.frequency_hz / _LOWEST_HZ) / self._frequency_decades * WIDTH
         y = (self._top_decade - np.log10(spectrum.density)) / _DECADES * HEIGHT
-        inside = (x >= 0) & (y <= HEIGHT)
-        return np.column_stack((x, y))[inside]
+        return np.column_stack((x, np.minimum(y, HEIGHT)))[x >= 0]
 
     def _fit_axes(self, largest: float, sample_rate: float) -> None:
         if math.log10(largest) <= self._top_decade:
@@ -76,15 +76,11 @@ class SpectrumPicture:
         self._recording.log(paths.spectrum(self._channel, "axes"), lines)
         texts = [_hertz(10**decade) for decade in columns]
         texts += [f"1e{self._top_decade - row:.0f}" for row in rows]
-        places = [(each, HEIGHT + 0.5) for each in x] + [(-1.1, each) for each in y]
+        places = [(each, HEIGHT + 0.55) for each in x] + [(-1.1, each) for each in y]
         labels = rr.Points2D(
             places, labels=texts, show_labels=True, colors=[paths.DIM], radii=rr.Radius.ui_points(0.0)
         )
         self._recording.log(paths.spectrum(self._channel, "labels"), labels)
-
-
-def _order(origin: Origin) -> float:
-    return 3.0 if origin == "measured" else 2.0
 
 
 def _hertz(frequency: float) -> str:

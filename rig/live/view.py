@@ -104,7 +104,7 @@ class LiveView:
     def offer_shape(
         self, time_s: float, positions_m: NDArray[np.floating], deflection_m: NDArray[np.floating]
     ) -> None:
-        """Show the beam at `time_s` (seconds since sample 0): deflections at positions, both of shape (n,)."""
+        """Show the beam at `time_s` (s since sample 0): deflections at positions, shapes (n,)."""
         if self._open:
             self._sender.offer(encode_shape(time_s, positions_m, deflection_m))
 

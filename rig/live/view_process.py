@@ -58,6 +58,7 @@ class Director:
         """Show what still waits."""
         for show in self._order.rest():
             show()
+        self._scene.flush()
 
 
 def main() -> None:

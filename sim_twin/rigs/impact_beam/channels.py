@@ -6,7 +6,7 @@ import re
 
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 
-STATION = re.compile(r"beam\.acceleration_([1-9][0-9]?|100)")
+STATION = re.compile(r"beam\.acceleration_([0-9]{2}|100)")
 _UNITS = {
     "drive.force": "N",
     "contact.force_upper": "N",
@@ -18,7 +18,7 @@ _UNITS = {
 
 def channel_names(rig: ImpactBeam) -> tuple[str, ...]:
     """Channels that the twin of `rig` predicts; accelerometers on the beam by their station in percent of L."""
-    return (*_UNITS, *(f"beam.acceleration_{percent}" for percent in rig.stations))
+    return (*_UNITS, *(f"beam.acceleration_{percent:02d}" for percent in rig.stations))
 
 
 def channel_unit(name: str) -> str:

@@ -1,0 +1,107 @@
+"""Keeps every block on its way to the log: one thread writes, any thread hands over."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from types import TracebackType
+
+from daq.block import SampleBlock
+from daq.channel import Channel
+from daq.clock import Clock
+from daq.errors import RecorderFailed
+from daq.log.records import ClockRecord, Event
+from daq.log.writer import LogWriter
+
+_QUEUE_ITEMS = 8192
+"""About 20 s of 16 channels, measured and predicted, in blocks of 0.1 s: longer than a stalled disk lasts."""
+_IDLE_S = 0.1
+
+
+class Recorder:
+    """Writes a log from a thread of its own; the first failed write stops it for good.
+
+    `put` and its kin return at once. They raise RecorderFailed once the writer has failed or the queue is full,
+    which is the caller's sign to stop the rig: nothing is dropped in silence.
+    """
+
+    def __init__(self, writer: LogWriter, clock: Clock) -> None:
+        self._writer, self._clock = writer, clock
+        self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(_QUEUE_ITEMS)
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._failure: RecorderFailed | None = None
+        self.high_water = 0
+        self.blocks = 0
+
+    def __enter__(self) -> Recorder:
+        self._writer.open()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def declare(self, origin: str, channel: Channel) -> None:
+        """Declare a channel before its first block."""
+        self._put(lambda: self._writer.declare(origin, channel))
+
+    def metadata(self, name: str, record: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._put(lambda: self._writer.add_metadata(name, record))
+
+    def block(self, origin: str, block: SampleBlock) -> None:
+        """Record a block, stamped with the time at which the host has it: now."""
+        host_ns = self._clock.unix_ns()
+        self.blocks += 1
+        self._put(lambda: self._writer.add_block(origin, block, host_ns))
+
+    def event(self, event: Event) -> None:
+        """Record an event."""
+        self._put(lambda: self._writer.add_event(event))
+
+    def clock_record(self, record: ClockRecord) -> None:
+        """Record how a device's clock lies."""
+        self._put(lambda: self._writer.add_clock(record))
+
+    def close(self) -> None:
+        """Write what waits, finish the file; raises RecorderFailed if anything was lost."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+        self._writer.close()
+        if self._failure is not None:
+            raise self._failure
+
+    def _put(self, write: Callable[[], None]) -> None:
+        if self._failure is not None:
+            raise self._failure
+        try:
+            self._queue.put_nowait(write)
+        except queue.Full as error:
+            raise RecorderFailed(f"{self._writer.path}: the disk is slower than the data") from error
+        self.high_water = max(self.high_water, self._queue.qsize())
+
+    def _run(self) -> None:
+        while True:
+            try:
+                write = self._queue.get(timeout=_IDLE_S)
+            except queue.Empty:
+                write = self._idle
+            if write is None:
+                return
+            if self._failure is None:
+                self._attempt(write)
+
+    def _attempt(self, write: Callable[[], None]) -> None:
+        try:
+            write()
+        except RecorderFailed as error:
+            self._failure = error
+        except Exception as error:  # noqa: BLE001 - top of a thread; the rig stops on it
+            self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
+
+    def _idle(self) -> None:
+        self._writer.flush_if_older(self._clock.unix_ns())

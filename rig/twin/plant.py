@@ -1,0 +1,80 @@
+"""The emulated rig: a twin that differs from the operator's as real rigs do, driven by the emulated generator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.protocols import DriveSettings, Plant
+from sim_twin.healthy import draw_healthy
+from sim_twin.rigs.impact_beam.model import SineDrive
+from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+
+_UNIT_DRIVE = SineDrive(1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BeamPlantFactory:
+    """Makes the plant in the emulator's process.
+
+    `believed` is the operator's twin with the hidden effects in; `healthy` draws tolerances from `seed` on top.
+    `force_per_volt` in N/V is what generator, amplifier and shaker nominally make of a volt.
+    """
+
+    believed: BeamTwin
+    force_per_volt: float
+    seed: int
+    healthy: bool
+
+    def __call__(self) -> Plant:
+        """Draw the rig and compile its simulation."""
+        plant = BeamPlant(self)
+        plant.start(51_200.0)
+        plant.advance(64)
+        return plant
+
+
+class BeamPlant:
+    """An impact beam that hears the generator's volts and gives what its sensors really show."""
+
+    def __init__(self, factory: BeamPlantFactory) -> None:
+        draw = np.random.default_rng([factory.seed, 0])
+        self._noise = np.random.default_rng([factory.seed, 1])
+        believed = factory.believed
+        harmonics = {"second": believed.drive.second, "third": believed.drive.third}
+        unit = replace(believed, drive=replace(_UNIT_DRIVE, **harmonics))
+        self._twin = draw_healthy(unit, draw) if factory.healthy else unit
+        self._force_per_volt = factory.force_per_volt
+        self._stream: BeamStream | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Rows of `advance`."""
+        return self._twin.channels
+
+    def start(self, sample_rate: float) -> None:
+        """Start at rest with the drive off."""
+        self._stream = BeamStream(self._twin, sample_rate, self._noise, pure_sine=False)
+
+    def drive(self, settings: DriveSettings, at_sample: float) -> None:
+        """Follow the generator from `at_sample` on."""
+        per_volt = self._force_per_volt * self._twin.drive.amplitude if settings.on else 0.0
+        force = replace(
+            self._twin.drive,
+            amplitude=settings.amplitude_v * per_volt,
+            offset=settings.offset_v * per_volt,
+            frequency=settings.frequency_hz * self._twin.drive.frequency,
+        )
+        self._running.drive(force, settings.phase_rad, at_sample)
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        """Next `count` samples, shape (channels, count), noise in."""
+        return self._running.advance(count)
+
+    @property
+    def _running(self) -> BeamStream:
+        if self._stream is None:
+            raise ValueError("the plant has not been started")
+        return self._stream

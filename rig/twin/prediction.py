@@ -1,0 +1,63 @@
+"""The twin of a run in step with its measurement, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import SampleBlock, sample_time_ns
+from rig.twin.alignment import Alignment
+from sim_twin.rigs.impact_beam.model import SineDrive
+from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+
+_LEAST_SETTLE_S = 1.0
+BLOCK_S = 0.1
+
+
+class AlignedTwin:
+    """Predicted samples of every channel on the sample grid of a run.
+
+    A drive that was running before sample 0 has been running for `settle_s` (at least 1 s) in the twin too;
+    one that began within the record begins there in the twin, from rest.
+    """
+
+    def __init__(self, twin: BeamTwin, alignment: Alignment, sample_rate: float, settle_s: float) -> None:
+        self.sample_rate = sample_rate
+        self._stream = BeamStream(twin, sample_rate)
+        drive = SineDrive(
+            twin.drive.amplitude,
+            alignment.frequency,
+            twin.drive.offset,
+            twin.drive.second,
+            twin.drive.third,
+        )
+        self.samples = 0
+        cycles_per_sample = alignment.frequency / sample_rate
+        if alignment.onset is not None:
+            phase = alignment.phase + 2 * np.pi * cycles_per_sample * alignment.onset
+            self._stream.drive(drive, phase, alignment.onset)
+            return
+        before = round(max(settle_s, _LEAST_SETTLE_S) * sample_rate)
+        self._stream.drive(drive, alignment.phase - 2 * np.pi * cycles_per_sample * before, 0.0)
+        self._stream.advance(before)
+
+    def advance(self, count: int) -> NDArray[np.float32]:
+        """Next `count` samples, shape (channels, count)."""
+        self.samples += count
+        return self._stream.advance(count).astype(np.float32)
+
+    def blocks(self, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
+        """Blocks of at most 0.1 s of every channel up to `end_sample`; `start_ns` is the time of sample 0."""
+        most = max(1, round(BLOCK_S * self.sample_rate))
+        while self.samples < end_sample:
+            first = self.samples
+            values = self.advance(min(most, end_sample - first))
+            time_ns = sample_time_ns(start_ns, first, self.sample_rate)
+            for name, row in zip(self._stream.channels, values, strict=True):
+                yield SampleBlock(name, first, time_ns, self.sample_rate, row)
+
+    def shape(self) -> NDArray[np.float64]:
+        """Deflection of the beam now, in m, at equal steps from pivot to tip."""
+        return self._stream.shape()[1]
