@@ -100,7 +100,7 @@ class Recorder:
             write()
         except RecorderFailed as error:
             self._failure = error
-        except Exception as error:  # noqa: BLE001 - top of a thread; the rig stops on it
+        except Exception as error:
             self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
 
     def _idle(self) -> None:

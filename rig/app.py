@@ -1,0 +1,75 @@
+"""The `rattle` command, and the one place that names concrete devices."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
+from drivers.scpi import GeneratorSettings, ScpiGenerator
+from rig.commands.cli import build
+from rig.emulation import EmulatedBench
+from rig.files.bench import Bench
+from rig.files.scenario import Scenario
+from rig.session.devices import Devices
+from rig.session.progress import Screen
+
+GENERATORS = {"scpi_33220a": ScpiGenerator}
+CARDS = {"nidaqmx": NiDaqCard}
+
+
+def connect(
+    scenario: Scenario, bench: Bench, stack: ExitStack, screen: Screen
+) -> tuple[Devices, dict[str, str]]:
+    """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
+    generator, card = bench.signal_generator, bench.daq_card
+    resource, grpc, notes = generator.resource, card.grpc, {}
+    if generator.emulated or card.emulated:
+        with screen.busy("starting the emulated instruments"):
+            emulated = stack.enter_context(EmulatedBench(scenario, bench))
+        resource = emulated.generator.address if emulated.generator else resource
+        grpc = emulated.card.address if emulated.card else grpc
+        notes = {"emulated": "generator " * generator.emulated + "card" * card.emulated}
+        notes["emulation_seed"] = str(emulated.seed)
+        if emulated.drive_follows_scenario:
+            screen.warn("the emulated card cannot hear the real generator: it plays the scenario's drive")
+    return (
+        Devices(
+            GENERATORS[generator.driver](
+                GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt)
+            ),
+            CARDS[card.driver](_card_settings(scenario, bench, grpc)),
+            generator.force_per_volt,
+        ),
+        notes,
+    )
+
+
+def _card_settings(scenario: Scenario, bench: Bench, grpc: str | None) -> CardSettings:
+    channels = tuple(
+        CardChannel(
+            name=channel.name,
+            physical=channel.physical,
+            kind=channel.kind,
+            sensitivity=channel.sensitivity,
+            gain=channel.gain,
+            range=channel.range,
+            unit=channel.unit,
+            location=channel.name.partition(".")[0],
+            quantity=channel.name.partition(".")[2].split("_")[0],
+            sensor=channel.kind,
+            serial=channel.serial,
+            calibrated=channel.calibrated,
+            valid_until=channel.valid_until,
+        )
+        for channel in bench.daq_card.channels
+    )
+    return CardSettings(grpc, scenario.acquisition.sample_rate, bench.daq_card.buffer, channels)
+
+
+def main() -> None:
+    """Run the command line."""
+    build(connect)()
+
+
+if __name__ == "__main__":
+    main()

@@ -69,13 +69,15 @@ class LogWriter:
         """Add samples of a declared channel; `host_ns` is when the host had them (Unix epoch)."""
         self.add_encoded_block(origin, block, codec.encode_block(block), host_ns)
 
-    def add_encoded_block(self, origin: str, block: SampleBlock, data: bytes, host_ns: int) -> None:
-        """Add a block whose encoding was made elsewhere (`daq.log.codec.encode_block`)."""
+    def add_encoded_block(
+        self, origin: str, block: SampleBlock, data: bytes, host_ns: int, record_gap: bool = True
+    ) -> None:
+        """Add a block as it stands in another log; `record_gap` is False where its ledger is copied too."""
         topic = f"/{origin}/{block.channel}"
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        if block.first_sample > expected:
+        if block.first_sample > expected and record_gap:
             self._account_for_gap(block, expected, host_ns)
         self._add(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample

@@ -54,7 +54,7 @@ def _channels(layout: Layout) -> rrb.Container:
         return rrb.Horizontal(
             rrb.Vertical(*traces, name="Traces"), rrb.Vertical(*spectra, name="Spectra"), column_shares=[2, 1]
         )
-    columns = math.ceil(math.sqrt(len(traces) / 2))
+    columns = math.ceil(math.sqrt(len(traces)))
     return rrb.Tabs(
         rrb.Grid(*traces, grid_columns=columns, name="Traces"),
         rrb.Grid(*spectra, grid_columns=columns, name="Spectra"),
@@ -122,7 +122,7 @@ def _drawing_order(layout: Layout, channel: str) -> list[Origin]:
 
 
 def _newest(seconds: float | None) -> list[rr.VisibleTimeRange]:
-    """Samples that a view of the last `seconds` holds: more on both sides, for its axis lags when it is slow."""
+    """What a view of the last `seconds` holds: more on both sides, since its axis lags where it is slow."""
     if seconds is None:
         start, end = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()
     else:

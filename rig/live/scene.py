@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import rerun as rr
-from rerun.components import MarkerShape
+from rerun.components import AggregationPolicy, MarkerShape
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.log.reader import Origin
@@ -125,7 +125,12 @@ class Scene:
 
 
 def _line(origin: Origin) -> rr.SeriesLines:
-    return rr.SeriesLines(colors=[paths.COLOURS[origin]], names=[origin], widths=[paths.WIDTHS[origin]])
+    return rr.SeriesLines(
+        colors=[paths.COLOURS[origin]],
+        names=[origin],
+        widths=[paths.WIDTHS[origin]],
+        aggregation_policy=AggregationPolicy.MinMax,  # the viewer's default averages, and peaks shrink
+    )
 
 
 def _points(origin: Origin) -> rr.SeriesPoints:

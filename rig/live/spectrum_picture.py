@@ -48,8 +48,8 @@ class SpectrumPicture:
         line = rr.LineStrips2D(
             [points],
             colors=[paths.COLOURS[origin]],
-            radii=rr.Radius.ui_points(1.0),
-            draw_order=_order(origin),
+            radii=rr.Radius.ui_points(paths.WIDTHS[origin] / 2),
+            draw_order=_DRAW_ORDER[origin],
         )
         self._recording.log(paths.spectrum(self._channel, origin), line)
 

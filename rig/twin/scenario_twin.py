@@ -36,16 +36,14 @@ def twin_of(scenario: Scenario, channels: Iterable[str] = ()) -> BeamTwin:
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if section.flexure_translation:
         changes["pivot_stiffness"] = FLEXURE_TRANSLATION
-    rig: ImpactBeam = dataclasses.replace(
-        _beam(scenario), stations=stations_of(tuple(channels)), **changes
-    )
+    rig: ImpactBeam = dataclasses.replace(_beam(scenario), stations=stations_of(tuple(channels)), **changes)
     drive = SineDrive(scenario.drive.amplitude, scenario.drive.frequency, scenario.drive.offset)
     return BeamTwin(rig, drive, nominal_sensors(rig))
 
 
 def _beam(scenario: Scenario) -> ImpactBeam:
     section = scenario.model
-    choices = {
+    choices: dict[str, Any] = {
         "beam": section.beam,
         "modes": section.modes,
         "elements": section.elements,

@@ -50,6 +50,7 @@ class _Drive:
 
 @dataclass(frozen=True, slots=True)
 class _Recorded:
+    begin: int
     end_sample: int
     start_ns: int
     last: bool
@@ -106,12 +107,15 @@ class TwinWorker:
         self._thread.start()
 
     def drive(self, first_sample: int, force: NDArray[np.floating]) -> None:
-        """Hand over measured drive from sample `first_sample` of the record (negative: before it) on."""
+        """Hand over measured drive from sample `first_sample` of the card on."""
         self._send(_Drive(first_sample, force.astype(np.float32)))
 
-    def recorded(self, end_sample: int, start_ns: int, last: bool = False) -> None:
-        """Say up to where the record goes by now; the prediction follows it. `last`: it ends there."""
-        self._send(_Recorded(end_sample, start_ns, last))
+    def recorded(self, begin: int, end_sample: int, start_ns: int, last: bool = False) -> None:
+        """Say up to which of its samples the record goes by now; the prediction follows it.
+
+        `begin` is the card's sample at which the record begins, `start_ns` its time. `last`: it ends here.
+        """
+        self._send(_Recorded(begin, end_sample, start_ns, last))
 
     def finish(self) -> None:
         """Wait for the end of the prediction after `recorded(..., last=True)`; raises TwinFailed."""
@@ -148,7 +152,7 @@ def _work(pipe: Connection, twin: BeamTwin, sample_rate: float, settle_s: float)
         pipe.send(_Done())
     except (EOFError, BrokenPipeError):
         return
-    except Exception:  # noqa: BLE001 - top of a process
+    except Exception:
         with suppress(OSError):
             pipe.send(_Done(traceback.format_exc(limit=3)))
 
@@ -180,7 +184,7 @@ class _Prediction:
 
     def _follow(self, record: _Recorded) -> None:
         if self._aligned is None and (record.last or self._enough()):
-            self._align()
+            self._align(record.begin)
         if self._aligned is None:
             return
         for block in self._aligned.blocks(record.end_sample, record.start_ns):
@@ -191,9 +195,9 @@ class _Prediction:
     def _enough(self) -> bool:
         return sum(len(each.force) for each in self._drive) >= _ALIGN_ON_S * self._rate
 
-    def _align(self) -> None:
+    def _align(self, begin: int) -> None:
         force = np.concatenate([each.force for each in self._drive]) if self._drive else np.zeros(0)
-        first = self._drive[0].first_sample if self._drive else 0
+        first = self._drive[0].first_sample - begin if self._drive else 0
         alignment: Alignment = align(force, self._rate, first, self._twin.drive)
         self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
         self._drive.clear()

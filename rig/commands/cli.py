@@ -1,0 +1,62 @@
+"""Builds the command line and turns errors into exit codes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import typer
+from rich.console import Console
+
+from daq.errors import ConfigurationError, InterlockTripped, RattleError
+from rig.commands import check, emulate, logs, overlay, predict, replay, run
+from rig.files.bench import Bench
+from rig.files.scenario import Scenario
+from rig.session.devices import Devices
+from rig.session.outcome import Stopped
+from rig.session.progress import Screen
+
+Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+
+FAILED, WRONG_USE, INTERLOCK, INTERRUPTED = 1, 2, 3, 130
+_CODES: tuple[tuple[type[BaseException], int], ...] = (
+    (ConfigurationError, WRONG_USE),
+    (InterlockTripped, INTERLOCK),
+    (Stopped, INTERRUPTED),
+    (KeyboardInterrupt, INTERRUPTED),
+    (RattleError, FAILED),
+)
+
+
+def build(connect: Connect) -> Callable[[], None]:
+    """Return the command line, with `connect` making the devices of a bench."""
+    app = typer.Typer(
+        help="Drive a rig with clearances, record it, and lay its physics twin over every measurement.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    run.add_to(app, connect)
+    for module in (emulate, predict, overlay, replay, check, logs):
+        module.add_to(app)
+    return lambda: sys.exit(_guarded(app))
+
+
+def _guarded(app: typer.Typer) -> int:
+    try:
+        app(standalone_mode=False)
+    except typer.Exit as leave:
+        return int(leave.exit_code)
+    except tuple(kind for kind, _ in _CODES) as error:
+        print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
+        return next(code for kind, code in _CODES if isinstance(error, kind))
+    except typer.TyperException as error:
+        print(f"rattle: {error}", file=sys.stderr)
+        return WRONG_USE
+    return 0
+
+
+def screen() -> Screen:
+    """The terminal that commands talk to."""
+    return Screen(Console())

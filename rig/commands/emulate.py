@@ -1,0 +1,40 @@
+"""`rattle emulate`: the emulated instruments as servers, for another program to use."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import typer
+from rich.console import Console
+
+from rig.commands.arguments import BenchFile, Json, ScenarioFile, bench_of, print_json
+from rig.emulation import EmulatedBench
+from rig.files.scenario import load_scenario
+from rig.session.outcome import Stopped
+from rig.session.progress import Screen
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
+        """Start the emulated instruments on their real wire protocols; prints where each listens."""
+        scenario, bench = load_scenario(scenario_file), bench_of(bench_file)
+        screen = Screen(Console(stderr=as_json))
+        ended = threading.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: ended.set())
+        with EmulatedBench(scenario, bench) as emulated:
+            addresses = {
+                "signal_generator": list(emulated.generator.addresses) if emulated.generator else [],
+                "daq_card": [emulated.card.address] if emulated.card else [],
+            }
+            if as_json:
+                print_json(addresses)
+            for name, each in addresses.items():
+                screen.say(f"{name}: {', '.join(each) or 'real, not emulated'}")
+            screen.say("Ctrl-C ends them")
+            ended.wait()
+        raise Stopped("emulated instruments ended")

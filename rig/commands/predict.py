@@ -1,0 +1,43 @@
+"""`rattle predict`: the twin alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from rig.commands.arguments import EffectsFile, Json, ScenarioFile, print_json
+from rig.files.scenario import load_scenario
+from rig.session.progress import Screen
+from rig.twin.prediction_file import write_prediction
+from rig.twin.scenario_twin import twin_of, with_effects
+from rig.twin.solver_values import solver_values
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    def predict(
+        scenario_file: ScenarioFile,
+        out: Annotated[Path, typer.Option("--out", metavar="FILE.mcap", help="The log to write.")],
+        effects: EffectsFile = None,
+        seed: Annotated[
+            int | None, typer.Option("--seed", min=0, help="A healthy rig with noise instead of the nominal.")
+        ] = None,
+        as_json: Json = False,
+    ) -> None:
+        """Run the twin only; writes /predicted/... from rest with the full drive, or with --seed a healthy rig."""
+        scenario = load_scenario(scenario_file)
+        twin = twin_of(scenario)
+        if effects is not None:
+            twin = with_effects(twin, effects)
+        screen = Screen(Console(stderr=as_json))
+        with screen.busy("simulating"):
+            drawn = write_prediction(scenario, twin, seed, out)
+            values = solver_values(scenario, drawn) if as_json else None
+        if values is not None:
+            print_json(values)
+        screen.say(f"log        {out}")

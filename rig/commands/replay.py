@@ -1,0 +1,32 @@
+"""`rattle replay`: a log through the same path as a live run."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from daq.clock import SystemClock
+from rig.commands.arguments import Live, RunFile
+from rig.commands.summary import show_summary
+from rig.session.progress import Screen
+from rig.session.replay import replay_log
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    def replay(
+        run: RunFile,
+        speed: Annotated[
+            float,
+            typer.Option("--speed", min=0.0, metavar="X", help="Times real time; 0: as fast as possible."),
+        ] = 1.0,
+        live: Live = False,
+    ) -> None:
+        """Play a log through the same path as a live run."""
+        screen = Screen(Console())
+        replay_log(run, speed, live, screen, SystemClock())
+        show_summary(run, screen)

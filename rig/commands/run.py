@@ -1,0 +1,53 @@
+"""`rattle run`: drive the rig, record, predict, overlay."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from daq.clock import SystemClock
+from rig.commands.arguments import BenchFile, Live, ScenarioFile, bench_of
+from rig.commands.summary import show_summary
+from rig.files.bench import Bench
+from rig.files.pairing import check_pair
+from rig.files.scenario import Scenario, load_scenario
+from rig.report import write_report
+from rig.session.devices import Devices
+from rig.session.progress import Screen
+from rig.session.run import RunRequest, run_scenario
+
+Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+DEFAULT_FOLDER = Path("runs")
+
+
+def add_to(app: typer.Typer, connect: Connect) -> None:
+    """Add the command."""
+
+    @app.command()
+    def run(
+        scenario_file: ScenarioFile,
+        bench_file: BenchFile = None,
+        out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = DEFAULT_FOLDER,
+        live: Live = False,
+    ) -> None:
+        """Drive the rig, record every instrument, predict, overlay; prints the path of the log."""
+        screen = Screen(Console(stderr=False))
+        scenario, bench = load_scenario(scenario_file), bench_of(bench_file)
+        clock = SystemClock()
+        check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+        request = RunRequest(
+            scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live
+        )
+        log = run_scenario(request, screen, clock)
+        report = log.with_suffix(".html")
+        with screen.busy("writing the report"):
+            write_report(log, report)
+        show_summary(log, screen)
+        screen.say(f"report     {report}")
+        screen.say(f"log        {log}")

@@ -1,0 +1,55 @@
+"""The end of a run in the terminal: peaks measured and predicted, gaps, overloads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.table import Table
+
+from rig.report import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise
+from rig.session.progress import Screen
+
+
+def show_summary(log: Path, screen: Screen) -> None:
+    """Print what a log comes to."""
+    summary = summarise(log)
+    screen.console.print(_channels(summary))
+    _say_peaks(summary, screen)
+    if summary.missing:
+        screen.warn(f"{summary.missing} measured samples are missing, {len(summary.gaps)} entries in the gap ledger")
+    for channel in summary.channels:
+        if channel.measured is not None and channel.measured.overloaded_blocks:
+            screen.warn(f"{channel.name}: overload in {channel.measured.overloaded_blocks} blocks")
+    screen.say(f"gaps       {len(summary.gaps)}; overloaded blocks {summary.overloaded_blocks}")
+
+
+def _channels(summary: RunSummary) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("channel")
+    for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
+        table.add_column(column, justify="left" if column == "unit" else "right")
+    for channel in summary.channels:
+        table.add_row(channel.name, *_numbers(channel, "rms"), *_numbers(channel, "peak"), channel.unit)
+    return table
+
+
+def _numbers(channel: ChannelSummary, what: str) -> tuple[str, str]:
+    return _number(channel.measured, what), _number(channel.predicted, what)
+
+
+def _number(trace: TraceSummary | None, what: str) -> str:
+    return "-" if trace is None else f"{getattr(trace, what):.4g}"
+
+
+def _say_peaks(summary: RunSummary, screen: Screen) -> None:
+    for origin, peaks in (("measured", summary.measured_peaks), ("predicted", summary.predicted_peaks)):
+        if peaks is None:
+            screen.say(f"{origin:<10} no contact")
+        else:
+            screen.say(f"{origin:<10} {_peaks(peaks)}")
+
+
+def _peaks(peaks: HalfCycleStatistics) -> str:
+    first = f"first {peaks.first_mean_n:.1f} +- {peaks.first_sd_n:.1f} N"
+    largest = f"max {peaks.max_mean_n:.1f} +- {peaks.max_sd_n:.1f} N"
+    return f"{first}, {largest} a half cycle ({peaks.count} half cycles)"

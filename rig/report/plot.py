@@ -1,0 +1,149 @@
+"""Plotly figures as plain data: small plots in a grid, measured and predicted in their colours."""
+
+from __future__ import annotations
+
+import base64
+import html
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.log.reader import Origin
+from rig.report.content import Figure
+
+COLOURS: dict[Origin, str] = {"measured": "#1a6fb5", "predicted": "#d95f02"}
+"""Blue and orange, apart for every kind of colour blindness and in a grey print."""
+
+_WIDTHS: dict[Origin, float] = {"measured": 2.4, "predicted": 1.1}
+"""Predictions are drawn last and thin, so that what was measured shows on both sides of them."""
+
+_POINTS_IN_ALL = 140_000
+_FEWEST_POINTS, _MOST_POINTS = 600, 4_000
+_TITLE_PX, _AXIS_PX, _TOP_PX = 24, 44, 26
+_INK, _GRID = "#333a44", "#e3e6ea"
+
+
+def packed(values: NDArray[np.floating]) -> dict[str, str]:
+    """Array as Plotly reads it: base64 of little-endian float32 (NaN breaks a line)."""
+    return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}
+
+
+def points_each(traces: int) -> int:
+    """Points a trace may have in a figure of so many, to keep the page small and quick."""
+    return min(max(_POINTS_IN_ALL // max(traces, 1), _FEWEST_POINTS), _MOST_POINTS)
+
+
+@dataclass(slots=True)
+class PlotGrid:
+    """Plots of equal size in rows and columns, filled one cell at a time (counted from the top left)."""
+
+    rows: int
+    columns: int
+    row_px: int
+    _traces: list[dict[str, Any]] = field(default_factory=list)
+    _layout: dict[str, Any] = field(default_factory=dict)
+    _titles: list[dict[str, Any]] = field(default_factory=list)
+
+    def axes(
+        self, cell: int, title: str, x: dict[str, Any], y: dict[str, Any], share_x_with: int | None = None
+    ) -> None:
+        """Place the axes of a cell, `title` above it; its x axis may move with that of another cell."""
+        left, right, bottom, top = self._place(cell)
+        number = _number(cell)
+        common = {"gridcolor": _GRID, "zerolinecolor": "#c5cad1", "linecolor": _INK, "ticks": "outside"}
+        matches = {} if share_x_with in (None, cell) else {"matches": f"x{_number(share_x_with or 0)}"}
+        self._layout[f"xaxis{number}"] = {
+            **common,
+            "domain": [left, right],
+            "anchor": f"y{number}",
+            **matches,
+            **x,
+            "title": {"standoff": 4, **x.get("title", {})},
+        }
+        self._layout[f"yaxis{number}"] = {
+            **common,
+            "domain": [bottom, top],
+            "anchor": f"x{number}",
+            "automargin": True,
+            **y,
+        }
+        self._titles.append(
+            {
+                "text": f"<b>{html.escape(title)}</b>",
+                "x": left,
+                "y": top,
+                "xref": "paper",
+                "yref": "paper",
+                "xanchor": "left",
+                "yanchor": "bottom",
+                "showarrow": False,
+                "font": {"size": 13},
+            }
+        )
+
+    def line(
+        self,
+        cell: int,
+        origin: Origin,
+        x: NDArray[np.floating],
+        y: NDArray[np.floating],
+        subject: str,
+        shape: str = "linear",
+    ) -> None:
+        """Draw a line of one origin in a cell; `subject` (a channel's name) goes with the data."""
+        line = {"color": COLOURS[origin], "width": _WIDTHS[origin], "shape": shape}
+        data = {"type": "scatter", "mode": "lines", "x": packed(x), "y": packed(y), "line": line}
+        self._add(cell, origin, {**data, "meta": html.escape(subject)})
+
+    def bars(
+        self, cell: int, origin: Origin, centres: NDArray[np.floating], heights: NDArray[np.floating]
+    ) -> None:
+        """Draw a histogram's bars of one origin in a cell."""
+        marker = {"color": COLOURS[origin], "opacity": 0.55}
+        self._add(cell, origin, {"type": "bar", "x": packed(centres), "y": packed(heights), "marker": marker})
+
+    def figure(self, name: str, caption: str = "") -> Figure:
+        """Return the figure."""
+        layout = {
+            **self._layout,
+            "annotations": self._titles,
+            "barmode": "overlay",
+            "bargap": 0.05,
+            "font": {"family": "system-ui, sans-serif", "size": 12, "color": _INK},
+            "showlegend": False,
+            "margin": {"l": 64, "r": 12, "t": _TOP_PX, "b": _AXIS_PX},
+            "paper_bgcolor": "white",
+            "plot_bgcolor": "white",
+            "hovermode": "closest",
+        }
+        return Figure(name, self._traces, layout, self._height_px(), caption)
+
+    def _add(self, cell: int, origin: Origin, trace: dict[str, Any]) -> None:
+        number = _number(cell)
+        self._traces.append(
+            {
+                **trace,
+                "name": origin,
+                "xaxis": f"x{number}",
+                "yaxis": f"y{number}",
+            }
+        )
+
+    def _height_px(self) -> int:
+        return _TOP_PX + _AXIS_PX + self.rows * self.row_px + (self.rows - 1) * (_AXIS_PX + _TITLE_PX)
+
+    def _place(self, cell: int) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of a cell as shares of the plotting area."""
+        row, column = divmod(cell, self.columns)
+        gap = 0.07 if self.columns > 1 else 0.0
+        width = (1 - gap * (self.columns - 1)) / self.columns
+        area_px = self._height_px() - _TOP_PX - _AXIS_PX
+        top = 1 - row * (self.row_px + _AXIS_PX + _TITLE_PX) / area_px
+        left = column * (width + gap)
+        return left, left + width, max(top - self.row_px / area_px, 0.0), top
+
+
+def _number(cell: int) -> str:
+    return "" if cell == 0 else str(cell + 1)

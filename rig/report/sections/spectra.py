@@ -1,0 +1,44 @@
+"""Autospectra, measured and predicted."""
+
+from __future__ import annotations
+
+from daq.log.reader import Origin
+from daq.signals import autospectrum, log_bands
+from rig.report.content import Part, Sentence
+from rig.report.plot import PlotGrid
+from rig.report.record import ORIGINS, RunRecord, Trace
+
+_ROW_PX = 190
+_BANDS = 500
+_COLUMNS = 2
+
+
+def parts(run: RunRecord) -> list[Part]:
+    """One plot for each channel, both axes logarithmic."""
+    if not run.traces:
+        return [Sentence("The log holds no samples.")]
+    grid = PlotGrid(rows=-(-len(run.channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
+    empty = []
+    for cell, (name, channel) in enumerate(run.channels.items()):
+        unit = channel.unit if channel.unit.isalpha() else f"({channel.unit or '-'})"
+        x = {"type": "log", "title": {"text": "frequency, Hz"}, "dtick": 1}
+        y = {"type": "log", "exponentformat": "power", "nticks": 6}
+        grid.axes(cell, f"{name}, {unit}²/Hz", x, y, share_x_with=0)
+        for origin in ORIGINS:
+            trace = run.traces.get((origin, name))
+            if trace is not None and not _draw(grid, cell, origin, trace, name):
+                empty.append(f"{name} ({origin})")
+    text = "Welch: Hann window, 0.5 s segments, half overlap, mean removed; averaged over narrow bands."
+    missing = [Sentence(f"Too few samples, or nothing but zeros: {', '.join(empty)}.")] if empty else []
+    return [
+        Sentence(text),
+        *missing,
+        grid.figure("spectra", "Drag to zoom. The frequency axes move together."),
+    ]
+
+
+def _draw(grid: PlotGrid, cell: int, origin: Origin, trace: Trace, channel: str) -> bool:
+    spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
+    heard = spectrum.density > 0
+    grid.line(cell, origin, spectrum.frequency_hz[heard], spectrum.density[heard], channel)
+    return bool(heard.any())

@@ -1,0 +1,97 @@
+"""The run on one screen."""
+
+from __future__ import annotations
+
+from rig.report.content import BigNumber, BigNumbers, Part, Sentence, Table
+from rig.report.record import RunRecord
+from rig.report.sections.numbers import DASH, counted, difference, number, spread
+from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summary_of
+
+
+def parts(run: RunRecord) -> list[Part]:
+    """Duration, state of the data, peaks, and a row for each channel."""
+    summary = summary_of(run)
+    numbers = [
+        BigNumber("Recorded", number(summary.duration_s, "s"), summary.drive),
+        _data_state(summary),
+        *_peak_numbers(summary),
+    ]
+    return [BigNumbers(numbers), *_warnings(summary), _channel_table(summary)]
+
+
+def _data_state(summary: RunSummary) -> BigNumber:
+    remark = f"{counted(len(summary.gaps), 'gap')}, {counted(summary.overloaded_blocks, 'overloaded block')}"
+    if not any(channel.measured for channel in summary.channels):
+        return BigNumber("Measured", "nothing", "a prediction only")
+    text = f"{summary.missing} missing" if summary.missing else "complete"
+    return BigNumber("Samples", text, remark)
+
+
+def _peak_numbers(summary: RunSummary) -> list[BigNumber]:
+    measured, predicted = summary.measured_peaks, summary.predicted_peaks
+    return [
+        BigNumber(f"Peak force, {name}", _mean(measured, name), _against(measured, predicted, name))
+        for name in ("first", "max")
+        if measured or predicted
+    ]
+
+
+def _mean(peaks: HalfCycleStatistics | None, name: str) -> str:
+    return DASH if peaks is None else spread(*_pair(peaks, name), "N")
+
+
+def _against(measured: HalfCycleStatistics | None, predicted: HalfCycleStatistics | None, name: str) -> str:
+    if predicted is None:
+        return "no prediction"
+    text = f"predicted {spread(*_pair(predicted, name), 'N')}"
+    if measured is None:
+        return text
+    return f"{text}: {difference(_pair(predicted, name)[0], _pair(measured, name)[0])}"
+
+
+def _pair(peaks: HalfCycleStatistics, name: str) -> tuple[float, float]:
+    if name == "first":
+        return peaks.first_mean_n, peaks.first_sd_n
+    return peaks.max_mean_n, peaks.max_sd_n
+
+
+def _warnings(summary: RunSummary) -> list[Sentence]:
+    found = []
+    if not summary.complete:
+        found.append("The log was never finished (a crash). It is read up to its last whole chunk.")
+    if not any(channel.predicted for channel in summary.channels):
+        found.append("The log holds no prediction.")
+    if not summary.channels:
+        found.append("The log holds no channel.")
+    wrong = [channel.name for channel in summary.channels if channel.measured and channel.measured.not_finite]
+    if wrong:
+        found.append(f"Samples that are no numbers: {', '.join(wrong)}.")
+    return [Sentence(text, warning=True) for text in found]
+
+
+def _channel_table(summary: RunSummary) -> Table:
+    headings = (
+        "channel", "unit", "rms measured", "rms predicted", "difference", "peak measured", "peak predicted",
+        "overloaded blocks", "missing samples",
+    )  # fmt: skip
+    return Table(headings, [_channel_row(channel) for channel in summary.channels], "Channels")
+
+
+def _channel_row(channel: ChannelSummary) -> list[str]:
+    measured, predicted = channel.measured, channel.predicted
+    both = measured and predicted
+    return [
+        channel.name,
+        channel.unit or DASH,
+        _value(measured, "rms"),
+        _value(predicted, "rms"),
+        difference(predicted.rms, measured.rms) if measured and predicted and both else DASH,
+        _value(measured, "peak"),
+        _value(predicted, "peak"),
+        str(measured.overloaded_blocks) if measured else DASH,
+        str(measured.missing) if measured else DASH,
+    ]
+
+
+def _value(trace: TraceSummary | None, name: str) -> str:
+    return DASH if trace is None else number(trace.rms if name == "rms" else trace.peak)

@@ -1,0 +1,141 @@
+"""Reads the card in a thread of its own and hands on what belongs to the record."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from types import TracebackType
+
+import numpy as np
+
+from daq.block import Flag, SampleBlock, sample_time_ns
+from daq.clock import Clock
+from daq.errors import RattleError
+from daq.log.records import Event
+from drivers.protocols import AcquisitionCard, CardReading
+from rig.session.arrivals import Arrivals
+from rig.session.hub import Hub
+from rig.session.limits import LimitWatch, Passed
+
+BLOCK_S = 0.1
+_FLAG_CODES = {
+    Flag.OVERLOAD: "overload",
+    Flag.OPEN_SENSOR: "open_sensor",
+    Flag.NOT_FINITE: "not_finite",
+}
+
+
+class Acquisition:
+    """The card's samples from the start of its task on; those from `record_from` to `record_until` are recorded.
+
+    The card's sample clock is the time base: sample i lies at `start_ns` + i / rate, whatever the host's clock
+    does. Whoever waits for progress waits on `changed`, a condition that every block notifies.
+    """
+
+    def __init__(
+        self,
+        card: AcquisitionCard,
+        clock: Clock,
+        hub: Hub,
+        limits: LimitWatch,
+        on_reading: Callable[[CardReading], None],
+    ) -> None:
+        self._card, self._clock, self._hub, self._limits = card, clock, hub, limits
+        self._on_reading = on_reading
+        self._names = [channel.name for channel in card.channels]
+        self._count = max(1, round(BLOCK_S * card.sample_rate))
+        self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
+        self._stop = threading.Event()
+        self._raised = dict.fromkeys(self._names, Flag.GOOD)
+        self.changed = threading.Condition()
+        self.start_ns = 0
+        self.acquired = 0
+        self.record_from: int | None = None
+        self.record_until: int | None = None
+        self.error: BaseException | None = None
+        self.tripped: Passed | None = None
+        self.overloads = dict.fromkeys(self._names, 0)
+        self.arrivals = Arrivals(card.sample_rate)
+
+    def __enter__(self) -> Acquisition:
+        self._card.start()
+        self.start_ns = self._clock.unix_ns()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @property
+    def record_start_ns(self) -> int:
+        """Time of the record's sample 0 (Unix epoch, ns); only once `record_from` is set."""
+        return sample_time_ns(self.start_ns, self.record_from or 0, self._card.sample_rate)
+
+    @property
+    def recorded(self) -> int:
+        """Samples recorded so far."""
+        if self.record_from is None:
+            return 0
+        end = self.acquired if self.record_until is None else min(self.acquired, self.record_until)
+        return max(0, end - self.record_from)
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._take(self._card.read(self._count))
+            self._card.stop()
+        except Exception as error:
+            self.error = error
+            if not isinstance(error, RattleError):
+                self._event("error", "acquisition.bug", f"{type(error).__name__}: {error}")
+        with self.changed:
+            self.changed.notify_all()
+
+    def _take(self, reading: CardReading) -> None:
+        self.arrivals.note(reading.first_sample + reading.values.shape[1], self._clock.unix_ns())
+        for passed in self._limits.check(dict(zip(self._names, reading.values, strict=True))):
+            self._note_limit(passed)
+        self._note_flags(reading)
+        self._record(reading)
+        self._on_reading(reading)
+        with self.changed:
+            self.acquired = reading.first_sample + reading.values.shape[1]
+            self.changed.notify_all()
+
+    def _note_limit(self, passed: Passed) -> None:
+        if passed.abort:
+            self.tripped = passed
+        level, code = ("error", "limit.abort") if passed.abort else ("warning", "limit.warning")
+        self._event(level, code, str(passed))
+
+    def _note_flags(self, reading: CardReading) -> None:
+        for name, flags in zip(self._names, reading.flags, strict=True):
+            risen = flags & ~self._raised[name]
+            self._raised[name] = flags
+            self.overloads[name] += bool(flags & Flag.OVERLOAD)
+            for flag, code in _FLAG_CODES.items():
+                if risen & flag:
+                    self._event("warning", f"sensor.{code}", f"{name}: {code.replace('_', ' ')}")
+
+    def _record(self, reading: CardReading) -> None:
+        if self.record_from is None:
+            return
+        low = max(self.record_from - reading.first_sample, 0)
+        high = reading.values.shape[1]
+        if self.record_until is not None:
+            high = min(high, self.record_until - reading.first_sample)
+        if high <= low:
+            return
+        first = reading.first_sample + low - self.record_from
+        rate = self._card.sample_rate
+        time_ns = sample_time_ns(self.record_start_ns, first, rate)
+        values = reading.values[:, low:high].astype(np.float32)
+        for name, row, flags in zip(self._names, values, reading.flags, strict=True):
+            self._hub.block("measured", SampleBlock(name, first, time_ns, rate, row, flags))
+
+    def _event(self, level: str, code: str, text: str) -> None:
+        self._hub.event(Event(self._clock.unix_ns(), level, "acquisition", code, text))

@@ -1,0 +1,43 @@
+"""The instruments of a run, opened together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from daq.errors import InstrumentError
+from drivers.protocols import AcquisitionCard, DriveGenerator
+
+
+class InstrumentsMissing(InstrumentError):
+    """Several instruments failed to open; all of them are named."""
+
+    def __init__(self, errors: Sequence[InstrumentError]) -> None:
+        self.errors = tuple(errors)
+        Exception.__init__(self, "\n".join(str(error) for error in errors))
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """What a run drives and reads. `force_per_volt` in N/V is the shaker's share of the generator."""
+
+    generator: DriveGenerator
+    card: AcquisitionCard
+    force_per_volt: float
+
+    def open(self) -> None:
+        """Open all; on failure close all again and raise what every one of them said."""
+        errors: list[InstrumentError] = []
+        for device in (self.generator, self.card):
+            try:
+                device.open()
+            except InstrumentError as error:
+                errors.append(error)
+        if errors:
+            self.close()
+            raise errors[0] if len(errors) == 1 else InstrumentsMissing(errors)
+
+    def close(self) -> None:
+        """Close all; never raises."""
+        self.card.close()
+        self.generator.close()

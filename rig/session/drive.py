@@ -1,0 +1,58 @@
+"""Moves the shaker: soft start, full start from rest, ramp down, off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.protocols import DriveGenerator
+from rig.files.rigs.impact_beam import DriveSection
+
+RAMP_S = 0.4
+_RAMP_STEPS = 16
+_SMALLEST_V = 0.01
+"""V peak: the least amplitude of a 33220A into high impedance."""
+SOFT_START_FROM_S = 0.8
+"""A settling time shorter than this has no room for a ramp."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shaker:
+    """The drive of a run in newtons at the drive point; `wait` waits that many seconds and may raise."""
+
+    generator: DriveGenerator
+    drive: DriveSection
+    force_per_volt: float
+    wait: Callable[[float], None]
+
+    @property
+    def _amplitude_v(self) -> float:
+        return self.drive.amplitude / self.force_per_volt
+
+    @property
+    def _offset_v(self) -> float:
+        return self.drive.offset / self.force_per_volt
+
+    def arm(self, soft: bool) -> None:
+        """Prepare the sine; nothing moves yet."""
+        amplitude = min(_SMALLEST_V, self._amplitude_v) if soft else self._amplitude_v
+        self.generator.arm_sine(self.drive.frequency, amplitude, self._offset_v, triggered=not soft)
+
+    def start(self, soft: bool) -> None:
+        """Let it move: softly in steps up to the full amplitude, or at once from phase zero."""
+        self.generator.start()
+        if soft:
+            for step in range(1, _RAMP_STEPS + 1):
+                self.wait(RAMP_S / _RAMP_STEPS)
+                self._set(self._amplitude_v * step / _RAMP_STEPS)
+
+    def ramp_down(self) -> None:
+        """Bring the amplitude down in steps, then switch off."""
+        for step in range(_RAMP_STEPS - 1, 0, -1):
+            self._set(self._amplitude_v * step / _RAMP_STEPS)
+            self.wait(RAMP_S / _RAMP_STEPS)
+        self.generator.off()
+
+    def _set(self, amplitude_v: float) -> None:
+        if self._amplitude_v >= _SMALLEST_V:
+            self.generator.set_amplitude(max(amplitude_v, _SMALLEST_V))

@@ -1,0 +1,57 @@
+"""What a person sees while a run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+
+class Screen:
+    """Lines and progress bars on the terminal; on a pipe, lines alone."""
+
+    def __init__(self, console: Console) -> None:
+        self.console = console
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self.console.print(text, markup=False, highlight=False)
+
+    def warn(self, text: str) -> None:
+        """Print a line that wants attention."""
+        self.console.print(f"! {text}", style="yellow", markup=False, highlight=False)
+
+    @contextmanager
+    def busy(self, text: str) -> Iterator[None]:
+        """Show that something goes on that has no length."""
+        if not self.console.is_terminal:
+            self.say(f"{text} ...")
+            yield
+            return
+        with self.console.status(text):
+            yield
+
+    @contextmanager
+    def bar(self, text: str, total: float) -> Iterator[Bar]:
+        """A progress bar up to `total` seconds."""
+        if not self.console.is_terminal:
+            self.say(f"{text} ({total:g} s) ...")
+            yield Bar(None, 0)
+            return
+        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=self.console, transient=True) as progress:
+            yield Bar(progress, progress.add_task(text, total=total))
+
+
+class Bar:
+    """One progress bar."""
+
+    def __init__(self, progress: Progress | None, task: int) -> None:
+        self._progress, self._task = progress, task
+
+    def at(self, done: float) -> None:
+        """Show how far it is, in seconds."""
+        if self._progress is not None:
+            self._progress.update(self._task, completed=done)  # type: ignore[arg-type]

@@ -1,0 +1,124 @@
+"""Plays a log through the path that a live run takes."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from daq.block import NS_PER_S, SampleBlock
+from daq.clock import Clock
+from daq.errors import LogError
+from daq.log import Event, LogReader, Origin
+from rig.live import BeamPicture, LiveView
+from rig.session.hub import Hub, Sink
+from rig.session.outcome import Stopped
+from rig.session.progress import Screen
+from rig.session.signals import StopRequest
+from rig.session.sinks import ViewSink
+from rig.twin.alignment import align
+from rig.twin.overlay import scenario_of
+from rig.twin.prediction import AlignedTwin
+from rig.twin.scenario_twin import twin_of
+
+Item = tuple[int, int, Origin | None, SampleBlock | Event]
+
+
+def replay_log(
+    path: Path, speed: float, live: bool, screen: Screen, clock: Clock, sinks: tuple[Sink, ...] = ()
+) -> int:
+    """Play every block and event in the order of their times; returns the number of blocks.
+
+    `speed` is in times real time, 0 as fast as possible. `sinks` get everything beside the view.
+    """
+    with ExitStack() as stack:
+        stop = stack.enter_context(StopRequest(lambda: screen.warn("stopping")))
+        log = stack.enter_context(LogReader(path))
+        if not log.channels("measured") and not log.channels("predicted"):
+            raise LogError(f"{path}: no channels in it")
+        follow: Callable[[float], None] = lambda _: None  # noqa: E731
+        if live:
+            view = stack.enter_context(_view(log))
+            screen.say(f"live view  {view.url}")
+            twin = twin_of(scenario_of(log))
+            sink = ViewSink(view, twin.rig.beam.length)
+            sinks = (*sinks, sink)
+            follow = _ShapeFollower(log, sink)
+        return _Player(Hub(sinks), speed, clock, stop).play(log, follow, screen)
+
+
+class _Player:
+    """Paces a log on the monotonic clock."""
+
+    def __init__(self, hub: Hub, speed: float, clock: Clock, stop: StopRequest) -> None:
+        self._hub, self._speed, self._clock, self._stop = hub, speed, clock, stop
+
+    def play(self, log: LogReader, follow: Callable[[float], None], screen: Screen) -> int:
+        started, first_ns, count = self._clock.monotonic_s(), None, 0
+        with screen.busy("replaying"):
+            for time_ns, _, origin, item in _in_order(log):
+                first_ns = time_ns if first_ns is None else first_ns
+                self._wait_until(started, (time_ns - first_ns) / NS_PER_S)
+                if isinstance(item, Event):
+                    self._hub.event(item)
+                elif origin is not None:
+                    self._hub.block(origin, item)
+                    count += 1
+                    if origin == "predicted":
+                        follow(item.end_sample / item.sample_rate)
+        return count
+
+    def _wait_until(self, started: float, record_s: float) -> None:
+        if self._stop.wanted:
+            raise Stopped("replay stopped")
+        if self._speed <= 0:
+            return
+        while (left := started + record_s / self._speed - self._clock.monotonic_s()) > 0:
+            if self._stop.wanted:
+                raise Stopped("replay stopped")
+            self._clock.sleep(min(left, 0.05))
+
+
+def _in_order(log: LogReader) -> Iterator[Item]:
+    """Blocks by the time at which they end (when a live run would have had them), and events."""
+    blocks = {
+        origin: (_item(number, origin, block) for number, (_, block) in enumerate(log.blocks(origin)))
+        for origin in _ORIGINS
+    }
+    events = ((event.time_ns, number, None, event) for number, event in enumerate(log.events()))
+    return heapq.merge(*blocks.values(), events, key=lambda item: item[:1])
+
+
+_ORIGINS: tuple[Origin, Origin] = ("measured", "predicted")
+
+
+def _item(number: int, origin: Origin, block: SampleBlock) -> Item:
+    end_ns = block.time_ns + round(len(block) * NS_PER_S / block.sample_rate)
+    return end_ns, number, origin, block
+
+
+class _ShapeFollower:
+    """Runs the twin beside a replay, so that the beam moves as it did."""
+
+    def __init__(self, log: LogReader, sink: Sink) -> None:
+        scenario = scenario_of(log)
+        twin = twin_of(scenario)
+        drive = log.series("measured", "drive.force", end_s=2.0)
+        alignment = align(drive.values, drive.sample_rate, drive.first_sample, twin.drive)
+        self._twin = AlignedTwin(twin, alignment, drive.sample_rate, scenario.acquisition.settle)
+        self._sink = sink
+
+    def __call__(self, time_s: float) -> None:
+        behind = round(time_s * self._twin.sample_rate) - self._twin.samples
+        if behind > 0:
+            self._twin.advance(behind)
+            self._sink.shape(time_s, self._twin.shape())
+
+
+def _view(log: LogReader) -> LiveView:
+    scenario = scenario_of(log)
+    rig = twin_of(scenario).rig
+    picture = BeamPicture(rig.beam.length, rig.beam.width, rig.clearance, rig.rest_offset)
+    measured, predicted = log.channels("measured"), log.channels("predicted")
+    return LiveView(scenario.name, list(measured.values()), list(predicted.values()), picture)

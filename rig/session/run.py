@@ -1,0 +1,250 @@
+"""The sequence of a run: connect, check, arm, start, settle, record, ramp down; safe on every way out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from daq.block import SampleBlock
+from daq.channel import Channel
+from daq.clock import Clock
+from daq.errors import InterlockTripped, RattleError
+from daq.log import LogWriter
+from daq.log.records import Event
+from daq.recorder import Recorder
+from drivers.protocols import CardReading
+from rig.files.bench import Bench
+from rig.files.scenario import Scenario
+from rig.live import BeamPicture, LiveView
+from rig.session.acquisition import Acquisition
+from rig.session.devices import Devices
+from rig.session.drive import SOFT_START_FROM_S, Shaker
+from rig.session.hub import Hub, Sink
+from rig.session.limits import LimitWatch
+from rig.session.outcome import Stopped
+from rig.session.progress import Screen
+from rig.session.provenance import new_run, run_record
+from rig.session.signals import StopRequest
+from rig.session.sinks import LogSink, ViewSink
+from rig.twin.alignment import Alignment
+from rig.twin.scenario_twin import predicted_channels, twin_of
+from rig.twin.worker import Shape, TwinWorker
+from sim_twin.rigs.impact_beam.twin import BeamTwin
+
+PRE_TRIGGER_S = 0.05
+"""Recorded before a drive that starts from rest, so that the record shows the start."""
+_SILENCE_S = 5.0
+_DRIVE = "drive.force"
+_DRIVE_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """What to run: checked files, turned by `connect` into devices and notes for the log."""
+
+    scenario: Scenario
+    bench: Bench
+    connect: Callable[[ExitStack, Screen], tuple[Devices, dict[str, str]]]
+    folder: Path
+    live: bool = False
+
+
+def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
+    """Run and return the path of the log. Raises the error tree; whatever happens, the drive is off after it."""
+    with ExitStack() as stack:
+        stop = stack.enter_context(StopRequest(lambda: screen.warn("stopping; the drive goes off")))
+        devices, notes = request.connect(stack, screen)
+        stack.callback(devices.close)
+        with screen.busy("connecting"):
+            devices.open()
+        stack.callback(devices.generator.off)
+        screen.say(f"generator  {devices.generator.identity} at {devices.generator.address}")
+        screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
+                   f"{devices.card.address}")  # fmt: skip
+        return _Run(request, devices, notes, stop, screen, clock).execute(stack)
+
+
+class _Run:
+    """The state of one run."""
+
+    def __init__(
+        self,
+        request: RunRequest,
+        devices: Devices,
+        notes: dict[str, str],
+        stop: StopRequest,
+        screen: Screen,
+        clock: Clock,
+    ) -> None:
+        self._request, self._scenario = request, request.scenario
+        self._devices, self._notes, self._stop, self._screen, self._clock = (
+            devices,
+            notes,
+            stop,
+            screen,
+            clock,
+        )
+        self._rate = devices.card.sample_rate
+        self._soft = self._scenario.acquisition.settle >= SOFT_START_FROM_S
+        self._names = [channel.name for channel in devices.card.channels]
+        self._feed_from: int | None = None
+        self._last = False
+
+    def execute(self, stack: ExitStack) -> Path:
+        scenario = self._scenario
+        twin = twin_of(scenario, self._names)
+        shaker = Shaker(self._devices.generator, scenario.drive, self._devices.force_per_volt, self._wait)
+        shaker.arm(self._soft)
+        self._worker = stack.enter_context(
+            TwinWorker(twin, self._rate, scenario.acquisition.settle, self._deliver)
+        )
+        with self._screen.busy("warming up the twin (compiled on the first run)"):
+            self._worker.wait_ready()
+        run = new_run(self._request.folder, scenario.name, self._clock)
+        self._recorder = stack.enter_context(Recorder(LogWriter(run.log), self._clock))
+        self._hub = Hub(self._sinks(stack, twin))
+        self._declare(twin, run.id)
+        limits = LimitWatch(scenario.limits, self._rate)
+        self._acquisition = Acquisition(self._devices.card, self._clock, self._hub, limits, self._on_reading)
+        with self._acquisition:
+            self._drive_and_record(shaker)
+        self._close_record()
+        return run.log
+
+    def _sinks(self, stack: ExitStack, twin: BeamTwin) -> list[Sink]:
+        sinks: list[Sink] = [LogSink(self._recorder)]
+        if self._request.live:
+            beam = twin.rig.beam
+            picture = BeamPicture(beam.length, beam.width, twin.rig.clearance, twin.rig.rest_offset)
+            channels = (self._devices.card.channels, self._predicted(twin))
+            view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
+            self._screen.say(f"live view  {view.url}")
+            sinks.append(ViewSink(view, beam.length))
+        return sinks
+
+    def _predicted(self, twin: BeamTwin):
+        return [channel for channel in predicted_channels(twin) if channel.name in self._names]
+
+    def _declare(self, twin: BeamTwin, run_id: str) -> None:
+        self._recorder.metadata("scenario", {"toml": self._scenario.text})
+        record = run_record(self._request.bench, self._devices, run_id, self._clock)
+        self._recorder.metadata("run", record | self._notes)
+        for channel in self._devices.card.channels:
+            self._recorder.declare("measured", channel)
+        for channel in self._predicted(twin):
+            self._recorder.declare("predicted", channel)
+        for warning in self._devices.card.warnings:
+            self._screen.warn(warning)
+            self._event("warning", "card.warning", warning)
+
+    def _drive_and_record(self, shaker: Shaker) -> None:
+        wanted = self._scenario.acquisition
+        with self._screen.bar("settling", wanted.settle) as bar:
+            if wanted.settle > 0:
+                self._start(shaker)
+                full = self._acquisition.acquired
+                self._feed_from = full
+                self._until(full + self._samples(wanted.settle), bar.at, full)
+            self._acquisition.record_from = self._acquisition.acquired
+        pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
+        begin = self._acquisition.record_from
+        self._acquisition.record_until = begin + pre_trigger + self._samples(wanted.duration)
+        self._event("info", "record.start", "recording")
+        with self._screen.bar("recording", wanted.duration) as bar:
+            if pre_trigger:
+                self._feed_from = begin
+                self._until(begin + pre_trigger)
+                self._start(shaker)
+            self._until(self._acquisition.record_until, bar.at, begin)
+        self._event("info", "record.end", "recorded")
+        shaker.ramp_down()
+        self._event("info", "drive.off", "drive ramped down and off")
+
+    def _start(self, shaker: Shaker) -> None:
+        drive = self._scenario.drive
+        shaker.start(self._soft)
+        self._event("info", "drive.on", f"{drive.amplitude:g} N at {drive.frequency:g} Hz")
+
+    def _samples(self, seconds: float) -> int:
+        return round(seconds * self._rate)
+
+    def _until(self, sample: int, show: Callable[[float], None] = lambda _: None, since: int = 0) -> None:
+        """Wait until the card has acquired `sample`; raises what ends the run early."""
+        silent_since, seen = self._clock.monotonic_s(), -1
+        while self._acquisition.acquired < sample:
+            self._check()
+            with self._acquisition.changed:
+                self._acquisition.changed.wait(0.1)
+            show((self._acquisition.acquired - since) / self._rate)
+            if self._acquisition.acquired != seen:
+                silent_since, seen = self._clock.monotonic_s(), self._acquisition.acquired
+            elif self._clock.monotonic_s() - silent_since > _SILENCE_S:
+                raise RattleError(f"{self._devices.card.name} gave no samples for {_SILENCE_S:g} s")
+        self._check()
+
+    def _wait(self, seconds: float) -> None:
+        end = self._clock.monotonic_s() + seconds
+        while (left := end - self._clock.monotonic_s()) > 0:
+            self._check()
+            self._clock.sleep(min(left, 0.02))
+        self._check()
+
+    def _check(self) -> None:
+        """Raise whatever ends the run: a lost device, a limit, a person."""
+        if self._acquisition.error is not None:
+            raise self._acquisition.error
+        if self._acquisition.tripped is not None:
+            raise InterlockTripped(f"interlock: {self._acquisition.tripped}; the drive is off")
+        if self._stop.wanted:
+            self._event("warning", "run.interrupted", "stopped by a person")
+            raise Stopped("stopped; the drive is off")
+
+    def _on_reading(self, reading: CardReading) -> None:
+        """In the acquisition thread: tell the twin how far the record is."""
+        acquisition = self._acquisition
+        begin = acquisition.record_from
+        feed_from = self._feed_from
+        if feed_from is not None and reading.first_sample >= feed_from and _DRIVE in self._names:
+            self._worker.drive(reading.first_sample, reading.values[self._names.index(_DRIVE)])
+        if begin is not None and not self._last:
+            until = acquisition.record_until
+            end = reading.first_sample + reading.values.shape[1]
+            self._last = until is not None and end >= until
+            end = min(end, until) if until is not None else end
+            self._worker.recorded(begin, end - begin, acquisition.record_start_ns, self._last)
+
+    def _deliver(self, message: object) -> None:
+        """In the twin's thread: pass on what it predicts, for the channels that are measured."""
+        if isinstance(message, SampleBlock):
+            if message.channel in self._names:
+                self._hub.block("predicted", message)
+        elif isinstance(message, Shape):
+            self._hub.shape(message.time_s, message.deflection)
+        elif isinstance(message, Alignment):
+            self._note_alignment(message)
+
+    def _note_alignment(self, alignment: Alignment) -> None:
+        self._feed_from = None
+        text = f"drive at {alignment.frequency:.5g} Hz, phase {np.degrees(alignment.phase):.1f} degrees"
+        if alignment.trusted:
+            self._event("info", "twin.aligned", text)
+        else:
+            self._event(
+                "warning", "drive.not_seen", f"{_DRIVE} shows no drive; the twin follows the scenario"
+            )
+            self._screen.warn(f"{_DRIVE} shows no drive: is the amplifier on?")
+
+    def _close_record(self) -> None:
+        with self._screen.busy("finishing the prediction"):
+            self._worker.finish()
+        record = self._acquisition.arrivals.record("host", self._acquisition.start_ns)
+        if record is not None:
+            self._recorder.clock_record(record)
+        self._recorder.close()
+
+    def _event(self, level: str, code: str, text: str) -> None:
+        self._hub.event(Event(self._clock.unix_ns(), level, "rig", code, text))

@@ -1,0 +1,77 @@
+"""Adds a prediction to a recorded run, in a new file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daq.block import sample_time_ns
+from daq.errors import LogError
+from daq.log import LogReader, LogWriter
+from daq.log.codec import decode_block
+from daq.log.records import Gap
+from rig.files.scenario import Scenario, parse_scenario
+from rig.twin.alignment import align
+from rig.twin.prediction import AlignedTwin
+from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
+
+_DRIVE = "drive.force"
+
+
+def scenario_of(log: LogReader) -> Scenario:
+    """The scenario that a log holds; raises LogError where there is none."""
+    if not log.scenario:
+        raise LogError(f"{log.path}: no scenario in it; rattle cannot know what was run")
+    return parse_scenario(log.scenario, f"scenario in {log.path}")
+
+
+def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
+    """Copy `run` to the new log `target` with /predicted/... of every measured channel in it.
+
+    The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets.
+    """
+    with LogReader(run) as log:
+        scenario = scenario_of(log)
+        measured = log.channels("measured")
+        if not measured:
+            raise LogError(f"{run}: nothing measured in it")
+        with LogWriter(target) as copy:
+            _copy(log, copy)
+            _predict(log, copy, scenario, effects)
+
+
+def _copy(log: LogReader, copy: LogWriter) -> None:
+    """Everything but an earlier prediction, message by message as it was."""
+    for name, record in log.metadata.items():
+        copy.add_metadata(name, record)
+    for channel in log.channels("measured").values():
+        copy.declare("measured", channel)
+    ledger: list[Gap] = log.gaps()
+    for message in log.messages({f"/measured/{name}" for name in log.channels("measured")}):
+        block = decode_block(message.topic.removeprefix("/measured/"), message.data)
+        copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
+    for gap in ledger:
+        copy.add_gap(gap, gap.time_ns)
+    for event in log.events():
+        copy.add_event(event)
+    for clock in log.clocks():
+        copy.add_clock(clock)
+
+
+def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, effects: Path | None) -> None:
+    measured = log.channels("measured")
+    twin = twin_of(scenario, measured)
+    if effects is not None:
+        twin = with_effects(twin, effects)
+    wanted = [channel for channel in predicted_channels(twin) if channel.name in measured]
+    for channel in wanted:
+        copy.declare("predicted", channel)
+    reference = log.series("measured", _DRIVE if _DRIVE in measured else next(iter(measured)))
+    force = reference.values if _DRIVE in measured else reference.values[:0]
+    rate = reference.sample_rate
+    alignment = align(force, rate, reference.first_sample, twin.drive)
+    start_ns = sample_time_ns(reference.time_ns, -reference.first_sample, rate)
+    aligned = AlignedTwin(twin, alignment, rate, scenario.acquisition.settle)
+    names = {channel.name for channel in wanted}
+    for block in aligned.blocks(reference.end_sample, start_ns):
+        if block.channel in names:
+            copy.add_block("predicted", block, sample_time_ns(block.time_ns, len(block), rate))

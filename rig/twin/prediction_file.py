@@ -1,0 +1,59 @@
+"""Writes what the twin alone predicts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daq.block import SampleBlock, sample_time_ns
+from daq.log import LogWriter
+from rig.files.scenario import Scenario
+from rig.twin.prediction import BLOCK_S
+from rig.twin.scenario_twin import predicted_channels
+from sim_twin.healthy import draw_healthy
+from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+
+_DROOP_TIMES = 5.0
+"""Time constants after which a charge amplifier is in steady state to under a percent."""
+
+
+def write_prediction(scenario: Scenario, twin: BeamTwin, seed: int | None, path: Path) -> BeamTwin:
+    """Write /predicted/... of `scenario` to the new file `path`; returns the twin that was run.
+
+    Without `seed`: nominal, noiseless, from rest with the full drive at t = 0, sample 0 after `settle`. With
+    it: a healthy draw with noise and any phase of the drive, settled before sample 0. Timestamps start at the
+    Unix epoch.
+    """
+    rate = scenario.acquisition.sample_rate
+    noise, phase, before = None, 0.0, scenario.acquisition.settle
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        twin, noise = draw_healthy(twin, rng), rng
+        phase = float(rng.uniform(0, 2 * np.pi))
+        before = max(before, 1.0, _slowest(twin))
+    stream = BeamStream(twin, rate, noise)
+    stream.drive(twin.drive, phase)
+    stream.advance(round(before * rate))
+    with LogWriter(path) as log:
+        log.add_metadata("scenario", {"toml": scenario.text})
+        log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", "seed": str(seed)})
+        for channel in predicted_channels(twin):
+            log.declare("predicted", channel)
+        _write(log, stream, round(scenario.acquisition.duration * rate), rate)
+    return twin
+
+
+def _slowest(twin: BeamTwin) -> float:
+    corners = [chain.droop_corner for chain in twin.sensors.values() if chain.droop_corner is not None]
+    return _DROOP_TIMES / (2 * np.pi * min(corners)) if corners else 0.0
+
+
+def _write(log: LogWriter, stream: BeamStream, count: int, rate: float) -> None:
+    most = max(1, round(BLOCK_S * rate))
+    for first in range(0, count, most):
+        values = stream.advance(min(most, count - first)).astype(np.float32)
+        time_ns = sample_time_ns(0, first, rate)
+        host_ns = sample_time_ns(0, first + values.shape[1], rate)
+        for name, row in zip(stream.channels, values, strict=True):
+            log.add_block("predicted", SampleBlock(name, first, time_ns, rate, row), host_ns)

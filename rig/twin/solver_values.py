@@ -1,0 +1,72 @@
+"""What the solver computed, before any sensor: the numbers to compare programs by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.signals import half_cycles
+from rig.files.scenario import Scenario
+from sim_twin.rigs.impact_beam.assembly import LOWER, UPPER, assemble
+from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.switched import Simulation, Trace
+
+RATE = 204_800.0
+_ORDERS = (0, 1, 2, 3)
+
+
+def solver_values(scenario: Scenario, twin: BeamTwin) -> dict[str, float | int | None]:
+    """First contact from rest, and mean and deviation of *first* and *max* per half cycle after `settle`.
+
+    Forces in N, times in s; None where there was no contact.
+    """
+    wanted = scenario.acquisition
+    simulation = Simulation(assemble(twin.rig, _ORDERS), 1 / RATE)
+    simulation.drive(twin.drive.phasors(), 2 * np.pi * twin.drive.frequency)
+    trace = simulation.advance(round((wanted.settle + wanted.duration) * RATE))
+    start = round(wanted.settle * RATE)
+    cycles = half_cycles(trace.outputs[0, start:], trace.outputs[1, start:], RATE)
+    contact_s, peak_n = _first_contact(trace)
+    return {
+        "first_peak_n": peak_n,
+        "first_contact_s": contact_s,
+        "half_cycles": len(cycles),
+        "first_mean_n": _mean(cycles.first_n),
+        "first_sd_n": _deviation(cycles.first_n),
+        "max_mean_n": _mean(cycles.max_n),
+        "max_sd_n": _deviation(cycles.max_n),
+    }
+
+
+def _first_contact(trace: Trace) -> tuple[float | None, float | None]:
+    """Time of the first contact and the largest force before it ends."""
+    contacts = np.flatnonzero(np.isin(trace.switch_regimes % 3, (UPPER, LOWER)))
+    if not len(contacts):
+        return None, None
+    first = int(contacts[0])
+    side = int(trace.switch_regimes[first] % 3) - 1
+    begin = float(trace.switch_times[first])
+    ends = np.flatnonzero(trace.switch_regimes[first:] % 3 != side + 1)
+    end = float(trace.switch_times[first + ends[0]]) if len(ends) else np.inf
+    low = int(np.ceil((begin - trace.start) / trace.step))
+    high = int(min(np.ceil((end - trace.start) / trace.step), trace.outputs.shape[1]))
+    return begin, _peak(trace.outputs[side, low:high])
+
+
+def _peak(force: np.ndarray) -> float | None:
+    """Largest value of a sampled force, refined by the parabola through its three highest neighbours."""
+    if not len(force):
+        return None
+    k = int(np.argmax(force))
+    if not 0 < k < len(force) - 1:
+        return float(force[k])
+    before, top, after = force[k - 1 : k + 2]
+    bend = before - 2 * top + after
+    return float(top - (after - before) ** 2 / (8 * bend)) if bend < 0 else float(top)
+
+
+def _mean(values: np.ndarray) -> float | None:
+    return float(np.mean(values)) if len(values) else None
+
+
+def _deviation(values: np.ndarray) -> float | None:
+    return float(np.std(values, ddof=1)) if len(values) > 1 else None
