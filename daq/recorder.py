@@ -22,8 +22,8 @@ _IDLE_S = 0.1
 class Recorder:
     """Writes a log from a thread of its own; the first failed write stops it for good.
 
-    `put` and its kin return at once. They raise RecorderFailed once the writer has failed or the queue is full,
-    which is the caller's sign to stop the rig: nothing is dropped in silence.
+    Handing over never waits. It raises RecorderFailed once the writer has failed or the queue is full, which
+    is the caller's sign to stop the rig: nothing is dropped in silence.
     """
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:

@@ -1,4 +1,4 @@
-"""The healthy measuring chain and what can be wrong with it: from the finely sampled truth to channel samples.
+"""The measuring chain and what can be wrong with it: from the finely sampled truth to channel samples.
 
 True signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay, decimation
 -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one filter.
@@ -112,12 +112,13 @@ class LinearFilter:
 
 
 def resonance(frequency: float, damping_ratio: float, rate: float) -> LinearFilter:
-    """One mode, gain 1 at low frequency, exact for inputs that are linear between samples (first-order hold)."""
+    """One mode, gain 1 at low frequency, exact for inputs that are linear between samples."""
     omega = 2 * np.pi * frequency
-    b, a, _ = signal.cont2discrete(
-        ([omega**2], [1.0, 2 * damping_ratio * omega, omega**2]), 1 / rate, method="foh"
-    )
-    return LinearFilter(np.atleast_1d(np.squeeze(b)), a)
+    A = np.array([[0.0, 1.0], [-(omega**2), -2 * damping_ratio * omega]])
+    B, C, D = np.array([[0.0], [omega**2]]), np.array([[1.0, 0.0]]), np.zeros((1, 1))
+    A, B, C, D, _ = signal.cont2discrete((A, B, C, D), 1 / rate, method="foh")
+    numerator, denominator = signal.ss2tf(A, B, C, D)
+    return LinearFilter(numerator[0], denominator)
 
 
 def _butterworth(corner: float | None, rate: float) -> LinearFilter:

@@ -15,7 +15,7 @@ _CONVERGED = 1e-12
 class SineFit:
     """offset + amplitude sin(2 pi frequency t + phase), t = 0 at the first sample.
 
-    `frequency` in Hz, `phase` in rad in [0, 2 pi), `amplitude`, `offset` and rms `residual` in the unit fitted.
+    `frequency` in Hz, `phase` in rad in [0, 2 pi); `amplitude`, `offset`, rms `residual` in the unit fitted.
     """
 
     frequency: float

@@ -53,4 +53,5 @@ def _print(report: LogReport) -> None:
             console.print(f"gap: {gap.channel}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
     ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
     verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
-    console.print(f"{report.path}: {verdict if report.complete else ended}", markup=False, highlight=False)
+    line = f"{report.path}: {verdict if report.complete else ended}"
+    console.print(line, markup=False, highlight=False, soft_wrap=True)

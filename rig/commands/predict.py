@@ -29,7 +29,7 @@ def add_to(app: typer.Typer) -> None:
         ] = None,
         as_json: Json = False,
     ) -> None:
-        """Run the twin only; writes /predicted/... from rest with the full drive, or with --seed a healthy rig."""
+        """Run the twin only: from rest with the full drive, or with --seed a healthy rig with noise."""
         scenario = load_scenario(scenario_file)
         twin = twin_of(scenario)
         if effects is not None:

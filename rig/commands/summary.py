@@ -16,7 +16,7 @@ def show_summary(log: Path, screen: Screen) -> None:
     screen.console.print(_channels(summary))
     _say_peaks(summary, screen)
     if summary.missing:
-        screen.warn(f"{summary.missing} measured samples are missing, {len(summary.gaps)} entries in the gap ledger")
+        screen.warn(f"{summary.missing} measured samples are missing: rattle verify lists the gaps")
     for channel in summary.channels:
         if channel.measured is not None and channel.measured.overloaded_blocks:
             screen.warn(f"{channel.name}: overload in {channel.measured.overloaded_blocks} blocks")

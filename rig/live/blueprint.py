@@ -22,12 +22,9 @@ _PEAKS_SHOWN = 40
 
 def blueprint(layout: Layout) -> rrb.Blueprint:
     """Arrange traces and spectra on the left; beam, peaks, events and status on the right."""
-    follows = layout.window_s is not None
     return rrb.Blueprint(
         rrb.Horizontal(_channels(layout), _side(layout), column_shares=[3, 1.15]),
-        rrb.TimePanel(
-            state="collapsed", timeline=paths.TIMELINE, play_state="following" if follows else "paused"
-        ),
+        rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="following"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_layout=False,

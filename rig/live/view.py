@@ -158,7 +158,6 @@ class LiveView:
         if self._server is not None:
             with contextlib.suppress(psutil.NoSuchProcess):
                 self._server.kill()
-                self._server.wait(1.0)
 
 
 def _runs(process: psutil.Process | None) -> bool:

@@ -26,10 +26,10 @@ _FLAG_CODES = {
 
 
 class Acquisition:
-    """The card's samples from the start of its task on; those from `record_from` to `record_until` are recorded.
+    """The card's samples from the start of its task on; `record_from` to `record_until` are recorded.
 
-    The card's sample clock is the time base: sample i lies at `start_ns` + i / rate, whatever the host's clock
-    does. Whoever waits for progress waits on `changed`, a condition that every block notifies.
+    The card's sample clock is the time base: sample i lies at `start_ns` + i / rate, whatever the host's
+    clock does. Whoever waits for progress waits on `changed`, a condition that every block notifies.
     """
 
     def __init__(

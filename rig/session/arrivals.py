@@ -29,14 +29,15 @@ class Arrivals:
         """The host's clock against the time base that starts at `start_ns`; None from under ten blocks.
 
         The offset is the earliest arrival (transport included), the uncertainty what half of all blocks took
-        longer; the rate is the median slope (Theil-Sen).
+        longer; the rate is the median slope (Theil-Sen), 0 where its 95 % interval holds 0.
         """
         if len(self._ends) < _LEAST:
             return None
         every = -(-len(self._ends) // _MOST)
         base_s = np.array(self._ends[::every]) / self._rate
         late_s = (np.array(self._host_ns[::every]) - start_ns) / NS_PER_S - base_s
-        slope = float(theilslopes(late_s, base_s).slope)
+        fit = theilslopes(late_s, base_s)
+        slope = float(fit.slope) if fit.low_slope * fit.high_slope > 0 else 0.0
         offset = float(late_s.min())
         spread = float(np.median(late_s) - offset)
         return ClockRecord(self._host_ns[-1], device, offset, slope * 1e6, spread)

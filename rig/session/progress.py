@@ -17,11 +17,11 @@ class Screen:
 
     def say(self, text: str) -> None:
         """Print a line."""
-        self.console.print(text, markup=False, highlight=False)
+        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def warn(self, text: str) -> None:
         """Print a line that wants attention."""
-        self.console.print(f"! {text}", style="yellow", markup=False, highlight=False)
+        self.console.print(f"! {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
     @contextmanager
     def busy(self, text: str) -> Iterator[None]:

@@ -54,7 +54,7 @@ class RunRequest:
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
-    """Run and return the path of the log. Raises the error tree; whatever happens, the drive is off after it."""
+    """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest(lambda: screen.warn("stopping; the drive goes off")))
         devices, notes = request.connect(stack, screen)
@@ -126,7 +126,7 @@ class _Run:
             sinks.append(ViewSink(view, beam.length))
         return sinks
 
-    def _predicted(self, twin: BeamTwin):
+    def _predicted(self, twin: BeamTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]
 
     def _declare(self, twin: BeamTwin, run_id: str) -> None:

@@ -1,4 +1,4 @@
-"""The emulated rig: a twin that differs from the operator's as real rigs do, driven by the emulated generator."""
+"""The emulated rig: a twin that differs from the operator's as real rigs do, driven by a generator."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNIT_DRIVE = SineDrive(1.0, 1.0)
 class BeamPlantFactory:
     """Makes the plant in the emulator's process.
 
-    `believed` is the operator's twin with the hidden effects in; `healthy` draws tolerances from `seed` on top.
+    `believed` is the operator's twin with the hidden effects in; `healthy` draws tolerances from `seed`.
     `force_per_volt` in N/V is what generator, amplifier and shaker nominally make of a volt.
     """
 

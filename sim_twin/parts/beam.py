@@ -29,8 +29,8 @@ class Beam:
     elements: int
 
     @property
-    def EI(self) -> float:
-        """Bending stiffness E b h^3 / 12, N m2."""
+    def bending_stiffness(self) -> float:
+        """E b h^3 / 12, N m2."""
         return self.E * self.width * self.thickness**3 / 12
 
     @property
@@ -41,7 +41,7 @@ class Beam:
     def matrices(self) -> tuple[Matrix, Matrix]:
         """Mass and stiffness of the free beam, each of shape (2 (elements + 1), 2 (elements + 1)), SI."""
         le = self.length / self.elements
-        ke = self.EI / le**3 * _STIFFNESS * _powers(le)
+        ke = self.bending_stiffness / le**3 * _STIFFNESS * _powers(le)
         me = self.mass_per_length * le / 420 * _MASS * _powers(le)
         size = 2 * (self.elements + 1)
         M, K = np.zeros((size, size)), np.zeros((size, size))

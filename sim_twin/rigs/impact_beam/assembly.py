@@ -1,4 +1,4 @@
-"""Assembles the impact beam into a switched system: free or touching a stop, and slipping or stuck at the pivot.
+"""Assembles the impact beam: free or touching a stop, slipping or stuck at the pivot.
 
 Generalised coordinates q: mass-normalised modes of beam with flexure, moving shaker mass and suspension, then
 (with a flexible base) the yoke. Outputs: upper force, lower force, base acceleration, stations.
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.parts.modal import lowest_modes
-from sim_twin.rigs.impact_beam.model import ImpactBeam
+from sim_twin.parts.modal import Modes, lowest_modes
+from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
 from sim_twin.switched import Event, Excitation, Output, Regime, Residual, Row, SwitchedSystem
 from sim_twin.switched.system import Constraint
 
@@ -25,7 +25,7 @@ _TYPICAL_FORCE = 30.0
 
 @dataclass(frozen=True, slots=True)
 class _Structure:
-    """M = I; K, C (n, n); rows for drive point, contact (tip minus yoke), pivot rotation, tip and stations."""
+    """M = I; K, C (n, n); rows for drive point, contact (tip minus yoke), pivot rotation and stations."""
 
     K: Array
     C: Array
@@ -69,7 +69,7 @@ def _kept_dofs(rig: ImpactBeam) -> NDArray[np.int64]:
     return np.arange(fixed, 2 * (rig.beam.elements + 1))
 
 
-def _modes(rig: ImpactBeam):  # noqa: ANN202
+def _modes(rig: ImpactBeam) -> Modes:
     M, K = rig.beam.matrices()
     drive = rig.beam.deflection_row(rig.drive_position)
     M += rig.shaker_mass * np.outer(drive, drive)
@@ -94,12 +94,11 @@ def _structure(rig: ImpactBeam) -> _Structure:
     rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
     stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
     structure = _Structure(K, C, drive, row(1.0), rotation, stations, None)
-    return structure if rig.base is None else _with_yoke(rig, structure)
+    return structure if rig.base is None else _with_yoke(rig.base, structure)
 
 
-def _with_yoke(rig: ImpactBeam, fixed: _Structure) -> _Structure:
-    assert rig.base is not None
-    omega = 2 * np.pi * rig.base.frequency
+def _with_yoke(base: BaseMass, fixed: _Structure) -> _Structure:
+    omega = 2 * np.pi * base.frequency
     n = len(fixed.K)
 
     def grown(row: Array, last: float = 0.0) -> Array:
@@ -107,12 +106,12 @@ def _with_yoke(rig: ImpactBeam, fixed: _Structure) -> _Structure:
 
     K, C = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
     K[:n, :n], C[:n, :n] = fixed.K, fixed.C
-    K[n, n], C[n, n] = omega**2, 2 * rig.base.damping_ratio * omega
+    K[n, n], C[n, n] = omega**2, 2 * base.damping_ratio * omega
     return _Structure(
         K,
         C,
         grown(fixed.drive),
-        grown(fixed.contact, -1 / np.sqrt(rig.base.mass)),
+        grown(fixed.contact, -1 / np.sqrt(base.mass)),
         grown(fixed.rotation),
         np.array([grown(row) for row in fixed.stations]).reshape(-1, n + 1),
         n,

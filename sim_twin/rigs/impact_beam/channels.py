@@ -17,7 +17,7 @@ _UNITS = {
 
 
 def channel_names(rig: ImpactBeam) -> tuple[str, ...]:
-    """Channels that the twin of `rig` predicts; accelerometers on the beam by their station in percent of L."""
+    """Channels that the twin of `rig` predicts; accelerometers on the beam by station in percent of L."""
     return (*_UNITS, *(f"beam.acceleration_{percent:02d}" for percent in rig.stations))
 
 

@@ -75,7 +75,7 @@ def nominal(beam: str = "steel", modes: int = 15, elements: int = 37, damping: f
 
 @dataclass(frozen=True, slots=True)
 class SineDrive:
-    """The force of the shaker's coil: offset + A (sin p + second sin 2p + third sin 3p), p = 2 pi f t + phase.
+    """The coil's force: offset + A (sin p + second sin 2p + third sin 3p), p = 2 pi f t + phase.
 
     `amplitude` A and `offset` in N, `frequency` f in Hz; `second`, `third` are fractions of A.
     """

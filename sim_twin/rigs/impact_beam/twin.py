@@ -36,8 +36,8 @@ class BeamTwin:
 class BeamStream:
     """Samples of a twin, from rest at sample 0 on, as they come.
 
-    The drive is off until `drive` sets it. With `rng` the samples carry noise and quantisation. A stream whose
-    drive will get an offset or harmonics later on is made with `pure_sine` False.
+    The drive is off until `drive` sets it. With `rng` the samples carry noise and quantisation. A stream
+    whose drive will get an offset or harmonics later on is made with `pure_sine` False.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class BeamStream:
         return self.twin.channels
 
     def drive(self, drive: SineDrive, phase: float = 0.0, at_sample: float | None = None) -> None:
-        """Change the drive at `at_sample` (fractional; default: the next one); `phase` (rad) is the sine's then.
+        """Change the drive at `at_sample` (fractional; default: the next one), at `phase` rad of the sine.
 
         Changes come in the order of their samples. What lies in the past takes effect now, in its phase.
         """
@@ -106,7 +106,7 @@ class BeamStream:
     def _simulate(self, steps: int) -> None:
         trace = self._simulation.advance(steps)
         upper, lower, base, *stations = trace.outputs
-        times = trace.start + np.arange(steps) * trace.step
+        times = np.asarray(trace.start + np.arange(steps) * trace.step)
         drive = self._force(times)
         truth = (drive, upper, lower, self._yoke(upper - lower), base, *stations)
         for chain, fine in zip(self._chains, truth, strict=True):
