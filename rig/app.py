@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import partial
 
 from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
 from drivers.scpi import GeneratorSettings, ScpiGenerator
@@ -32,11 +33,14 @@ def connect(
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
             screen.warn("the emulated card cannot hear the real generator: it plays the scenario's drive")
+    make_generator = partial(
+        GENERATORS[generator.driver],
+        GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
+    )
     return (
         Devices(
-            GENERATORS[generator.driver](
-                GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt)
-            ),
+            make_generator(),
+            make_generator,
             CARDS[card.driver](_card_settings(scenario, bench, grpc)),
             generator.force_per_volt,
         ),

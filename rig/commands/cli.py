@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 import typer
-from rich.console import Console
 
 from daq.errors import ConfigurationError, InterlockTripped, RattleError
 from rig.commands import check, emulate, logs, overlay, predict, replay, run
@@ -25,6 +24,7 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
     (InterlockTripped, INTERLOCK),
     (Stopped, INTERRUPTED),
     (KeyboardInterrupt, INTERRUPTED),
+    (typer.Abort, INTERRUPTED),
     (RattleError, FAILED),
 )
 
@@ -55,8 +55,3 @@ def _guarded(app: typer.Typer) -> int:
         print(f"rattle: {error}", file=sys.stderr)
         return WRONG_USE
     return 0
-
-
-def screen() -> Screen:
-    """The terminal that commands talk to."""
-    return Screen(Console())

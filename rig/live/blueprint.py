@@ -16,6 +16,10 @@ from rig.live.layout import Layout
 _FEW_CHANNELS = 8
 """Up to here every channel has its spectrum beside it; beyond, the spectra have a tab of their own."""
 
+_MARGIN = 5
+"""A view queries this many times the stretch that its axis shows: on a machine without a graphics card the axis
+has moved on by seconds when the samples come to be drawn."""
+
 _PEAKS_SHOWN = 40
 """The peaks' plot reaches this many times further back than the traces."""
 
@@ -119,12 +123,12 @@ def _drawing_order(layout: Layout, channel: str) -> list[Origin]:
 
 
 def _newest(seconds: float | None) -> list[rr.VisibleTimeRange]:
-    """What a view of the last `seconds` holds: more on both sides, since its axis lags where it is slow."""
+    """What a view of the last `seconds` queries."""
     if seconds is None:
         start, end = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()
     else:
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-2 * seconds)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=seconds)
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_MARGIN * seconds)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=_MARGIN * seconds)
     return [rr.VisibleTimeRange(paths.TIMELINE, start=start, end=end)]
 
 

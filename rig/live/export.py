@@ -24,6 +24,7 @@ def rrd_from_log(log: Path, rrd: Path, beam: BeamPicture | None = None) -> None:
         recording.set_sinks(rr.FileSink(rrd), default_blueprint=blueprint(layout))
         scene = Scene(recording, layout, _SPECTRUM_PERIOD_S)
         scene.open()
+        scene.show_dropped(0)
         for origin, block in reader.blocks():
             scene.add_block(origin, block)
         for event in reader.events():

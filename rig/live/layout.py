@@ -11,8 +11,8 @@ from daq.channel import Channel
 from daq.log.reader import Origin
 from rig.live.beam_picture import BeamPicture
 
-_POINTS_PER_S = 60_000
-_FEWEST, _MOST = 800, 4_000
+_POINTS_PER_S = 40_000
+_FEWEST, _MOST = 800, 2_500
 
 
 @dataclass(frozen=True, slots=True)

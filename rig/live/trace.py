@@ -10,8 +10,8 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.signals import envelope
 from rig.live import paths
 
-_BATCH_S = 0.25
-"""A browser pays for every batch, whatever is in it; the eye does not miss a quarter of a second."""
+_BATCH_S = 0.5
+"""A browser pays for every batch, whatever is in it; half a second late is live enough."""
 
 
 class Trace:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from daq.errors import InstrumentError
@@ -19,9 +19,14 @@ class InstrumentsMissing(InstrumentError):
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """What a run drives and reads. `force_per_volt` in N/V is the shaker's share of the generator."""
+    """What a run drives and reads.
+
+    `spare_generator` makes another driver of the same generator (picklable, for the supervisor).
+    `force_per_volt` in N/V is what amplifier and shaker make of a volt.
+    """
 
     generator: DriveGenerator
+    spare_generator: Callable[[], DriveGenerator]
     card: AcquisitionCard
     force_per_volt: float
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+from daq.errors import InstrumentError
 from drivers.protocols import DriveGenerator
 from rig.files.rigs.impact_beam import DriveSection
+from rig.session.progress import Screen
 
 RAMP_S = 0.4
 _RAMP_STEPS = 16
@@ -14,6 +17,21 @@ _SMALLEST_V = 0.01
 """V peak: the least amplitude of a 33220A into high impedance."""
 SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp."""
+
+
+@contextmanager
+def drive_off_after(generator: DriveGenerator, screen: Screen) -> Iterator[None]:
+    """Switch the drive off on every way out; if even that fails, say so without hiding why the run ended."""
+    try:
+        yield
+    except BaseException:
+        try:
+            generator.off()
+        except InstrumentError as error:
+            screen.warn(f"{error}")
+            screen.warn("THE DRIVE MAY STILL BE ON: switch the generator off by hand")
+        raise
+    generator.off()
 
 
 @dataclass(frozen=True, slots=True)

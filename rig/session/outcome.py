@@ -17,5 +17,5 @@ class RunOutcome:
     notices: tuple[str, ...]
 
 
-class Stopped(RattleError, KeyboardInterrupt):
+class Stopped(RattleError, RuntimeError):
     """A person stopped the run; the rig is in its safe state."""

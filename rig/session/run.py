@@ -22,7 +22,7 @@ from rig.files.scenario import Scenario
 from rig.live import BeamPicture, LiveView
 from rig.session.acquisition import Acquisition
 from rig.session.devices import Devices
-from rig.session.drive import SOFT_START_FROM_S, Shaker
+from rig.session.drive import SOFT_START_FROM_S, Shaker, drive_off_after
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.outcome import Stopped
@@ -30,6 +30,7 @@ from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
+from rig.session.supervisor import Supervisor
 from rig.twin.alignment import Alignment
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from rig.twin.worker import Shape, TwinWorker
@@ -61,7 +62,7 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
         stack.callback(devices.close)
         with screen.busy("connecting"):
             devices.open()
-        stack.callback(devices.generator.off)
+        stack.enter_context(drive_off_after(devices.generator, screen))
         screen.say(f"generator  {devices.generator.identity} at {devices.generator.address}")
         screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
                    f"{devices.card.address}")  # fmt: skip
@@ -104,13 +105,19 @@ class _Run:
         )
         with self._screen.busy("warming up the twin (compiled on the first run)"):
             self._worker.wait_ready()
+        self._check_stop()
         run = new_run(self._request.folder, scenario.name, self._clock)
         self._recorder = stack.enter_context(Recorder(LogWriter(run.log), self._clock))
         self._hub = Hub(self._sinks(stack, twin))
         self._declare(twin, run.id)
         limits = LimitWatch(scenario.limits, self._rate)
         self._acquisition = Acquisition(self._devices.card, self._clock, self._hub, limits, self._on_reading)
-        with self._acquisition:
+        self._supervisor = Supervisor(self._devices.spare_generator)
+        with (
+            self._supervisor,
+            self._acquisition,
+            drive_off_after(self._devices.generator, self._screen),
+        ):
             self._drive_and_record(shaker)
         self._close_record()
         return run.log
@@ -199,12 +206,18 @@ class _Run:
             raise self._acquisition.error
         if self._acquisition.tripped is not None:
             raise InterlockTripped(f"interlock: {self._acquisition.tripped}; the drive is off")
+        self._supervisor.check()
         if self._stop.wanted:
             self._event("warning", "run.interrupted", "stopped by a person")
+        self._check_stop()
+
+    def _check_stop(self) -> None:
+        if self._stop.wanted:
             raise Stopped("stopped; the drive is off")
 
     def _on_reading(self, reading: CardReading) -> None:
-        """In the acquisition thread: tell the twin how far the record is."""
+        """In the acquisition thread: a sign of life, and how far the record is for the twin."""
+        self._supervisor.beat()
         acquisition = self._acquisition
         begin = acquisition.record_from
         feed_from = self._feed_from

@@ -1,0 +1,100 @@
+"""A small process that switches the drive off when the run can no longer do so itself."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from types import TracebackType
+
+from daq.errors import InstrumentError, RattleError
+from drivers.protocols import DriveGenerator
+
+SILENCE_S = 4.0
+"""Longer than a card may take to answer (block and 1.5 s), so that a slow card is the run's own affair."""
+_START_S = 30.0
+_OFF_ATTEMPTS = 3
+_BEAT, _DONE = b"beat", b"done"
+
+
+class SupervisorTripped(RattleError, RuntimeError):
+    """The run hung and the supervisor has switched the drive off."""
+
+
+class Supervisor:
+    """Switches the drive off when this process dies or `beat` stays away for 4 s, by a connection of its own.
+
+    `spare` makes a second driver of the same generator; it must be picklable.
+    """
+
+    def __init__(self, spare: Callable[[], DriveGenerator]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, self._far_end = context.Pipe()
+        self._process = context.Process(
+            target=_supervise, args=(self._far_end, self._pipe, spare), name="supervisor", daemon=True
+        )
+        self._tripped = False
+
+    def __enter__(self) -> Supervisor:
+        self._process.start()
+        self._far_end.close()
+        if not self._pipe.poll(_START_S):
+            raise SupervisorTripped("the supervisor did not start; nothing moves without it")
+        self._pipe.recv_bytes()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(OSError):
+            self._pipe.send_bytes(_DONE)
+        self._process.join(2.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._pipe.close()
+
+    def beat(self) -> None:
+        """Say that samples come and somebody looks at them."""
+        with suppress(OSError):
+            self._pipe.send_bytes(_BEAT)
+
+    def check(self) -> None:
+        """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
+        self._tripped = self._tripped or self._pipe.poll() or not self._process.is_alive()
+        if self._tripped:
+            raise SupervisorTripped("the supervisor stopped the drive: the run gave no sign of life for 4 s")
+
+
+def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], DriveGenerator]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    parents_end.close()  # inherited; while it is open here, the parent's death would not show
+    pipe.send_bytes(b"ready")
+    armed = False
+    try:
+        while pipe.poll(SILENCE_S if armed else None):
+            if pipe.recv_bytes() == _DONE:
+                return
+            armed = True
+    except (EOFError, OSError):
+        if not armed:
+            return
+    _switch_off(spare)
+    with suppress(OSError):
+        pipe.send_bytes(b"tripped")
+
+
+def _switch_off(spare: Callable[[], DriveGenerator]) -> None:
+    for _ in range(_OFF_ATTEMPTS):
+        generator = spare()
+        try:
+            generator.open()
+            generator.off()
+        except InstrumentError:
+            continue
+        finally:
+            generator.close()
+        return
