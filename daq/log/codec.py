@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
+from google.protobuf.message import DecodeError
+from google.protobuf.unknown_fields import UnknownFieldSet
 from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.errors import LogError
 from daq.log import schema
 from daq.log.records import ClockRecord, Event, Gap
 
@@ -31,15 +35,17 @@ def encode_block(block: SampleBlock) -> bytes:
 
 def decode_block(channel: str, data: bytes) -> SampleBlock:
     """Decode a block written by any program to the format; float64 values if it came as `wide`."""
-    message = schema.FastSampleBlockMessage.FromString(data)
+    message = _parsed(schema.FastSampleBlockMessage, data)
     if message.ByteSize() == len(data) and not _has_unknown_fields(message):
         values = _array(message.values, "<f4")
         wide = _array(message.wide, "<f8")
     else:
         # Unpacked or split arrays are legal protobuf, which the `bytes` declaration cannot see.
-        message = schema.SampleBlockMessage.FromString(data)
+        message = _parsed(schema.SampleBlockMessage, data)
         values = np.asarray(message.values, dtype=np.float32)
         wide = np.asarray(message.wide, dtype=np.float64)
+    if not 0 < message.sample_rate < math.inf:
+        raise LogError(f"a block of {channel} has a sample rate of {message.sample_rate:g} Hz")
     return SampleBlock(
         channel=channel,
         first_sample=message.first_sample,
@@ -58,7 +64,7 @@ def encode_event(event: Event) -> bytes:
 
 def decode_event(data: bytes) -> Event:
     """Decode an event."""
-    message = schema.EventMessage.FromString(data)
+    message = _parsed(schema.EventMessage, data)
     return Event(_time_ns(message), message.level, message.source, message.code, message.text)
 
 
@@ -72,7 +78,7 @@ def encode_gap(gap: Gap) -> bytes:
 
 def decode_gap(data: bytes) -> Gap:
     """Decode a gap."""
-    message = schema.GapMessage.FromString(data)
+    message = _parsed(schema.GapMessage, data)
     return Gap(_time_ns(message), message.channel, message.first_sample, message.count, message.cause)
 
 
@@ -89,19 +95,29 @@ def encode_clock(clock: ClockRecord) -> bytes:
 
 def decode_clock(data: bytes) -> ClockRecord:
     """Decode a clock record."""
-    message = schema.ClockMessage.FromString(data)
+    message = _parsed(schema.ClockMessage, data)
     return ClockRecord(
         _time_ns(message), message.device, message.offset_s, message.rate_ppm, message.uncertainty_s
     )
 
 
+def _parsed(kind: Any, data: bytes) -> Any:
+    try:
+        return kind.FromString(data)
+    except (DecodeError, ValueError) as error:
+        raise LogError(f"a message is damaged ({error})") from error
+
+
 def _array(data: bytes, dtype: str) -> NDArray[Any]:
-    return np.frombuffer(data, dtype=dtype)
+    try:
+        return np.frombuffer(data, dtype=dtype)
+    except ValueError as error:
+        raise LogError(f"an array of samples is damaged ({error})") from error
 
 
 def _has_unknown_fields(message: Any) -> bool:
-    # ByteSize() counts unknown fields too, so a fixed32 `values` (unpacked) would slip through.
-    return not message.values and not message.wide
+    # ByteSize() counts unknown fields too, so fixed32 `values` (unpacked) would slip through.
+    return len(UnknownFieldSet(message)) > 0
 
 
 def _stamp(message: Any, time_ns: int) -> None:

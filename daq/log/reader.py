@@ -15,17 +15,17 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import Channel as ChannelRecord
 from mcap.records import Chunk, ChunkIndex, Message, Metadata
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
+from daq.log.chunk import chunk_records
 from daq.log.records import ClockRecord, Event, Gap
 
 Origin = Literal["measured", "predicted"]
-MAXIMUM_CHUNK_BYTES = 256 << 20
 _FOREIGN_ERRORS = (
     McapError,
     DecodeError,
@@ -39,6 +39,9 @@ _FOREIGN_ERRORS = (
     EOFError,
 )
 """What the MCAP, zstd and protobuf packages raise on damaged input."""
+
+_LONGEST_SERIES = 1 << 29
+"""Near three hours at 51.2 kHz; a damaged or hostile sample index must not take all memory."""
 
 
 class LoggedMessage(NamedTuple):
@@ -116,20 +119,35 @@ class LogReader:
         return dict(self._topics)
 
     def messages(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        skip_damaged: bool = False,
     ) -> Iterator[LoggedMessage]:
-        """Messages in file order; `start_ns`, `end_ns` choose whole chunks by log time."""
+        """Messages in file order; `start_ns`, `end_ns` choose whole chunks by log time.
+
+        Raises LogError at a damaged chunk, or passes over it and notes it in `damage` with `skip_damaged`.
+        """
         names: dict[int, str] = {}
         for chunk in self._chunks(start_ns, end_ns):
-            for record in _records(chunk, self.path):
-                if isinstance(record, ChannelRecord):
-                    names[record.id] = record.topic
-                elif isinstance(record, Message):
-                    topic = names.get(record.channel_id) or self._topic_of(record.channel_id)
-                    if topics is None or topic in topics:
-                        yield LoggedMessage(
-                            topic, record.log_time, record.publish_time, record.sequence, record.data
-                        )
+            try:
+                yield from self._messages_in(chunk, names, topics)
+            except LogError as error:
+                if not skip_damaged:
+                    raise
+                self.damage = str(error)
+
+    def _messages_in(
+        self, chunk: Chunk, names: dict[int, str], topics: Collection[str] | None
+    ) -> Iterator[LoggedMessage]:
+        for record in _records(chunk, self.path):
+            if isinstance(record, ChannelRecord):
+                names[record.id] = record.topic
+                continue
+            topic = names.get(record.channel_id) or self._topic_of(record.channel_id)
+            if topics is None or topic in topics:
+                yield LoggedMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
 
     def blocks(
         self, origin: Origin | None = None, channels: Collection[str] | None = None
@@ -138,7 +156,7 @@ class LogReader:
         wanted = self._sample_topics(origin, channels)
         for message in self.messages(set(wanted)):
             found_origin, name = wanted[message.topic]
-            yield found_origin, _decode(self.path, name, message.data)
+            yield found_origin, codec.decode_block(name, message.data)
 
     def series(
         self, origin: Origin, channel: str, start_s: float = 0.0, end_s: float | None = None
@@ -178,6 +196,11 @@ class LogReader:
     def clocks(self) -> list[ClockRecord]:
         """The clock records."""
         return [codec.decode_clock(message.data) for message in self.messages({"/clock"})]
+
+    def check_frame(self) -> None:
+        """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
+        for _ in self._chunks_from_the_front():
+            pass
 
     def _sample_topics(
         self, origin: Origin | None, channels: Collection[str] | None
@@ -222,7 +245,7 @@ class LogReader:
                 self._channel_names[record.id] = record.topic
 
     def _topic_of(self, channel_id: int) -> str:
-        if self._summary is not None:
+        if self._summary is not None and channel_id in self._summary.channels:
             return str(self._summary.channels[channel_id].topic)
         return self._channel_names.get(channel_id, "")
 
@@ -232,13 +255,23 @@ class LogReader:
                 if _overlaps(index, start_ns, end_ns):
                     yield self._chunk_at(index)
             return
-        self._file.seek(0)
-        try:
-            for record in StreamReader(self._file, emit_chunks=True, validate_crcs=True).records:
-                if isinstance(record, Chunk):
-                    yield record
-        except _FOREIGN_ERRORS as error:
-            self.damage = f"{type(error).__name__}: {error}"
+        yield from self._chunks_from_the_front()
+
+    def _chunks_from_the_front(self) -> Iterator[Chunk]:
+        """Each pass keeps its own place in the file, for several passes may run at once."""
+        records, position = StreamReader(self._file, emit_chunks=True, validate_crcs=True).records, 0
+        while True:
+            self._file.seek(position)
+            try:
+                record = next(records, None)
+            except _FOREIGN_ERRORS as error:
+                self.damage = f"{type(error).__name__}: {error}"
+                return
+            position = self._file.tell()
+            if record is None:
+                return
+            if isinstance(record, Chunk):
+                yield record
 
     def _chunk_at(self, index: ChunkIndex) -> Chunk:
         self._file.seek(index.chunk_start_offset)
@@ -257,25 +290,11 @@ def _overlaps(index: ChunkIndex, start_ns: int | None, end_ns: int | None) -> bo
     )
 
 
-def _records(chunk: Chunk, path: Path) -> list[object]:
-    """Records of a chunk, its checksum verified and its size bounded before memory is taken."""
-    if chunk.uncompressed_size > MAXIMUM_CHUNK_BYTES:
-        raise LogError(f"{path}: a chunk claims {chunk.uncompressed_size} bytes")
+def _records(chunk: Chunk, path: Path) -> Iterator[ChannelRecord | Message]:
     try:
-        if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) > chunk.uncompressed_size:
-            raise LogError(f"{path}: a chunk is larger than it says")
-        return list(breakup_chunk(chunk, validate_crc=True))
-    except LogError:
-        raise
+        yield from chunk_records(chunk)
     except _FOREIGN_ERRORS as error:
         raise LogError(f"{path}: a chunk is damaged ({type(error).__name__}: {error})") from error
-
-
-def _decode(path: Path, name: str, data: bytes) -> SampleBlock:
-    try:
-        return codec.decode_block(name, data)
-    except _FOREIGN_ERRORS as error:
-        raise LogError(f"{path}: a block of {name} is damaged ({error})") from error
 
 
 def _join(
@@ -288,6 +307,8 @@ def _join(
     end = max(block.end_sample for block in blocks)
     if end_s is not None:
         end = min(end, round(end_s * rate))
+    if end - first > _LONGEST_SERIES:
+        raise LogError(f"{path}: /{origin}/{name} spans {end - first} samples, too many for one array")
     values = np.full(max(end - first, 0), np.nan, dtype=blocks[0].values.dtype)
     flags = Flag.GOOD
     for block in blocks:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
+from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.log.codec import decode_block
 from daq.log.reader import LogReader
 from daq.log.schema import embedded_schema
+from daq.log.writer import MAXIMUM_CHUNK_AGE_S
 
 _SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock"}
 
@@ -55,6 +58,7 @@ def verify_log(path: Path) -> LogReport:
                 account = state.setdefault(message.topic, _Account())
                 account.add(message.topic, message.sequence, message.data)
             ledger = sum(gap.count for gap in log.gaps())
+            log.check_frame()
         except LogError as error:
             damage, ledger = str(error), 0
         reports = tuple(account.report(topic) for topic, account in state.items())
@@ -84,9 +88,12 @@ class _Account:
 
 
 def recover_log(damaged: Path, recovered: Path) -> LogReport:
-    """Copy every whole chunk of `damaged` to the new file `recovered`, then verify what was written."""
+    """Copy every whole chunk of `damaged` to the new file `recovered`, then verify what was written.
+
+    Samples of a damaged chunk are missing in it, outside the gap ledger, so that its report is not sound.
+    """
     with LogReader(damaged) as log, _create(recovered) as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(profile="", library=log.library or "rattle recover")
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
@@ -97,12 +104,23 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
             channels[topic] = writer.register_channel(topic, "protobuf", schemas[name], metadata)
         for name, record in log.metadata.items():
             writer.add_metadata(name, record)
-        for message in log.messages(channels):
-            writer.add_message(
-                channels[message.topic], message.log_ns, message.data, message.publish_ns, message.sequence
-            )
+        with suppress(LogError):  # the file's frame is broken there: what comes before it is kept
+            _copy_messages(log, writer, channels)
         writer.finish()
     return verify_log(recovered)
+
+
+def _copy_messages(log: LogReader, writer: Writer, channels: dict[str, int]) -> None:
+    chunk_opened_ns: int | None = None
+    for message in log.messages(channels, skip_damaged=True):
+        opened_ns = message.log_ns if chunk_opened_ns is None else chunk_opened_ns
+        if message.log_ns - opened_ns >= MAXIMUM_CHUNK_AGE_S * NS_PER_S:
+            writer.flush()
+            opened_ns = message.log_ns
+        chunk_opened_ns = opened_ns
+        writer.add_message(
+            channels[message.topic], message.log_ns, message.data, message.publish_ns, message.sequence
+        )
 
 
 def _create(path: Path) -> BinaryIO:

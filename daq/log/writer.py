@@ -44,7 +44,9 @@ class LogWriter:
             self._file = self.path.open("xb")
         except OSError as error:
             raise RecorderFailed(f"cannot create {self.path}: {error}") from error
-        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = Writer(
+            self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+        )
         self._writer.start(profile="", library=self._library)
         self._open = True
         return self
@@ -99,7 +101,10 @@ class LogWriter:
 
     def flush_if_older(self, host_ns: int) -> None:
         """End the chunk if it is older than 0.25 s; to be called now and then when no block comes."""
-        if self._chunk_opened_ns and host_ns - self._chunk_opened_ns >= MAXIMUM_CHUNK_AGE_S * NS_PER_S:
+        if not self._chunk_opened_ns:
+            return
+        age_ns = host_ns - self._chunk_opened_ns
+        if not 0 <= age_ns < MAXIMUM_CHUNK_AGE_S * NS_PER_S:  # negative: the host's clock was set back
             self._guard(self._end_chunk)
 
     def close(self) -> None:

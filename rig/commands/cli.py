@@ -13,8 +13,8 @@ from rig.commands import check, emulate, logs, overlay, predict, replay, run
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
-from rig.session.outcome import Stopped
 from rig.session.progress import Screen
+from rig.session.signals import Stopped
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
@@ -45,13 +45,11 @@ def build(connect: Connect) -> Callable[[], None]:
 
 def _guarded(app: typer.Typer) -> int:
     try:
-        app(standalone_mode=False)
-    except typer.Exit as leave:
-        return int(leave.exit_code)
+        # Without standalone mode typer returns the code of a typer.Exit that a command raised.
+        return int(app(standalone_mode=False) or 0)
     except tuple(kind for kind, _ in _CODES) as error:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
         return next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
         print(f"rattle: {error}", file=sys.stderr)
         return WRONG_USE
-    return 0

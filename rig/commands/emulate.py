@@ -11,8 +11,8 @@ from rich.console import Console
 from rig.commands.arguments import BenchFile, Json, ScenarioFile, bench_of, print_json
 from rig.emulation import EmulatedBench
 from rig.files.scenario import load_scenario
-from rig.session.outcome import Stopped
 from rig.session.progress import Screen
+from rig.session.signals import Stopped
 
 
 def add_to(app: typer.Typer) -> None:

@@ -16,11 +16,11 @@ from rig.live.layout import Layout
 _FEW_CHANNELS = 8
 """Up to here every channel has its spectrum beside it; beyond, the spectra have a tab of their own."""
 
-_MARGIN = 5
-"""A view queries this many times the stretch that its axis shows: on a machine without a graphics card the axis
-has moved on by seconds when the samples come to be drawn."""
+_QUERIED = 8
+"""A view queries this many times the stretch that it shows. Rerun 0.41 draws with the last frame's axis,
+which without a graphics card is seconds old; the range of the force axis is steadier for it, too."""
 
-_PEAKS_SHOWN = 40
+_PEAKS_SHOWN = 20
 """The peaks' plot reaches this many times further back than the traces."""
 
 
@@ -127,8 +127,8 @@ def _newest(seconds: float | None) -> list[rr.VisibleTimeRange]:
     if seconds is None:
         start, end = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()
     else:
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_MARGIN * seconds)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=_MARGIN * seconds)
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_QUERIED * seconds)
+        end = rr.TimeRangeBoundary.cursor_relative()
     return [rr.VisibleTimeRange(paths.TIMELINE, start=start, end=end)]
 
 

@@ -18,11 +18,13 @@ class OverlayOrder(Generic[Item]):
 
     The twin needs a moment longer than the sensors. Nothing waits longer than `patience_s` behind the newest
     item, so that a twin which is late or silent delays the view and does not stop it. `expected` are the
-    origins that have channels.
+    origins that have channels. Items come out in lots that are `step_s` of data apart.
     """
 
-    def __init__(self, expected: Collection[Origin], patience_s: float) -> None:
+    def __init__(self, expected: Collection[Origin], patience_s: float, step_s: float = 0.0) -> None:
         self._patience_s = patience_s
+        self._step_s = step_s
+        self._given_s = -math.inf
         self._newest: dict[Origin, float] = dict.fromkeys(expected, -math.inf)
         self._count = itertools.count()
         self._waiting: list[tuple[float, int, Item]] = []
@@ -36,9 +38,13 @@ class OverlayOrder(Generic[Item]):
         heapq.heappush(self._waiting, (time_s, next(self._count), item))
 
     def ready(self) -> list[Item]:
-        """Take out what both origins have reached, oldest first."""
-        reached = self._newest.values()
-        return self._take(max(min(reached), max(reached) - self._patience_s))
+        """Take out what both origins have reached, oldest first; nothing before another `step_s` has come."""
+        newest = self._newest.values()
+        reached = max(min(newest), max(newest) - self._patience_s)
+        if reached < self._given_s + self._step_s:
+            return []
+        self._given_s = reached
+        return self._take(reached)
 
     def rest(self) -> list[Item]:
         """Take out everything, oldest first."""

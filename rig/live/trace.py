@@ -11,7 +11,7 @@ from daq.signals import envelope
 from rig.live import paths
 
 _BATCH_S = 0.5
-"""A browser pays for every batch, whatever is in it; half a second late is live enough."""
+"""A browser pays for every batch, whatever is in it, so that small ones are costly."""
 
 
 class Trace:

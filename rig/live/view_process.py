@@ -27,6 +27,10 @@ from rig.live.viewer_server import ViewerServer
 _LAST_WORDS_S = 1.5
 """What is still in the pipe when the run ends has this long to reach the viewer."""
 
+_STEP_S = 0.3
+"""Traces, beam and peaks go out together, in lots of this length: the viewer's axis ends at the newest of
+them, and one that ran ahead would leave the others blank there."""
+
 _APPLICATION = "rattle"
 
 
@@ -36,7 +40,7 @@ class Director:
     def __init__(self, scene: Scene, layout: Layout, patience_s: float) -> None:
         self._scene = scene
         expected = [origin for origin, names in layout.origins.items() if names]
-        self._order = OverlayOrder[partial[None]](expected or ["measured"], patience_s)
+        self._order = OverlayOrder[partial[None]](expected or ["measured"], patience_s, _STEP_S)
 
     def take(self, frame: Frame) -> None:
         """Accept a frame and show what is due."""
@@ -51,14 +55,17 @@ class Director:
                 self._scene.show_dropped(count)
             case _:
                 self._order.add(self._scene.time_of(frame), partial(self._scene.add_event, frame))
-        for show in self._order.ready():
-            show()
+        self._show(self._order.ready())
 
     def finish(self) -> None:
         """Show what still waits."""
-        for show in self._order.rest():
+        self._show(self._order.rest())
+
+    def _show(self, due: list[partial[None]]) -> None:
+        for show in due:
             show()
-        self._scene.flush()
+        if due:
+            self._scene.flush()
 
 
 def main() -> None:

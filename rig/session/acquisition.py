@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import threading
+import traceback
 from collections.abc import Callable
 from types import TracebackType
 
@@ -25,11 +27,16 @@ _FLAG_CODES = {
 }
 
 
+class AcquisitionFault(RattleError, RuntimeError):
+    """A fault of this program in the acquisition thread."""
+
+
 class Acquisition:
     """The card's samples from the start of its task on; `record_from` to `record_until` are recorded.
 
     The card's sample clock is the time base: sample i lies at `start_ns` + i / rate, whatever the host's
-    clock does. Whoever waits for progress waits on `changed`, a condition that every block notifies.
+    clock does. Whoever waits for progress waits on `changed`, a condition that every block notifies. The
+    first error of its thread ends it and stands in `error`.
     """
 
     def __init__(
@@ -52,7 +59,7 @@ class Acquisition:
         self.acquired = 0
         self.record_from: int | None = None
         self.record_until: int | None = None
-        self.error: BaseException | None = None
+        self.error: RattleError | None = None
         self.tripped: Passed | None = None
         self.overloads = dict.fromkeys(self._names, 0)
         self.arrivals = Arrivals(card.sample_rate)
@@ -75,23 +82,23 @@ class Acquisition:
         """Time of the record's sample 0 (Unix epoch, ns); only once `record_from` is set."""
         return sample_time_ns(self.start_ns, self.record_from or 0, self._card.sample_rate)
 
-    @property
-    def recorded(self) -> int:
-        """Samples recorded so far."""
-        if self.record_from is None:
-            return 0
-        end = self.acquired if self.record_until is None else min(self.acquired, self.record_until)
-        return max(0, end - self.record_from)
+    def start_record(self, count: int) -> int:
+        """Record the next `count` samples; returns the card's index of the first."""
+        with self.changed:
+            self.record_from, self.record_until = self.acquired, self.acquired + count
+            return self.acquired
 
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
                 self._take(self._card.read(self._count))
             self._card.stop()
-        except Exception as error:
+        except RattleError as error:
             self.error = error
-            if not isinstance(error, RattleError):
-                self._event("error", "acquisition.bug", f"{type(error).__name__}: {error}")
+        except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
+            traceback.print_exc(file=sys.stderr)
+            self.error = AcquisitionFault(f"acquisition stopped by {type(error).__name__}: {error}")
+            self.error.__cause__ = error
         with self.changed:
             self.changed.notify_all()
 
@@ -100,10 +107,13 @@ class Acquisition:
         for passed in self._limits.check(dict(zip(self._names, reading.values, strict=True))):
             self._note_limit(passed)
         self._note_flags(reading)
-        self._record(reading)
+        with self.changed:  # a record that starts now starts after this reading or with it, never within
+            self.acquired = reading.first_sample + reading.values.shape[1]
+            begin, until = self.record_from, self.record_until
+        if begin is not None and until is not None:
+            self._record(reading, begin, until)
         self._on_reading(reading)
         with self.changed:
-            self.acquired = reading.first_sample + reading.values.shape[1]
             self.changed.notify_all()
 
     def _note_limit(self, passed: Passed) -> None:
@@ -121,16 +131,12 @@ class Acquisition:
                 if risen & flag:
                     self._event("warning", f"sensor.{code}", f"{name}: {code.replace('_', ' ')}")
 
-    def _record(self, reading: CardReading) -> None:
-        if self.record_from is None:
-            return
-        low = max(self.record_from - reading.first_sample, 0)
-        high = reading.values.shape[1]
-        if self.record_until is not None:
-            high = min(high, self.record_until - reading.first_sample)
+    def _record(self, reading: CardReading, begin: int, until: int) -> None:
+        low = max(begin - reading.first_sample, 0)
+        high = min(reading.values.shape[1], until - reading.first_sample)
         if high <= low:
             return
-        first = reading.first_sample + low - self.record_from
+        first = reading.first_sample + low - begin
         rate = self._card.sample_rate
         time_ns = sample_time_ns(self.record_start_ns, first, rate)
         values = reading.values[:, low:high].astype(np.float32)

@@ -55,6 +55,8 @@ class LimitWatch:
         longest = before + len(beyond)
         if len(inside):
             runs = np.diff(np.concatenate(([-1 - before], inside, [len(beyond)]))) - 1
+            if inside[0] == 0:
+                runs[0] = 0  # it ended with the last block, which has told of it
             longest = int(runs.max())
             before = -int(inside[-1]) - 1
         self._beyond[limit.channel, abort] = before + len(beyond)

@@ -13,7 +13,6 @@ from daq.errors import LogError
 from daq.log import Event, LogReader, Origin
 from rig.live import BeamPicture, LiveView
 from rig.session.hub import Hub, Sink
-from rig.session.outcome import Stopped
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.sinks import ViewSink
@@ -33,7 +32,7 @@ def replay_log(
     `speed` is in times real time, 0 as fast as possible. `sinks` get everything beside the view.
     """
     with ExitStack() as stack:
-        stop = stack.enter_context(StopRequest(lambda: screen.warn("stopping")))
+        stop = stack.enter_context(StopRequest())
         log = stack.enter_context(LogReader(path))
         if not log.channels("measured") and not log.channels("predicted"):
             raise LogError(f"{path}: no channels in it")
@@ -70,13 +69,11 @@ class _Player:
         return count
 
     def _wait_until(self, started: float, record_s: float) -> None:
-        if self._stop.wanted:
-            raise Stopped("replay stopped")
+        self._stop.check()
         if self._speed <= 0:
             return
         while (left := started + record_s / self._speed - self._clock.monotonic_s()) > 0:
-            if self._stop.wanted:
-                raise Stopped("replay stopped")
+            self._stop.check()
             self._clock.sleep(min(left, 0.05))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from rig.session.devices import Devices
 from rig.session.drive import SOFT_START_FROM_S, Shaker, drive_off_after
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
-from rig.session.outcome import Stopped
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
 from rig.session.signals import StopRequest
@@ -33,7 +33,7 @@ from rig.session.sinks import LogSink, ViewSink
 from rig.session.supervisor import Supervisor
 from rig.twin.alignment import Alignment
 from rig.twin.scenario_twin import predicted_channels, twin_of
-from rig.twin.worker import Shape, TwinWorker
+from rig.twin.worker import Shape, TwinFailed, TwinWorker
 from sim_twin.rigs.impact_beam.twin import BeamTwin
 
 PRE_TRIGGER_S = 0.05
@@ -57,9 +57,10 @@ class RunRequest:
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     with ExitStack() as stack:
-        stop = stack.enter_context(StopRequest(lambda: screen.warn("stopping; the drive goes off")))
+        stop = stack.enter_context(StopRequest())
         devices, notes = request.connect(stack, screen)
         stack.callback(devices.close)
+        stop.check()
         with screen.busy("connecting"):
             devices.open()
         stack.enter_context(drive_off_after(devices.generator, screen))
@@ -104,9 +105,9 @@ class _Run:
             TwinWorker(twin, self._rate, scenario.acquisition.settle, self._deliver)
         )
         with self._screen.busy("warming up the twin (compiled on the first run)"):
-            self._worker.wait_ready()
-        self._check_stop()
+            self._worker.wait_ready(self._stop.check)
         run = new_run(self._request.folder, scenario.name, self._clock)
+        stack.push(partial(self._tell_of_partial, run.log))
         self._recorder = stack.enter_context(Recorder(LogWriter(run.log), self._clock))
         self._hub = Hub(self._sinks(stack, twin))
         self._declare(twin, run.id)
@@ -156,17 +157,17 @@ class _Run:
                 full = self._acquisition.acquired
                 self._feed_from = full
                 self._until(full + self._samples(wanted.settle), bar.at, full)
-            self._acquisition.record_from = self._acquisition.acquired
         pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
-        begin = self._acquisition.record_from
-        self._acquisition.record_until = begin + pre_trigger + self._samples(wanted.duration)
+        if pre_trigger:
+            self._feed_from = self._acquisition.acquired
+        count = pre_trigger + self._samples(wanted.duration)
+        begin = self._acquisition.start_record(count)
         self._event("info", "record.start", "recording")
         with self._screen.bar("recording", wanted.duration) as bar:
             if pre_trigger:
-                self._feed_from = begin
                 self._until(begin + pre_trigger)
                 self._start(shaker)
-            self._until(self._acquisition.record_until, bar.at, begin)
+            self._until(begin + count, bar.at, begin)
         self._event("info", "record.end", "recorded")
         shaker.ramp_down()
         self._event("info", "drive.off", "drive ramped down and off")
@@ -209,25 +210,19 @@ class _Run:
         self._supervisor.check()
         if self._stop.wanted:
             self._event("warning", "run.interrupted", "stopped by a person")
-        self._check_stop()
-
-    def _check_stop(self) -> None:
-        if self._stop.wanted:
-            raise Stopped("stopped; the drive is off")
+        self._stop.check()
 
     def _on_reading(self, reading: CardReading) -> None:
         """In the acquisition thread: a sign of life, and how far the record is for the twin."""
         self._supervisor.beat()
         acquisition = self._acquisition
-        begin = acquisition.record_from
+        begin, until = acquisition.record_from, acquisition.record_until
         feed_from = self._feed_from
         if feed_from is not None and reading.first_sample >= feed_from and _DRIVE in self._names:
             self._worker.drive(reading.first_sample, reading.values[self._names.index(_DRIVE)])
-        if begin is not None and not self._last:
-            until = acquisition.record_until
-            end = reading.first_sample + reading.values.shape[1]
-            self._last = until is not None and end >= until
-            end = min(end, until) if until is not None else end
+        if begin is not None and until is not None and not self._last:
+            end = min(reading.first_sample + reading.values.shape[1], until)
+            self._last = end == until
             self._worker.recorded(begin, end - begin, acquisition.record_start_ns, self._last)
 
     def _deliver(self, message: object) -> None:
@@ -252,12 +247,24 @@ class _Run:
             self._screen.warn(f"{_DRIVE} shows no drive: is the amplifier on?")
 
     def _close_record(self) -> None:
-        with self._screen.busy("finishing the prediction"):
-            self._worker.finish()
         record = self._acquisition.arrivals.record("host", self._acquisition.start_ns)
         if record is not None:
             self._recorder.clock_record(record)
+        try:
+            with self._screen.busy("finishing the prediction"):
+                self._worker.finish(self._stop.check)
+        except TwinFailed as error:
+            self._event("error", "twin.failed", str(error))
+            raise TwinFailed(
+                f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
+            ) from error
         self._recorder.close()
+
+    def _tell_of_partial(
+        self, log: Path, kind: type[BaseException] | None, error: BaseException | None, trace: object
+    ) -> None:
+        if kind is not None:
+            self._screen.say(f"log so far {log}")
 
     def _event(self, level: str, code: str, text: str) -> None:
         self._hub.event(Event(self._clock.unix_ns(), level, "rig", code, text))

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
 from types import FrameType, TracebackType
+
+from daq.errors import RattleError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class StopRequest:
-    """While the context lasts, a signal only sets `wanted`; further ones change nothing."""
+class Stopped(RattleError, RuntimeError):
+    """A person stopped the run; the rig is in its safe state."""
 
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell = tell
+
+class StopRequest:
+    """While the context lasts, a signal only sets `wanted`; whoever waits looks at it, with `check`."""
+
+    def __init__(self) -> None:
         self._before: dict[signal.Signals, object] = {}
         self.wanted = False
 
@@ -30,7 +34,10 @@ class StopRequest:
         for each, handler in self._before.items():
             signal.signal(each, handler)  # type: ignore[arg-type]
 
+    def check(self) -> None:
+        """Raise Stopped once a signal has come."""
+        if self.wanted:
+            raise Stopped("stopped by a person")
+
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if not self.wanted:
-            self.wanted = True
-            self._tell()
+        self.wanted = True

@@ -39,8 +39,11 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     begun = int(np.argmax(np.abs(finite) > _STARTED * level))
     period = sample_rate / drive.frequency
     running_before = begun < period / 8
+    fit = fit_sine(finite if running_before else finite[begun:], sample_rate, drive.frequency)
+    if running_before and abs(np.sin(fit.phase)) > 2 * _STARTED:
+        # The first samples were at rest where the sine was not: a slow drive that began just then.
+        running_before, fit = False, fit_sine(finite[begun:], sample_rate, drive.frequency)
     steady = finite if running_before else finite[begun:]
-    fit = fit_sine(steady, sample_rate, drive.frequency)
     span = FREQUENCY_TOLERANCE * drive.frequency
     frequency = float(np.clip(fit.frequency, drive.frequency - span, drive.frequency + span))
     if frequency != fit.frequency:

@@ -6,8 +6,10 @@ No number is crunched in the acquisition process: alignment and simulation both 
 from __future__ import annotations
 
 import multiprocessing
+import queue
 import signal
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -28,6 +30,7 @@ _ALIGN_ON_S = 1.0
 """Seconds of drive to align on; shorter runs use what they have when they end."""
 _START_S = 120.0
 _FINISH_S = 600.0
+_POLL_S = 0.1
 
 
 class TwinFailed(RattleError, RuntimeError):
@@ -79,54 +82,81 @@ class TwinWorker:
             target=_work, args=(self._far_end, twin, sample_rate, settle_s), name="twin", daemon=True
         )
         self._thread = threading.Thread(target=self._receive, name="twin receiver", daemon=True)
+        self._outbox: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._sender = threading.Thread(target=self._send_all, name="twin sender", daemon=True)
         self._done = threading.Event()
         self._error = ""
 
     def __enter__(self) -> TwinWorker:
-        self._process.start()
-        self._far_end.close()
+        # The child inherits the blocked SIGINT, so that no Ctrl-C can reach it before it ignores it.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            self._far_end.close()
+        self._sender.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._thread.is_alive() and not self._done.is_set():
+        if not self._done.is_set():
             self._process.terminate()
         self._process.join(1.0)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        self._outbox.put(None)
+        self._sender.join()
         if self._thread.is_alive():
             self._thread.join()
         self._pipe.close()
 
-    def wait_ready(self) -> None:
-        """Wait until the twin is compiled and warm; raises TwinFailed."""
-        if not self._pipe.poll(_START_S) or not isinstance(self._pipe.recv(), _Ready):
-            raise TwinFailed("the twin did not start within two minutes")
+    def wait_ready(self, check: Callable[[], None] = lambda: None) -> None:
+        """Wait until the twin is compiled and warm; raises TwinFailed, and what `check` raises meanwhile."""
+        deadline = time.monotonic() + _START_S
+        while not self._pipe.poll(_POLL_S):
+            check()
+            if time.monotonic() > deadline:
+                raise TwinFailed(f"the twin did not start within {_START_S:g} s")
+        try:
+            answer = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise TwinFailed("the twin's process died while it started") from error
+        if isinstance(answer, _Done):
+            raise TwinFailed(f"the twin did not start: {answer.error}")
         self._thread.start()
 
     def drive(self, first_sample: int, force: NDArray[np.floating]) -> None:
         """Hand over measured drive from sample `first_sample` of the card on."""
-        self._send(_Drive(first_sample, force.astype(np.float32)))
+        self._outbox.put(_Drive(first_sample, force.astype(np.float32)))
 
     def recorded(self, begin: int, end_sample: int, start_ns: int, last: bool = False) -> None:
         """Say up to which of its samples the record goes by now; the prediction follows it.
 
         `begin` is the card's sample at which the record begins, `start_ns` its time. `last`: it ends here.
         """
-        self._send(_Recorded(begin, end_sample, start_ns, last))
+        self._outbox.put(_Recorded(begin, end_sample, start_ns, last))
 
-    def finish(self) -> None:
-        """Wait for the end of the prediction after `recorded(..., last=True)`; raises TwinFailed."""
-        if not self._done.wait(_FINISH_S):
-            raise TwinFailed("the twin did not finish its prediction")
+    def finish(self, check: Callable[[], None] = lambda: None) -> None:
+        """Wait for the end of the prediction after `recorded(..., last=True)`.
+
+        Raises TwinFailed, and what `check` raises meanwhile.
+        """
+        deadline = time.monotonic() + _FINISH_S
+        while not self._done.wait(_POLL_S):
+            check()
+            if time.monotonic() > deadline:
+                raise TwinFailed("the twin did not finish its prediction")
         if self._error:
             raise TwinFailed(self._error)
 
-    def _send(self, message: object) -> None:
+    def _send_all(self) -> None:
+        """A thread of its own: a twin that reads slowly must not hold up the acquisition."""
         with suppress(OSError):  # what went wrong there is said by `finish`
-            self._pipe.send(message)
+            while (message := self._outbox.get()) is not None:
+                self._pipe.send(message)
 
     def _receive(self) -> None:
         try:
@@ -138,8 +168,8 @@ class TwinWorker:
                 self._deliver(message)
         except (EOFError, OSError):
             self._error = "the twin's process died"
-        except RattleError as error:
-            self._error = str(error)
+        except Exception as error:  # top of a thread: whoever waits for the end is to hear of it
+            self._error = str(error) if isinstance(error, RattleError) else f"{type(error).__name__}: {error}"
         self._done.set()
 
 

@@ -9,7 +9,6 @@ from sim_twin.effects.effect import Effect, Parameter, ParameterValues
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
 from sim_twin.rigs.impact_beam.twin import BeamTwin
 
-
 _LEAST_DISTORTION = 0.04
 
 
@@ -56,9 +55,7 @@ def _pinned(twin: BeamTwin) -> bool:
 
 
 def _scale_of(name: str, location: str, attribute: str, *intervals: tuple[float, float]) -> Effect:
-    return Effect(
-        name, location, (Parameter("scale", "", intervals),), partial(_scale, attribute=attribute)
-    )
+    return Effect(name, location, (Parameter("scale", "", intervals),), partial(_scale, attribute=attribute))
 
 
 EFFECTS = (

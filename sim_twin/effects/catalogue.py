@@ -12,8 +12,7 @@ from sim_twin.rigs.impact_beam.twin import BeamTwin
 _FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
 
 IMPACT_BEAM: Mapping[str, Effect] = {
-    effect.name: effect
-    for effect in (*beam.EFFECTS, *sensing_effects(("drive.force", *_FORCES), _FORCES))
+    effect.name: effect for effect in (*beam.EFFECTS, *sensing_effects(("drive.force", *_FORCES), _FORCES))
 }
 
 
@@ -34,13 +33,21 @@ def apply_effects(twin: BeamTwin, effects: Iterable[tuple[str, ParameterValues]]
 
 
 def _check(effect: Effect, values: ParameterValues) -> None:
-    expected = {parameter.name for parameter in effect.parameters} | ({"channel"} if effect.channels else set())
+    expected = {parameter.name for parameter in effect.parameters} | (
+        {"channel"} if effect.channels else set()
+    )
     if set(values) != expected:
-        raise ValueError(f"{effect.name} takes exactly {', '.join(sorted(expected))}, not {', '.join(values)}")
+        raise ValueError(
+            f"{effect.name} takes exactly {', '.join(sorted(expected))}, not {', '.join(values)}"
+        )
     if effect.channels and values["channel"] not in effect.channels:
-        raise ValueError(f"{effect.name} sits on one of {', '.join(effect.channels)}, not {values['channel']}")
+        raise ValueError(
+            f"{effect.name} sits on one of {', '.join(effect.channels)}, not {values['channel']}"
+        )
     for parameter in effect.parameters:
         number = float(values[parameter.name])
         if not any(low <= number <= high for low, high in parameter.intervals):
             ranges = " or ".join(f"{low:g} to {high:g}" for low, high in parameter.intervals)
-            raise ValueError(f"{effect.name}.{parameter.name} = {number:g}: {ranges} {parameter.unit}".rstrip())
+            raise ValueError(
+                f"{effect.name}.{parameter.name} = {number:g}: {ranges} {parameter.unit}".rstrip()
+            )

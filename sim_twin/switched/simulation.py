@@ -43,7 +43,11 @@ class Simulation:
         self._tables: Tables | None = None
 
     def drive(
-        self, amplitudes: NDArray[np.complex128], omega: float, phase: float = 0.0, reference: float | None = None
+        self,
+        amplitudes: NDArray[np.complex128],
+        omega: float,
+        phase: float = 0.0,
+        reference: float | None = None,
     ) -> None:
         """Set the excitations from now on: `omega` in rad/s, `phase` in rad of the fundamental at `reference` s.
 
@@ -89,4 +93,3 @@ class Simulation:
         angle = self._omega * (self.time - self._reference) + self._phase
         orders = np.array([excitation.order for excitation in self.system.excitations])
         return np.asarray(self._amplitudes * np.exp(1j * orders * angle))
-

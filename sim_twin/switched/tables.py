@@ -13,46 +13,50 @@ from numpy.typing import NDArray
 
 from sim_twin.switched.system import Regime, Row, SwitchedSystem
 
-FINE_LEVEL = 14
+DIGIT = 7
+FINE_LEVEL = 2 * DIGIT
 """A fine step (one output sample) is 2^14 ticks; a switch is located to one tick (0.3 ns at 204.8 kHz).
 
 A contact then begins at most 0.2 nm late, which is 1e-9 of the energy of a typical impact.
 """
-_LANES = 8
+_LONGEST_LEVEL = 6
+_LANES = 16
 _WORST_CONDITION = 1e10
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 class Tables(NamedTuple):
-    """Everything that the kernel reads; complex arrays as pairs of real ones, first axis the regime."""
+    """Everything that the kernel reads, in few arrays of two axes, because numba pays for every further one.
 
-    fine_level: int
-    step_re: Real  # (regime, level, slot); the last level is twice a fine step, for regimes without outputs
-    step_im: Real
-    push_re: Real  # (regime, level, slot): response of each slot to a unit residual force held over a step
-    push_im: Real
-    to_state_re: Real  # (regime, state, slot)
-    to_state_im: Real
+    The motion is a real vector of "slots": real parts, then imaginary parts, excitations last in each. A row is
+    what gives a scalar by its product with the slots. Step k = 0 ... 2^7 is k ticks long, step `digits` + k is
+    k 2^7 ticks (the last of them the fine step), and the rest are 2, 4, 8 ... fine steps.
+    """
+
+    bits: int
+    digits: int
+    ticks: Index  # (step,)
+    step: Real  # (regime step plane, half of the slots): re, im of the factor; with residual forces 8 planes:
+    # the step, half the step, the response of the slots to a unit force held over the one and over the other
+    to_state: Real  # (regime state, slot)
     rest: Real  # (regime, state)
-    to_slot_re: Real  # (regime, slot, state)
-    to_slot_im: Real
-    state_slots: NDArray[np.int64]  # (regime,): slots before the excitations that are in use
+    to_slot: Real  # (regime slot, state)
     first_drive: int
-    event_re: Real  # (regime, 2 event + condition, slot)
-    event_im: Real
-    event_constant: Real  # (regime, 2 event + condition)
-    event_residual: Real  # (regime, 2 event + condition)
-    event_target: NDArray[np.int64]  # (regime, event); -1: none
-    output_re: Real  # (regime, output, slot)
-    output_im: Real
-    output_constant: Real  # (regime, output)
-    output_residual: Real  # (regime, output)
-    outputs_used: NDArray[np.int64]  # (regime, output): row in the trace; -1: none
-    residual: Real  # (regime, 3): stiffness, linear, constant of the penetration
-    penetration_re: Real  # (regime, 1, slot)
-    penetration_im: Real
+    change: Real  # (regime event old slot, new slot): the slots in the regime that the event leads to
+    offset: Real  # (regime event, new slot)
+    event: Real  # (regime row, slot): two conditions for each event, then the residual force's penetration
+    event_numbers: Real  # (regime row, 2): constant, share of the residual force
+    event_target: Index  # (regime, event); -1: none
+    event_speed: Real  # (regime event, half of the slots): greatest rise of the first condition in a fine step
+    output: Real  # (regime output, slot)
+    output_numbers: Real  # (regime output, 2): constant, share of the residual force
+    outputs_used: Index  # (regime, output): row in the trace; -1: none
+    mirrored: Index  # (regime,): row in the trace that is minus the first event's condition; -1: none
+    recorded: Index  # (regime,): how many outputs there are, the mirrored one included
+    residual: Real  # (regime, 2): stiffness, linear
 
 
 class _RegimeModes(NamedTuple):
@@ -70,26 +74,45 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
     drives = len(system.excitations)
     slots = -(-(widest + drives) // _LANES) * _LANES
     padded = [_pad(each, widest, drives, slots) for each in modes]
-    levels = np.arange(FINE_LEVEL + 2)
-    dt = fine_step * 2.0 ** (levels - FINE_LEVEL)
-    exponent = np.array([np.outer(dt, each.lam) for each in padded])
-    step = np.exp(exponent)
-    push = np.array([_push(r, m, dt) for r, m in zip(system.regimes, padded, strict=True)])
-    to_state = np.array([each.to_state for each in padded])
-    to_slot = np.array([each.to_slot for each in padded])
+    ticks = _step_lengths()
+    dt = fine_step * 0.5**FINE_LEVEL * ticks
+    planes = np.array([_steps(r, m, dt) for r, m in zip(system.regimes, padded, strict=True)])
+    if all(regime.residual is None for regime in system.regimes):
+        planes = planes[:, :, :2]
+    rows, event_numbers, target = _event_tables(system, padded, widest)
+    lam = np.array([each.lam for each in padded])
     return Tables(
-        FINE_LEVEL,
-        *_parts(step),
-        *_parts(push),
-        *_parts(to_state),
+        DIGIT,
+        (1 << DIGIT) + 1,
+        ticks,
+        planes.reshape(-1, slots),
+        _rows(np.array([each.to_state for each in padded])),
         np.array([each.rest for each in padded]),
-        *_parts(to_slot),
-        np.array([each.used for each in padded]),
+        np.concatenate([part for each in padded for part in (each.to_slot.real, each.to_slot.imag)]),
         widest,
-        *_event_tables(system, padded, widest),
+        *_changes(target, padded, widest),
+        _rows(rows),
+        event_numbers.reshape(-1, 2),
+        target,
+        fine_step * np.abs(rows[:, :-1:2] * lam[:, None, :]).reshape(-1, slots),
         *_output_tables(system, padded, widest),
-        *_residual_tables(system, padded, widest),
+        np.array([_residual_law(regime) for regime in system.regimes]),
     )
+
+
+def _residual_law(regime: Regime) -> tuple[float, float]:
+    return (0.0, 0.0) if regime.residual is None else (regime.residual.stiffness, regime.residual.linear)
+
+
+def _steps(regime: Regime, modes: _RegimeModes, dt: Real) -> Real:
+    turns = [np.exp(np.outer(span, modes.lam)) for span in (dt, dt / 2)]
+    factors = [*turns, _push(regime, modes, dt), _push(regime, modes, dt / 2)]
+    return np.stack([part for each in factors for part in (each.real, each.imag)], axis=1)
+
+
+def _step_lengths() -> Index:
+    short, fine = np.arange((1 << DIGIT) + 1), 1 << FINE_LEVEL
+    return np.concatenate([short, short << DIGIT, fine << np.arange(1, _LONGEST_LEVEL + 1)])
 
 
 def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeModes:
@@ -100,10 +123,7 @@ def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeM
     orders = [excitation.order for excitation in system.excitations]
     identity = np.eye(len(regime.A))
     P = np.array(
-        [
-            np.linalg.solve(1j * k * omega * identity - regime.A, regime.B[:, i])
-            for i, k in enumerate(orders)
-        ]
+        [np.linalg.solve(1j * k * omega * identity - regime.A, regime.B[:, i]) for i, k in enumerate(orders)]
     )
     P = P.T.reshape(len(regime.A), len(orders)).astype(complex)
     rest = -np.linalg.solve(regime.A, regime.c)
@@ -145,8 +165,27 @@ def _pad(modes: _RegimeModes, widest: int, drives: int, slots: int) -> _RegimeMo
     return _RegimeModes(lam, to_state, modes.rest, to_slot, modes.used)
 
 
-def _parts(array: Complex) -> tuple[Real, Real]:
-    return np.ascontiguousarray(array.real), np.ascontiguousarray(array.imag)
+def _rows(complex_rows: Complex) -> Real:
+    both = np.concatenate([complex_rows.real, -complex_rows.imag], axis=-1)
+    return np.ascontiguousarray(both.reshape(-1, both.shape[-1]))
+
+
+def _changes(target: Index, modes: list[_RegimeModes], first_drive: int) -> tuple[Real, Real]:
+    """From the slots of one regime straight to those of the next: x = rest + Re(to_state s) in between."""
+    half = len(modes[0].lam)
+    change, shift = np.zeros((*target.shape, 2 * half, 2 * half)), np.zeros((*target.shape, 2 * half))
+    drive = np.arange(first_drive, half)
+    drive = np.concatenate([drive, half + drive])
+    for r, e in zip(*np.nonzero(target >= 0), strict=True):
+        old, new = modes[r], modes[target[r, e]]
+        to_state, its_own = _rows(old.to_state), _rows(new.to_state)
+        to_state[:, drive] -= its_own[:, drive]
+        to_slot = np.concatenate([new.to_slot.real, new.to_slot.imag])
+        onward = to_slot @ to_state
+        onward[drive, drive] = 1.0
+        change[r, e] = onward.T
+        shift[r, e] = to_slot @ (old.rest - new.rest)
+    return change.reshape(-1, 2 * half), shift.reshape(-1, 2 * half)
 
 
 def _row(row: Row, modes: _RegimeModes, first_drive: int) -> tuple[Complex, float]:
@@ -176,46 +215,48 @@ def _residual_gain(row: Row, regime: Regime) -> float:
 
 def _event_tables(
     system: SwitchedSystem, modes: list[_RegimeModes], first_drive: int
-) -> tuple[Real, Real, Real, Real, NDArray[np.int64]]:
+) -> tuple[Complex, Real, Index]:
     most = max(2, *(len(regime.events) for regime in system.regimes))
-    shape = (len(modes), 2 * most)
-    rows = np.zeros((*shape, len(modes[0].lam)), dtype=complex)
-    constants, gains = np.full(shape, -1.0), np.zeros(shape)
+    rows = np.zeros((len(modes), 2 * most + 1, len(modes[0].lam)), dtype=complex)
+    numbers = np.zeros((*rows.shape[:2], 2))
+    numbers[:, :, 0] = -1.0
     target = np.full((len(modes), most), -1)
     for r, regime in enumerate(system.regimes):
         for e, event in enumerate(regime.events):
             target[r, e] = event.target
-            for c, row in enumerate((event.condition, event.also)):
-                k = 2 * e + c
+            for k, row in enumerate((event.condition, event.also), 2 * e):
                 if row is None:
-                    constants[r, k] = 1.0
+                    numbers[r, k] = 1.0, 0.0
                 else:
-                    rows[r, k], constants[r, k] = _row(row, modes[r], first_drive)
-                    gains[r, k] = _residual_gain(row, regime)
-    return *_parts(rows), constants, gains, target
+                    rows[r, k], constant = _row(row, modes[r], first_drive)
+                    numbers[r, k] = constant, _residual_gain(row, regime)
+        if regime.residual is not None:
+            rows[r, -1], numbers[r, -1, 0] = _row(regime.residual.penetration, modes[r], first_drive)
+    return rows, numbers, target
 
 
 def _output_tables(
     system: SwitchedSystem, modes: list[_RegimeModes], first_drive: int
-) -> tuple[Real, Real, Real, Real, NDArray[np.int64]]:
+) -> tuple[Real, Real, Index, Index, Index]:
     shape = (len(modes), max(1, system.outputs))
     rows = np.zeros((*shape, len(modes[0].lam)), dtype=complex)
-    constants, gains = np.zeros(shape), np.zeros(shape)
-    used = np.full(shape, -1)
+    numbers = np.zeros((*shape, 2))
+    used, mirrored = np.full(shape, -1), np.full(len(modes), -1)
     for r, regime in enumerate(system.regimes):
-        for o, output in enumerate(regime.outputs):
-            rows[r, o], constants[r, o] = _row(output.row, modes[r], first_drive)
-            gains[r, o], used[r, o] = _residual_gain(output.row, regime), output.index
-    return *_parts(rows), constants, gains, used
+        others = [output for output in regime.outputs if not _mirrors(regime, output.row)]
+        mirrored[r] = next((o.index for o in regime.outputs if _mirrors(regime, o.row)), -1)
+        for o, output in enumerate(others):
+            rows[r, o], constant = _row(output.row, modes[r], first_drive)
+            numbers[r, o] = constant, _residual_gain(output.row, regime)
+            used[r, o] = output.index
+    recorded = np.array([len(regime.outputs) for regime in system.regimes])
+    return _rows(rows), numbers.reshape(-1, 2), used, mirrored, recorded
 
 
-def _residual_tables(
-    system: SwitchedSystem, modes: list[_RegimeModes], first_drive: int
-) -> tuple[Real, Real, Real]:
-    numbers = np.zeros((len(modes), 3))
-    rows = np.zeros((len(modes), 1, len(modes[0].lam)), dtype=complex)
-    for r, regime in enumerate(system.regimes):
-        if regime.residual is not None:
-            rows[r, 0], constant = _row(regime.residual.penetration, modes[r], first_drive)
-            numbers[r] = regime.residual.stiffness, regime.residual.linear, constant
-    return numbers, *_parts(rows)
+def _mirrors(regime: Regime, row: Row) -> bool:
+    """Whether an output is minus the first event's condition, which the kernel knows anyway."""
+    if regime.residual is not None or not regime.events:
+        return False
+    first = regime.events[0].condition
+    plain = all(each.rate is None and each.drive is None for each in (first, row))
+    return plain and first.constant == -row.constant and np.array_equal(first.position, -row.position)

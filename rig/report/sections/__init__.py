@@ -1,15 +1,21 @@
 """The sections of a report in their order: a new one is a file here and a line in the table."""
 
 from rig.report.content import Section
-from rig.report.sections import events, overlays, peaks, provenance, scenario, spectra, summary
+from rig.report.sections.events import parts as events
+from rig.report.sections.overlays import parts as overlays
+from rig.report.sections.peaks import parts as peaks
+from rig.report.sections.provenance import parts as provenance
+from rig.report.sections.scenario import parts as scenario
+from rig.report.sections.spectra import parts as spectra
+from rig.report.sections.summary import parts as summary
 
 SECTIONS = (
-    Section("Summary", summary.parts),
-    Section("First impacts and one cycle", overlays.parts),
-    Section("Peak forces", peaks.parts),
-    Section("Autospectra", spectra.parts),
-    Section("Events and gaps", events.parts),
-    Section("Scenario", scenario.parts),
-    Section("Provenance", provenance.parts),
+    Section("Summary", summary),
+    Section("First impacts and one cycle", overlays),
+    Section("Peak forces", peaks),
+    Section("Autospectra", spectra),
+    Section("Events and gaps", events),
+    Section("Scenario", scenario),
+    Section("Provenance", provenance),
 )
 """Heading and content of each section."""

@@ -1,0 +1,73 @@
+"""A test that leaves a thread, a process, a socket or a file behind fails."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+# What has been told to end may take this long to be gone: a killed child is reaped, a gRPC thread polls.
+GRACE_S = 5.0
+# Python keeps one process for the resources that spawned processes share, and its pipe, until it ends itself.
+RESOURCE_TRACKER = "multiprocessing.resource_tracker"
+_KEPT = ("pipe:", "/dev/", "/proc/", "anon_inode:")
+
+
+class _Held:
+    """What this process holds now: threads, child processes, sockets and regular files."""
+
+    def __init__(self) -> None:
+        self.threads = {thread for thread in threading.enumerate() if thread.is_alive()}
+        self.processes = {child for child in psutil.Process().children(recursive=True) if _is_ours(child)}
+        self.files = Counter(_open_files())
+
+    def leaked_since(self, before: _Held) -> list[str]:
+        threads = [f"thread {thread.name}" for thread in self.threads - before.threads]
+        processes = [f"process {_name(child)}" for child in self.processes - before.processes]
+        files = [f"{target} x {count}" for target, count in (self.files - before.files).items()]
+        return sorted(threads + processes + files)
+
+
+def _is_ours(child: psutil.Process) -> bool:
+    with suppress(psutil.Error):
+        return child.status() != psutil.STATUS_ZOMBIE and not any(
+            RESOURCE_TRACKER in argument for argument in child.cmdline()
+        )
+    return False
+
+
+def _name(child: psutil.Process) -> str:
+    with suppress(psutil.Error):
+        return f"{child.pid} {' '.join(child.cmdline())[:120]}"
+    return f"{child.pid}, gone by now"
+
+
+def _open_files() -> Iterator[str]:
+    """Sockets as one kind, each file by its name; pipes, devices and event queues belong to libraries."""
+    for entry in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            target = os.readlink(entry)
+            if target.startswith("socket:"):
+                yield "socket"
+            elif not target.startswith(_KEPT):
+                yield target.removesuffix(" (deleted)")
+
+
+@pytest.fixture(autouse=True)
+def leaves_nothing_behind() -> Iterator[None]:
+    before = _Held()
+    yield
+    deadline = time.monotonic() + GRACE_S
+    while leaked := _Held().leaked_since(before):
+        if time.monotonic() > deadline:
+            pytest.fail(f"left behind: {'; '.join(leaked)}")
+        gc.collect()
+        time.sleep(0.02)

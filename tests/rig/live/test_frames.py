@@ -1,0 +1,54 @@
+import io
+
+import numpy as np
+import pytest
+
+from daq.block import Flag, SampleBlock
+from daq.log.records import Event
+from rig.live import BeamPicture, frames
+from rig.live.layout import Layout, layout_of
+from tests.rig.synthetic_run import CHANNELS
+
+
+def read(data: bytes) -> list[frames.Frame]:
+    return list(frames.read_frames(io.BytesIO(data)))
+
+
+def test_a_block_arrives_as_it_was_sent() -> None:
+    values = np.linspace(-1.0, 1.0, 100, dtype=np.float32)
+    block = SampleBlock(
+        "contact.force_upper", 2**40, 1_790_000_000_123_456_789, 51_200.25, values, Flag.OVERLOAD
+    )
+    (frame,) = read(frames.encode_block("predicted", block))
+    assert isinstance(frame, frames.BlockFrame)
+    assert frame.origin == "predicted"
+    assert np.array_equal(frame.block.values, values)
+    for field in ("channel", "first_sample", "time_ns", "sample_rate", "flags"):
+        assert getattr(frame.block, field) == getattr(block, field)
+
+
+def test_double_precision_is_sent_as_single() -> None:
+    block = SampleBlock("crank.angle", 0, 0, 1.0, np.array([1.0 + 1e-12, 2.0]))
+    (frame,) = read(frames.encode_block("measured", block))
+    assert isinstance(frame, frames.BlockFrame)
+    assert frame.block.values.tolist() == [1.0, 2.0]
+
+
+def test_frames_follow_each_other() -> None:
+    event = Event(5, "warning", "daq_card", "overload", "über dem Bereich\n")
+    shape = frames.encode_shape(0.25, np.array([0.0, 0.28]), np.array([0.0, 1e-4]))
+    found = read(shape + frames.encode_event(event) + frames.encode_dropped(7))
+    assert isinstance(found[0], frames.ShapeFrame)
+    assert found[0].deflection_m.tolist() == pytest.approx([0.0, 1e-4])
+    assert found[1:] == [event, frames.DroppedFrame(7)]
+
+
+@pytest.mark.parametrize("length", [1, 7, 9, 30])
+def test_a_sender_that_dies_within_a_frame_ends_the_stream(length: int) -> None:
+    whole = frames.encode_dropped(1)
+    assert read(whole + whole[:length]) == [frames.DroppedFrame(1)]
+
+
+def test_a_layout_travels_as_text() -> None:
+    layout = layout_of("run", CHANNELS, CHANNELS[:2], BeamPicture(0.28, 0.019, 0.127e-3), 0.5)
+    assert Layout.from_json(layout.to_json()) == layout

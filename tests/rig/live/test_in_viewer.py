@@ -1,0 +1,146 @@
+"""The live view as the operator sees it: in Rerun's own viewer without a screen, and in Chromium."""
+
+from __future__ import annotations
+
+import io
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+from daq.log.records import Event
+from rig.live import BeamPicture, LiveView, rrd_from_log
+from rig.live.paths import COLOURS
+from rig.live.viewer_server import viewer_environment, viewer_executable
+from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.synthetic_run import CHANNELS, START_NS, blocks, write_log
+
+BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
+NAMES = {channel.name for channel in CHANNELS}
+DRAWN_PIXELS = 60
+"""A line across a plot has hundreds of pixels of its own colour, a legend's dot under forty."""
+
+has_vulkan = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
+needs_vulkan = pytest.mark.skipif(not has_vulkan, reason="no Vulkan driver (mesa-vulkan-drivers)")
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+
+@pytest.fixture
+def live() -> Iterator[LiveView]:
+    """A view that has been offered two seconds of a run."""
+    with LiveView("synthetic beam", CHANNELS, CHANNELS, BEAM) as view:
+        measured, predicted = (blocks(CHANNELS, origin, 2.0) for origin in ("measured", "predicted"))
+        for index, (first, second) in enumerate(zip(measured, predicted, strict=True)):
+            view.offer("measured", first)
+            view.offer("predicted", second)
+            positions = np.linspace(0.0, BEAM.length_m, 20)
+            view.offer_shape(index * 0.02, positions, 1e-4 * np.sin(index) * positions / BEAM.length_m)
+        view.offer_event(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
+        yield view
+
+
+@contextmanager
+def viewer(*arguments: str | Path) -> Iterator[ViewerClient]:
+    """Rerun's viewer without a screen, itself reachable on loopback only."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    options = ["--headless", "--bind=127.0.0.1", f"--port={port}", "--window-size=1600x1000"]
+    process = subprocess.Popen(  # noqa: S603
+        [viewer_executable(), *options, *arguments],
+        env=viewer_environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield connected(f"rerun+http://127.0.0.1:{port}/proxy")
+    finally:
+        process.kill()
+        process.wait()
+
+
+def connected(url: str) -> ViewerClient:
+    deadline = time.monotonic() + 30.0
+    while True:
+        try:
+            client = ViewerClient.connect(url)
+            client.get_state()
+        except (RuntimeError, ConnectionError):
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
+        else:
+            return client
+
+
+def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> int:
+    """How many pixels have the colour, up to the smoothing of edges."""
+    distance = np.abs(np.asarray(picture.convert("RGB"), dtype=int) - colour).max(axis=2)
+    return int((distance < 40).sum())
+
+
+def shows_both(picture: Image.Image) -> bool:
+    return all(pixels(picture, colour) > DRAWN_PIXELS for colour in COLOURS.values())
+
+
+def views_without_both(client: ViewerClient, folder: Path, names: set[str]) -> set[str]:
+    """Views of traces and spectra in which measured or predicted cannot be seen."""
+    missing = set()
+    for view in client.get_state().views:
+        if view.view_class in ("TimeSeries", "2D") and view.name.split(" [")[0] in names:
+            client.save_screenshot(str(folder / "view.png"), view.view_id)
+            with Image.open(folder / "view.png") as picture:
+                missing |= set() if shows_both(picture) else {view.name}
+    return missing
+
+
+def not_drawn(client: ViewerClient, folder: Path) -> set[str]:
+    try:
+        views = client.get_state().views
+        shown = {view.name.split(" [")[0] for view in views if view.view_class == "TimeSeries"}
+        return views_without_both(client, folder, NAMES) if shown >= NAMES else NAMES - shown
+    except (RuntimeError, ConnectionError) as error:  # no picture of a view that is still being laid out
+        return {str(error)}
+
+
+def assert_everything_is_drawn(client: ViewerClient, folder: Path) -> None:
+    deadline = time.monotonic() + 60.0
+    while missing := not_drawn(client, folder):
+        assert time.monotonic() < deadline, f"not drawn: {missing}"
+    views = client.get_state().views
+    classes = [view.view_class for view in views]
+    assert {"3D", "TextLog", "TextDocument"} <= set(classes)
+    assert classes.count("2D") == len(CHANNELS)
+    assert [view.reports for view in views if view.reports] == []
+
+
+@needs_vulkan
+def test_every_channel_is_shown_as_measured_and_as_predicted(live: LiveView, tmp_path: Path) -> None:
+    with viewer("--connect", live.sink_url) as client:
+        assert_everything_is_drawn(client, tmp_path)
+
+
+@needs_vulkan
+def test_a_finished_log_is_shown_in_the_same_way(tmp_path: Path) -> None:
+    rrd = tmp_path / "run.rrd"
+    rrd_from_log(write_log(tmp_path / "run.mcap", seconds=2.0), rrd, BEAM)
+    with viewer(rrd) as client:
+        assert_everything_is_drawn(client, tmp_path)
+
+
+@needs_chromium
+def test_the_page_shows_the_run_in_a_browser(live: LiveView) -> None:
+    with browser_page() as page:
+        page.goto(live.url)
+        deadline = time.monotonic() + 90.0  # a browser that draws without a graphics card
+        while True:
+            with Image.open(io.BytesIO(page.screenshot())) as picture:
+                if shows_both(picture):
+                    break
+            assert time.monotonic() < deadline, "the page stays blank"

@@ -1,0 +1,103 @@
+import os
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from plotly.offline import get_plotlyjs
+
+from daq.channel import Channel
+from daq.log.writer import LogWriter
+from rig.report import write_report
+from rig.report.sections import SECTIONS
+from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
+
+MARKUP = "<img src=x onerror=alert(1)><a href='http://example.org'>x</a>\"'&"
+
+
+def page(log: Path) -> str:
+    html = log.with_suffix(".html")
+    write_report(log, html)
+    return html.read_text(encoding="utf-8").replace(get_plotlyjs(), "")
+
+
+class Tags(HTMLParser):
+    """Names of all elements of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.names: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.add(tag)
+        if tag == "a":
+            assert str(dict(attrs)["href"]).startswith("#")
+
+
+def test_every_section_is_there_in_its_order(tmp_path: Path) -> None:
+    text = page(write_log(tmp_path / "run.mcap"))
+    places = [text.index(f"<h2>{section.heading}</h2>") for section in SECTIONS]
+    assert places == sorted(places)
+
+
+def test_a_report_stays_small_enough_to_send(tmp_path: Path) -> None:
+    channels = [*CHANNELS, *(Channel(f"extra_{index}", "m/s2") for index in range(11))]
+    log = write_log(tmp_path / "run.mcap", seconds=2.0, channels=channels)
+    write_report(log, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size < 8_000_000
+
+
+def test_markup_in_names_and_scenario_comes_out_inert(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "run.mcap", 0.2, [Channel(MARKUP, MARKUP)], scenario=f"name = '''{MARKUP}'''")
+    text = page(log)
+    assert "<img" not in text
+    assert "&lt;img src=x onerror=alert(1)&gt;" in text
+    assert "img" not in Tags(text).names
+
+
+@pytest.mark.parametrize(
+    ("origins", "sentence"),
+    [(("measured",), "The log holds no prediction."), (("predicted",), "a prediction only")],
+)
+def test_one_origin_alone_is_reported_as_such(
+    tmp_path: Path, origins: tuple[str, ...], sentence: str
+) -> None:
+    assert sentence in page(write_log(tmp_path / "run.mcap", origins=origins))  # type: ignore[arg-type]
+
+
+def test_a_run_without_contact_forces_says_so(tmp_path: Path) -> None:
+    text = page(write_log(tmp_path / "run.mcap", channels=CHANNELS[:1]))
+    assert "No contact forces in this run" in text
+    assert "no pair of contact forces" in text
+
+
+def test_a_run_without_an_impact_says_so(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "run.mcap", seconds=0.004)  # the first contact comes at 5 ms
+    assert "No impact in this run" in page(log)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1e-4, 0.2])
+@pytest.mark.parametrize("scenario", ["", "no toml [", "[drive]\nfrequency = 'three'", "drive = 1"])
+def test_short_runs_and_odd_scenarios_give_a_report(tmp_path: Path, seconds: float, scenario: str) -> None:
+    assert "<h2>Provenance</h2>" in page(write_log(tmp_path / "run.mcap", seconds, scenario=scenario))
+
+
+def test_gaps_and_bad_samples_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with LogWriter(path) as log:
+        for channel in CHANNELS:
+            log.declare("measured", channel)
+        for index, block in enumerate(blocks(CHANNELS, "measured", 1.0)):
+            if index == 11:
+                continue
+            log.add_block("measured", damaged(block) if index == 22 else block, block.time_ns)
+    text = page(path)
+    assert "5120 missing" in text
+    assert "1 gap, 1 overloaded block" in text
+    assert "Samples that are no numbers: contact.force_lower." in text
+
+
+def test_a_log_that_a_crash_left_is_reported_up_to_its_last_chunk(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "run.mcap", seconds=2.0)
+    os.truncate(path, path.stat().st_size // 2)
+    assert "The log was never finished" in page(path)
