@@ -34,7 +34,7 @@ class BeamPicture:
     def draw_fixed(self, recording: rr.RecordingStream) -> None:
         """Log what does not move: the stops, the pivot, the line of rest."""
         half = (0.02 * self.length_m, 0.8 * self.width_m, 0.006 * self.length_m)
-        stops = [self.rest_offset_m + sign * self.clearance_m for sign in (1, -1)]
+        stops = [sign * self.clearance_m - self.rest_offset_m for sign in (1, -1)]
         heights = [
             self.magnification * stop + sign * half[2] for stop, sign in zip(stops, (1, -1), strict=True)
         ]

@@ -20,7 +20,7 @@ _QUERIED = 8
 """A view queries this many times the stretch that it shows. Rerun 0.41 draws with the last frame's axis,
 which without a graphics card is seconds old; the range of the force axis is steadier for it, too."""
 
-_PEAKS_SHOWN = 20
+_PEAKS_SHOWN = 10
 """The peaks' plot reaches this many times further back than the traces."""
 
 

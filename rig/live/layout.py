@@ -11,7 +11,7 @@ from daq.channel import Channel
 from daq.log.reader import Origin
 from rig.live.beam_picture import BeamPicture
 
-_POINTS_PER_S = 40_000
+_POINTS_PER_S = 12_000
 _FEWEST, _MOST = 800, 2_500
 
 

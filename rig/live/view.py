@@ -46,7 +46,7 @@ class LiveView:
         measured: Sequence[Channel],
         predicted: Sequence[Channel],
         beam: BeamPicture | None = None,
-        window_s: float = 1.0,
+        window_s: float = 3.0,
         patience_s: float = 3.0,
         memory_limit: str = "64MB",
     ) -> None:

@@ -40,7 +40,7 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     period = sample_rate / drive.frequency
     running_before = begun < period / 8
     fit = fit_sine(finite if running_before else finite[begun:], sample_rate, drive.frequency)
-    if running_before and abs(np.sin(fit.phase)) > 2 * _STARTED:
+    if running_before and begun > 0 and abs(np.sin(fit.phase)) > 2 * _STARTED:
         # The first samples were at rest where the sine was not: a slow drive that began just then.
         running_before, fit = False, fit_sine(finite[begun:], sample_rate, drive.frequency)
     steady = finite if running_before else finite[begun:]

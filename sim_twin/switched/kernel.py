@@ -1,17 +1,19 @@
 """The inner loop: exact steps in the modes of the regime, switches located by secants over tabulated steps.
 
 Method: exact propagation of piecewise linear systems from event to event (Shaw and Holmes 1983,
-10.1016/0022-460X(83)90407-8). Steps of every needed length are tabulated, so that neither stepping nor locating
-a switch takes anything but multiplications. Where nothing is recorded, a step is as long as the fastest possible
-motion towards a switch allows. A Hertzian part of the contact law enters as an exponential midpoint rule (second
-order; Hochbruck and Ostermann 2010, 10.1017/S0962492910000048).
+10.1016/0022-460X(83)90407-8). Steps of every needed length are tabulated, so that neither stepping nor
+locating a switch takes anything but multiplications. Where nothing is recorded, a step is as long as the
+fastest possible motion towards a switch allows. A Hertzian part of the contact law enters as an exponential
+midpoint rule (second order; Hochbruck and Ostermann 2010, 10.1017/S0962492910000048).
 
-The slots live in one array s of shape (2 buffers, slot), and arrays are indexed in full: taking views or handing
-the whole table on costs several times the arithmetic. Loops have one store and at most six other streams, because
-beyond eight comparisons of addresses the compiler gives up vectorising.
+The slots live in one array s of shape (2 buffers, re/im, slot), and arrays are indexed in full. Loops have
+one store, few other streams and no sums in the index, or the compiler would give up vectorising.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -27,66 +29,70 @@ _LEAST = -1e300
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Without reference counting: it would cost more than the arithmetic. So nothing here may allocate.
-_compiled = njit(cache=True, fastmath=True, _nrt=False)
-_inlined = njit(cache=True, fastmath=True, _nrt=False, inline="always")
+P = ParamSpec("P")
+T = TypeVar("T")
+
+# Without reference counting, which would cost more than the arithmetic: so nothing here may allocate.
+_OPTIONS: dict[str, Any] = {"cache": True, "fastmath": True, "_nrt": False}
+
+
+def _compiled(function: Callable[P, T]) -> Callable[P, T]:
+    return cast(Callable[P, T], njit(**_OPTIONS)(function))
+
+
+def _inlined(function: Callable[P, T]) -> Callable[P, T]:
+    return cast(Callable[P, T], njit(**_OPTIONS, inline="always")(function))
 
 
 @_inlined
 def _turn(step: Real, row: int, s: Real, old: int, new: int) -> None:
     half = step.shape[1]
     for i in range(half):
-        s[new, i] = step[row, i] * s[old, i] - step[row + 1, i] * s[old, half + i]
+        s[new, 0, i] = step[row, i] * s[old, 0, i] - step[row + 1, i] * s[old, 1, i]
     for i in range(half):
-        s[new, half + i] = step[row, i] * s[old, half + i] + step[row + 1, i] * s[old, i]
+        s[new, 1, i] = step[row, i] * s[old, 1, i] + step[row + 1, i] * s[old, 0, i]
 
 
 @_inlined
-def _turn_and_watch(
-    step: Real, row: int, rows: Real, numbers: Real, event: int, s: Real, b: int
-) -> tuple[float, float]:
-    """Step from buffer b to the other one; return the first conditions of the first two events there."""
+def _turn_and_watch(step: Real, row: int, rows: Real, constant: float, event: int, s: Real, b: int) -> float:
+    """Step from buffer b to the other one; return the condition of row `event` there."""
     half = step.shape[1]
-    first, second = numbers[event, 0], numbers[event + 2, 0]
+    first = constant
     for i in range(half):
-        re = step[row, i] * s[b, i] - step[row + 1, i] * s[b, half + i]
-        s[1 - b, i] = re
-        first += rows[event, i] * re
-        second += rows[event + 2, i] * re
+        re = step[row, i] * s[b, 0, i] - step[row + 1, i] * s[b, 1, i]
+        s[1 - b, 0, i] = re
+        first += rows[event, 0, i] * re
     for i in range(half):
-        im = step[row, i] * s[b, half + i] + step[row + 1, i] * s[b, i]
-        s[1 - b, half + i] = im
-        first += rows[event, half + i] * im
-        second += rows[event + 2, half + i] * im
-    return first, second
+        im = step[row, i] * s[b, 1, i] + step[row + 1, i] * s[b, 0, i]
+        s[1 - b, 1, i] = im
+        first += rows[event, 1, i] * im
+    return first
 
 
 @_inlined
 def _product(rows: Real, row: int, s: Real, b: int) -> float:
     total = 0.0
-    for i in range(s.shape[1]):
-        total += rows[row, i] * s[b, i]
+    for i in range(s.shape[2]):
+        total += rows[row, 0, i] * s[b, 0, i] + rows[row, 1, i] * s[b, 1, i]
     return total
 
 
 @_inlined
 def _flush(s: Real, b: int) -> None:
     # Modes that have died out would reach the denormal numbers, which cost a hundred times a normal one.
-    for i in range(s.shape[1]):
-        if abs(s[b, i]) < _FADED:
-            s[b, i] = 0.0
+    for part in range(2):
+        for i in range(s.shape[2]):
+            if abs(s[b, part, i]) < _FADED:
+                s[b, part, i] = 0.0
 
 
 @_inlined
-def _fastest(event_speed: Real, row: int, s: Real, b: int) -> tuple[float, float]:
-    """Bounds on the rise of the first two events' conditions in a fine step from now on (modes only decay)."""
-    half = event_speed.shape[1]
-    first, second = 0.0, 0.0
-    for i in range(half):
-        size = np.sqrt(s[b, i] * s[b, i] + s[b, half + i] * s[b, half + i])
-        first += event_speed[row, i] * size
-        second += event_speed[row + 1, i] * size
-    return first, second
+def _fastest(event_speed: Real, r: int, s: Real, b: int) -> float:
+    """Bound on the change of the first event's condition in a fine step from now on (modes only decay)."""
+    fast = 0.0
+    for i in range(event_speed.shape[1]):
+        fast += event_speed[r, i] * np.sqrt(s[b, 0, i] * s[b, 0, i] + s[b, 1, i] * s[b, 1, i])
+    return fast
 
 
 @_inlined
@@ -108,22 +114,22 @@ def _turn_with_residual(
     force = _residual_force(residual, rows, numbers, r, s, old)
     _turn(step, row + 2, s, old, new)
     for i in range(half):
-        s[new, i] += step[row + 6, i] * force
+        s[new, 0, i] += step[row + 6, i] * force
     for i in range(half):
-        s[new, half + i] += step[row + 7, i] * force
+        s[new, 1, i] += step[row + 7, i] * force
     force = _residual_force(residual, rows, numbers, r, s, new)
     _turn(step, row, s, old, new)
     for i in range(half):
-        s[new, i] += step[row + 4, i] * force
+        s[new, 0, i] += step[row + 4, i] * force
     for i in range(half):
-        s[new, half + i] += step[row + 5, i] * force
+        s[new, 1, i] += step[row + 5, i] * force
 
 
 @_inlined
 def _fired(
     rows: Real, numbers: Real, target: Index, residual: Real, r: int, s: Real, b: int
 ) -> tuple[int, float]:
-    """First event of regime r whose two conditions are positive, or -1, and its (else the largest) first one."""
+    """First event of regime r with both conditions positive, or -1; and its (else the largest) first one."""
     force = _residual_force(residual, rows, numbers, r, s, b)
     largest, row = _LEAST, r * (rows.shape[0] // target.shape[0])
     for e in range(target.shape[1]):
@@ -155,7 +161,7 @@ def _locate(
     step: Real, planes: int, begin: int, k: int, digits: int, rows: Real, numbers: Real, target: Index,
     residual: Real, r: int, s: Real, b: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Go from buffer b to the first tick at which something has fired within step k; return buffer and ticks."""
+    """Go from buffer b to the first tick in step k at which something has fired; return buffer and ticks."""
     passed, digit, tries = 0, digits - 1, 0
     _, below = _fired(rows, numbers, target, residual, r, s, b)
     _, above = _fired(rows, numbers, target, residual, r, s, 1 - b)
@@ -209,19 +215,39 @@ def _to_slots(t: Tables, r: int, x: Real, s: Real) -> None:
             total, row = 0.0, (2 * r + part) * half + i
             for k in range(x.size):
                 total += t.to_slot[row, k] * x[k]
-            s[0, part * half + i] = total
+            s[0, part, i] = total
 
 
 @_inlined
 def _change_modes(change: Real, offset: Real, which: int, s: Real, old: int, new: int) -> None:
-    slots, row = s.shape[1], which * s.shape[1]
-    for i in range(slots):
-        s[new, i] = offset[which, i]
-    for j in range(0, slots, 4):
-        one, two, three, four = s[old, j], s[old, j + 1], s[old, j + 2], s[old, j + 3]
+    slots = s.shape[2]
+    row = 2 * slots * which
+    for part in range(2):
         for i in range(slots):
-            pair = change[row + j, i] * one + change[row + j + 1, i] * two
-            s[new, i] += pair + change[row + j + 2, i] * three + change[row + j + 3, i] * four
+            s[new, part, i] = offset[which, part, i]
+        for old_part in range(2):
+            for j in range(0, slots, 4):
+                k = row + old_part * slots + j
+                one, two = s[old, old_part, j], s[old, old_part, j + 1]
+                three, four = s[old, old_part, j + 2], s[old, old_part, j + 3]
+                for i in range(slots):
+                    pair = change[k, part, i] * one + change[k + 1, part, i] * two
+                    s[new, part, i] += pair + change[k + 2, part, i] * three + change[k + 3, part, i] * four
+
+
+@_inlined
+def _switch(
+    rows: Real, numbers: Real, target: Index, residual: Real, change: Real, offset: Real, r: int, s: Real,
+    b: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Follow the events that have fired, one after another; return the buffer and the regime at the end."""
+    for _ in range(_MOST_SWITCHES_AT_ONCE):
+        fired, _value = _fired(rows, numbers, target, residual, r, s, b)
+        if fired < 0:
+            break
+        _change_modes(change, offset, r * target.shape[1] + fired, s, b, 1 - b)
+        r, b = target[r, fired], 1 - b
+    return b, r
 
 
 @_inlined
@@ -236,12 +262,52 @@ def _record(
 
 
 @_inlined
-def _longest_step(
-    bits: int, digits: int, left: int, longest: int, first: float, second: float, fast: float, faster: float
-) -> int:
-    """Index of a step that takes `left` ticks at most and ends before any event can come, or is two fine steps.
+def _look_ahead(
+    ahead: Real, row: int, count: int, constant: float, s: Real, b: int, out: Real, line: int, column: int
+) -> tuple[int, float]:
+    """Record minus a condition, now negative, here and at the next fine steps as long as it stays negative.
 
-    `first`, `second` are the events' conditions and `fast`, `faster` bounds on their rise in a fine step.
+    Returns how many of these steps (0, 1, 2 or 4) can be taken at once, and the condition after them.
+    """
+    passed, condition = 0, 0.0
+    while passed < count:
+        value = constant + _product(ahead, row + passed, s, b)
+        if value > 0.0:
+            break
+        passed, condition = passed + 1, value
+        if passed < count:
+            out[line, column + passed] = -value
+    if passed == 3:
+        return 2, -out[line, column + 2]
+    return passed, condition
+
+
+@_inlined
+def _try(
+    step: Real, at: int, rows: Real, numbers: Real, target: Index, residual: Real, opposite: Real, r: int,
+    s: Real, b: int,
+) -> tuple[int, float, float]:  # fmt: skip
+    """Take a step into the other buffer; return what fired there, and the first two events' conditions."""
+    first, second = 0.0, 0.0
+    if opposite[r, 0] > 0.0:
+        row = r * (rows.shape[0] // target.shape[0])
+        first = _turn_and_watch(step, at, rows, numbers[row, 0], row, s, b)
+        second = opposite[r, 1] + opposite[r, 2] * first
+        if first <= 0.0 and second <= 0.0:
+            return -1, first, second
+    elif residual[r, 0] == 0.0:
+        _turn(step, at, s, b, 1 - b)
+    else:
+        _turn_with_residual(step, at, rows, numbers, residual, r, s, b, 1 - b)
+    fired, _value = _fired(rows, numbers, target, residual, r, s, 1 - b)
+    return fired, first, second
+
+
+@_inlined
+def _longest_step(bits: int, digits: int, left: int, longest: int, nearest: float, fast: float) -> int:
+    """Index of a step of at most `left` ticks that ends before any event can come, or is two fine steps.
+
+    `nearest` is the greatest condition of an event and `fast` a bound on its rise in a fine step.
     """
     fine = 1 << (2 * bits)
     if left < 2 * fine:
@@ -249,9 +315,9 @@ def _longest_step(
             return digits + (min(left, fine) >> bits)
         return left
     k = digits + digits
-    fast, faster, reach = 4.0 * fast, 4.0 * faster, 4 * fine
-    while k < longest and first + fast < 0.0 and second + faster < 0.0 and reach <= left:
-        k, fast, faster, reach = k + 1, 2.0 * fast, 2.0 * faster, 2 * reach
+    rise, reach = 4.0 * fast, 4 * fine
+    while k < longest and nearest + rise < 0.0 and reach <= left:
+        k, rise, reach = k + 1, 2.0 * rise, 2 * reach
     return k
 
 
@@ -264,76 +330,68 @@ def run(
     `drive_re`, `drive_im`: excitations at the start. Switches go to `switch_time` (in fine steps from the
     start) and `switch_regime`. Returns the last regime and the number of switches (counted past the arrays).
     """
-    half = t.step.shape[1]
-    s = np.zeros((2, 2 * half))
-    s[:, t.first_drive : t.first_drive + drive_re.size] = drive_re
-    s[:, half + t.first_drive : half + t.first_drive + drive_im.size] = drive_im
+    s = np.zeros((2, 2, t.step.shape[1]))
+    s[:, 0, t.first_drive : t.first_drive + drive_re.size] = drive_re
+    s[:, 1, t.first_drive : t.first_drive + drive_im.size] = drive_im
     last, switches = _run(t, x, s, regime, out, switch_time, switch_regime)
     return int(last), int(switches)
 
 
 @_compiled
-def _run(
+def _run(  # noqa: C901 - what is split off is inlined again, and every further argument slows the compiler
     t: Tables, x: Real, s: Real, regime: int, out: Real, switch_time: Real, switch_regime: Index
 ) -> tuple[int, int]:
     step, rows, numbers, target, residual = t.step, t.event, t.event_numbers, t.event_target, t.residual
-    change, offset, event_speed, ticks = t.change, t.offset, t.event_speed, t.ticks
-    output, output_numbers, used, mirrored, recorded = (
-        t.output, t.output_numbers, t.outputs_used, t.mirrored, t.recorded,
-    )  # fmt: skip
-    regimes, events = target.shape
-    width, planes = 2 * events + 1, step.shape[0] // (regimes * ticks.size)
-    bits, digits, many = t.bits, t.digits, events > 2
-    shift, fine = 2 * bits, 1 << (2 * bits)
-    longest = 2 * digits if many else ticks.size - 1
-    r, b, switches, steps, position, total = regime, 0, 0, 0, 0, out.shape[1] << shift
-    first, second, fast, faster = 0.0, 0.0, 0.0, 0.0
+    change, offset, event_speed, ticks, ahead = t.change, t.offset, t.event_speed, t.ticks, t.ahead
+    output, output_numbers, used, line = t.output, t.output_numbers, t.outputs_used, t.mirrored
+    recorded, opposite = t.recorded, t.opposite
+    regimes, width, further = (
+        target.shape[0],
+        rows.shape[0] // target.shape[0],
+        ahead.shape[0] // target.shape[0],
+    )
+    planes, bits, digits = step.shape[0] // (regimes * ticks.size), t.bits, t.digits
+    r, b, switches, steps, position, total = regime, 0, 0, 0, 0, out.shape[1] << (2 * bits)
+    first, second, fast, changed, fine = 0.0, 0.0, 0.0, True, 1 << (2 * bits)
     _to_slots(t, r, x, s)
-    changed = True
     while position < total:
+        row, begin, left = r * width, r * ticks.size * planes, total - position
         if changed:
-            first = numbers[r * width, 0] + _product(rows, r * width, s, b)
-            second = numbers[r * width + 2, 0] + _product(rows, r * width + 2, s, b)
+            first = numbers[row, 0] + _product(rows, row, s, b)
+            second = opposite[r, 1] + opposite[r, 2] * first
         if changed or steps & 31 == 0:
             _flush(s, b)
-            fast, faster = _fastest(event_speed, r * events, s, b)
-        changed = False
-        steps += 1
-        left = total - position
+            fast = _fastest(event_speed, r, s, b)
+        changed, steps = False, steps + 1
         if recorded[r] > 0:
-            within = position & (fine - 1)
-            if within == 0:
-                if mirrored[r] >= 0:
-                    out[mirrored[r], position >> shift] = -first
-                if used[r, 0] >= 0:
-                    force = _residual_force(residual, rows, numbers, r, s, b)
-                    _record(output, output_numbers, used, force, r, s, b, out, position >> shift)
+            column, within = position >> (2 * bits), position & (fine - 1)
+            if within == 0 and line[r] >= 0:
+                out[line[r], column] = -first
+            if within == 0 and used[r, 0] >= 0:
+                force = _residual_force(residual, rows, numbers, r, s, b)
+                _record(output, output_numbers, used, force, r, s, b, out, column)
+            elif within == 0 and left >= further * fine:
+                jump, condition = _look_ahead(
+                    ahead, r * further, further, numbers[row, 0], s, b, out, line[r], column
+                )
+                if jump > 0:
+                    _turn(step, begin + (2 * digits - 1 + jump // 2) * planes, s, b, 1 - b)
+                    first, b, position = condition, 1 - b, position + jump * fine
+                    continue
             left = fine - within
-        k = _longest_step(bits, digits, left, longest, first, second, fast, faster)
-        begin = r * ticks.size * planes
-        fired = 0
-        if residual[r, 0] == 0.0:
-            first, second = _turn_and_watch(step, begin + k * planes, rows, numbers, r * width, s, b)
-            if first <= 0.0 and second <= 0.0 and not many:
-                fired = -1
-        else:
-            _turn_with_residual(step, begin + k * planes, rows, numbers, residual, r, s, b, 1 - b)
-        if fired == 0:
-            fired, _ = _fired(rows, numbers, target, residual, r, s, 1 - b)
+        longest = ticks.size - 1 if opposite[r, 0] > 0.0 else 2 * digits
+        k = _longest_step(bits, digits, left, longest, max(first, second), fast)
+        at = begin + k * planes
+        fired, first, second = _try(step, at, rows, numbers, target, residual, opposite, r, s, b)
         if fired < 0:
             b, position = 1 - b, position + ticks[k]
             continue
         b, passed = _locate(step, planes, begin, k, digits, rows, numbers, target, residual, r, s, b)
         position, changed = position + passed, True
-        for _ in range(_MOST_SWITCHES_AT_ONCE):
-            fired, _ = _fired(rows, numbers, target, residual, r, s, b)
-            if fired < 0:
-                break
-            _change_modes(change, offset, r * events + fired, s, b, 1 - b)
-            r, b = target[r, fired], 1 - b
+        b, new = _switch(rows, numbers, target, residual, change, offset, r, s, b)
+        if new != r:
             if switches < switch_time.size:
-                switch_time[switches] = position / fine
-                switch_regime[switches] = r
-            switches += 1
+                switch_time[switches], switch_regime[switches] = position / fine, new
+            r, switches = new, switches + 1
     _to_state(t.to_state, t.rest, r, s, b, x)
     return r, switches

@@ -1,7 +1,7 @@
 """Turns a switched system into arrays: every regime in its own complex modes, every step a multiplication.
 
-In its modes a regime's motion is s(t + dt) = exp(lambda dt) s(t), with the excitations as further entries of s
-(lambda = i order omega), so a step of any length is exact. Conjugate pairs are kept once, with weight two.
+In its modes a regime's motion is s(t + dt) = exp(lambda dt) s(t), with the excitations as further entries of
+s (lambda = i order omega), so a step of any length is exact. Conjugate pairs are kept once, with weight two.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ FINE_LEVEL = 2 * DIGIT
 A contact then begins at most 0.2 nm late, which is 1e-9 of the energy of a typical impact.
 """
 _LONGEST_LEVEL = 6
+_AHEAD = 4
 _LANES = 16
 _WORST_CONDITION = 1e10
 
@@ -29,32 +30,39 @@ Index = NDArray[np.int64]
 
 
 class Tables(NamedTuple):
-    """Everything that the kernel reads, in few arrays of two axes, because numba pays for every further one.
+    """Everything that the kernel reads, in few arrays of few axes, because numba pays for every further one.
 
-    The motion is a real vector of "slots": real parts, then imaginary parts, excitations last in each. A row is
-    what gives a scalar by its product with the slots. Step k = 0 ... 2^7 is k ticks long, step `digits` + k is
-    k 2^7 ticks (the last of them the fine step), and the rest are 2, 4, 8 ... fine steps.
+    The motion is an array of slots, shape (2, slot): real and imaginary parts of modes and excitations. A row
+    of the same shape gives a scalar by its product with the slots. Step k = 0 ... 2^7 is k ticks long, step
+    `digits` + k is k 2^7 ticks (the last of them the fine step), and the rest are 2, 4, 8 ... fine steps.
     """
 
     bits: int
     digits: int
     ticks: Index  # (step,)
-    step: Real  # (regime step plane, half of the slots): re, im of the factor; with residual forces 8 planes:
+    step: Real  # (regime step plane, slot): re, im of the factor; with residual forces 8 planes:
     # the step, half the step, the response of the slots to a unit force held over the one and over the other
-    to_state: Real  # (regime state, slot)
+    to_state: Real  # (regime state, 2, slot)
     rest: Real  # (regime, state)
-    to_slot: Real  # (regime slot, state)
+    to_slot: Real  # (regime re/im slot, state)
     first_drive: int
-    change: Real  # (regime event old slot, new slot): the slots in the regime that the event leads to
-    offset: Real  # (regime event, new slot)
-    event: Real  # (regime row, slot): two conditions for each event, then the residual force's penetration
+    change: (
+        Real  # (regime event re/im old slot, 2, new slot): the slots in the regime that the event leads to
+    )
+    offset: Real  # (regime event, 2, new slot)
+    event: Real  # (regime row, 2, slot): two conditions for each event, then the residual force's penetration
     event_numbers: Real  # (regime row, 2): constant, share of the residual force
     event_target: Index  # (regime, event); -1: none
-    event_speed: Real  # (regime event, half of the slots): greatest rise of the first condition in a fine step
-    output: Real  # (regime output, slot)
+    event_speed: Real  # (regime, slot): greatest change of the first event's condition in a fine step
+    opposite: (
+        Real  # (regime, 3): 1 where the second event's condition is a + b times the first's (or there is
+    )
+    # one event only) and neither has a residual force in it, else 0; a; b
+    ahead: Real  # (regime fine step, 2, slot): the first condition's row one, two, ... fine steps ahead
+    output: Real  # (regime output, 2, slot)
     output_numbers: Real  # (regime output, 2): constant, share of the residual force
     outputs_used: Index  # (regime, output): row in the trace; -1: none
-    mirrored: Index  # (regime,): row in the trace that is minus the first event's condition; -1: none
+    mirrored: Index  # (regime,): row in the trace that is minus the only event's condition; -1: none
     recorded: Index  # (regime,): how many outputs there are, the mirrored one included
     residual: Real  # (regime, 2): stiffness, linear
 
@@ -75,11 +83,12 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
     slots = -(-(widest + drives) // _LANES) * _LANES
     padded = [_pad(each, widest, drives, slots) for each in modes]
     ticks = _step_lengths()
-    dt = fine_step * 0.5**FINE_LEVEL * ticks
+    dt = np.asarray(fine_step * 0.5**FINE_LEVEL * ticks, dtype=np.float64)
     planes = np.array([_steps(r, m, dt) for r, m in zip(system.regimes, padded, strict=True)])
     if all(regime.residual is None for regime in system.regimes):
         planes = planes[:, :, :2]
     rows, event_numbers, target = _event_tables(system, padded, widest)
+    output, output_numbers, used, mirrored, recorded = _output_tables(system, padded, widest)
     lam = np.array([each.lam for each in padded])
     return Tables(
         DIGIT,
@@ -94,10 +103,25 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
         _rows(rows),
         event_numbers.reshape(-1, 2),
         target,
-        fine_step * np.abs(rows[:, :-1:2] * lam[:, None, :]).reshape(-1, slots),
-        *_output_tables(system, padded, widest),
+        fine_step * np.abs(rows[:, 0] * lam),
+        np.array([_opposite(*each) for each in zip(system.regimes, rows, event_numbers, strict=True)]),
+        _rows(rows[:, :1] * np.exp(fine_step * np.arange(1, _AHEAD + 1)[:, None] * lam[:, None, :])),
+        output,
+        output_numbers,
+        used,
+        mirrored,
+        recorded,
         np.array([_residual_law(regime) for regime in system.regimes]),
     )
+
+
+def _opposite(regime: Regime, rows: Complex, numbers: Real) -> tuple[float, float, float]:
+    if regime.residual is None and len(regime.events) == 1:
+        return 1.0, -1.0, 0.0
+    mirror = len(regime.events) == 2 and np.allclose(rows[2], -rows[0], rtol=1e-12, atol=0)
+    if regime.residual is None and mirror:
+        return 1.0, numbers[0, 0] + numbers[2, 0], -1.0
+    return 0.0, -1.0, 0.0
 
 
 def _residual_law(regime: Regime) -> tuple[float, float]:
@@ -126,7 +150,7 @@ def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeM
         [np.linalg.solve(1j * k * omega * identity - regime.A, regime.B[:, i]) for i, k in enumerate(orders)]
     )
     P = P.T.reshape(len(regime.A), len(orders)).astype(complex)
-    rest = -np.linalg.solve(regime.A, regime.c)
+    rest = np.asarray(-np.linalg.solve(regime.A, regime.c), dtype=np.float64)
     drive_lam = np.array([1j * k * omega for k in orders], dtype=complex)
     held = regime.constraint
     if held is None:
@@ -144,7 +168,7 @@ def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeM
 
 
 def _well_conditioned(A: Real) -> Real:
-    """Return A, or A with its damping moved by 1e-7 where a critically damped pair makes its modes coincide."""
+    """Return A, its damping moved by 1e-7 where a critically damped pair makes its modes coincide."""
     _, V = np.linalg.eig(A)
     if np.linalg.cond(V / np.linalg.norm(V, axis=0)) < _WORST_CONDITION * np.linalg.norm(A):
         return A
@@ -166,8 +190,8 @@ def _pad(modes: _RegimeModes, widest: int, drives: int, slots: int) -> _RegimeMo
 
 
 def _rows(complex_rows: Complex) -> Real:
-    both = np.concatenate([complex_rows.real, -complex_rows.imag], axis=-1)
-    return np.ascontiguousarray(both.reshape(-1, both.shape[-1]))
+    both = np.stack([complex_rows.real, -complex_rows.imag], axis=-2)
+    return np.ascontiguousarray(both.reshape(-1, 2, both.shape[-1]))
 
 
 def _changes(target: Index, modes: list[_RegimeModes], first_drive: int) -> tuple[Real, Real]:
@@ -178,14 +202,14 @@ def _changes(target: Index, modes: list[_RegimeModes], first_drive: int) -> tupl
     drive = np.concatenate([drive, half + drive])
     for r, e in zip(*np.nonzero(target >= 0), strict=True):
         old, new = modes[r], modes[target[r, e]]
-        to_state, its_own = _rows(old.to_state), _rows(new.to_state)
+        to_state, its_own = (_rows(each.to_state).reshape(-1, 2 * half) for each in (old, new))
         to_state[:, drive] -= its_own[:, drive]
         to_slot = np.concatenate([new.to_slot.real, new.to_slot.imag])
         onward = to_slot @ to_state
         onward[drive, drive] = 1.0
         change[r, e] = onward.T
         shift[r, e] = to_slot @ (old.rest - new.rest)
-    return change.reshape(-1, 2 * half), shift.reshape(-1, 2 * half)
+    return change.reshape(-1, 2, half), shift.reshape(-1, 2, half)
 
 
 def _row(row: Row, modes: _RegimeModes, first_drive: int) -> tuple[Complex, float]:
@@ -254,8 +278,8 @@ def _output_tables(
 
 
 def _mirrors(regime: Regime, row: Row) -> bool:
-    """Whether an output is minus the first event's condition, which the kernel knows anyway."""
-    if regime.residual is not None or not regime.events:
+    """Whether an output is minus the condition of the only event, which the kernel knows anyway."""
+    if regime.residual is not None or len(regime.events) != 1:
         return False
     first = regime.events[0].condition
     plain = all(each.rate is None and each.drive is None for each in (first, row))

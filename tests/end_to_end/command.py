@@ -1,0 +1,106 @@
+"""The real command in a process of its own, as a person at a terminal has it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+ROOT = Path(__file__).parents[2]
+DEADLINE_S = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def log(self) -> Path:
+        """The path at the end of the last line of its standard output."""
+        return Path(self.out.rstrip().splitlines()[-1].split(maxsplit=1)[-1].removeprefix("so far "))
+
+
+class Command:
+    """A command that runs; its standard output is read line by line."""
+
+    def __init__(self, *arguments: object) -> None:
+        self._lines: list[str] = []
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "rig.app", *map(str, arguments)],
+            cwd=ROOT,
+            env=os.environ | {"PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.pid = self._process.pid
+
+    def await_line(self, beginning: str) -> str:
+        """Read on to the line that begins like that; the test's own time limit is the deadline."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.append(line)
+            if line.startswith(beginning):
+                return line.rstrip()
+        raise AssertionError(f"{beginning!r} never came: {''.join(self._lines)}{self.end().err}")
+
+    def signal(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def children(self) -> list[psutil.Process]:
+        return psutil.Process(self.pid).children(recursive=True)
+
+    def end(self, deadline_s: float = DEADLINE_S) -> Ended:
+        """Wait until it has ended by itself."""
+        out, err = self._process.communicate(timeout=deadline_s)
+        return Ended(self._process.returncode, "".join(self._lines) + out, err)
+
+    def kill(self) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        for stream in (self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
+        self._process.wait()
+
+
+@contextmanager
+def command(*arguments: object) -> Iterator[Command]:
+    """A command that is gone at the end, whatever the test did."""
+    running = Command(*arguments)
+    try:
+        yield running
+    finally:
+        running.kill()
+
+
+def rattle(*arguments: object, deadline_s: float = DEADLINE_S) -> Ended:
+    """Run a command to its end."""
+    with command(*arguments) as running:
+        return running.end(deadline_s)
+
+
+def await_gone(processes: list[psutil.Process], deadline_s: float = 8.0) -> None:
+    """Wait until all are gone; emulators and workers end with their parent."""
+    _, alive = psutil.wait_procs(processes, timeout=deadline_s)
+    assert not alive, f"still there: {alive}"
+
+
+def await_true(what: str, holds: Callable[[], object], deadline_s: float = 20.0) -> None:
+    """Wait for a condition that another process brings about."""
+    deadline = time.monotonic() + deadline_s
+    while not holds():
+        assert time.monotonic() < deadline, f"never: {what}"
+        time.sleep(0.01)

@@ -1,0 +1,84 @@
+"""Instruments in processes of the test's own, whose drive the test can follow and which it may freeze or kill."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+
+from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.protocols import DriveSettings
+from rig.files.bench import embedded_bench
+from tests.drivers.plants import SinePlant
+from tests.end_to_end.command import await_true
+
+
+class DriveSpy:
+    """Hears every change of a generator's output and passes it on to a card."""
+
+    def __init__(self, receiver: Connection, onward: Connection | None) -> None:
+        self.heard: list[DriveSettings] = []
+        self._receiver, self._onward = receiver, onward
+        self._thread = threading.Thread(target=self._listen, name="drive spy", daemon=True)
+        self._thread.start()
+
+    @property
+    def on(self) -> bool:
+        return bool(self.heard) and self.heard[-1].on
+
+    @property
+    def moved(self) -> bool:
+        """Whether the shaker ever got a voltage."""
+        return any(settings.on for settings in self.heard)
+
+    def await_on(self) -> None:
+        await_true("drive on", lambda: self.on, 60.0)
+
+    def await_off(self) -> None:
+        await_true("drive off", lambda: self.moved and not self.on, 10.0)
+
+    def await_ramp_down(self) -> None:
+        """Wait until the amplitude has begun to fall."""
+        await_true("ramp down", lambda: self._falling() and self.on, 60.0)
+
+    def _falling(self) -> bool:
+        volts = [settings.amplitude_v for settings in self.heard if settings.on]
+        return bool(volts) and 0.1 < volts[-1] < max(volts) and max(volts) in volts[:-1]
+
+    def _listen(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                settings = self._receiver.recv()
+                self.heard.append(settings)
+                if self._onward is not None:
+                    self._onward.send(settings)
+
+    def join(self) -> None:
+        self._thread.join()
+
+
+@contextmanager
+def spied_generator(onward: Connection | None = None) -> Iterator[tuple[EmulatedInstrument, DriveSpy]]:
+    """A generator and what it puts out."""
+    with DriveLink.new() as link:
+        generator = start_function_generator(link.sender)
+        link.sender.close()
+        spy = DriveSpy(link.receiver, onward)
+        try:
+            yield generator, spy
+        finally:
+            generator.close()
+            spy.join()
+
+
+@contextmanager
+def light_card() -> Iterator[tuple[EmulatedInstrument, Connection]]:
+    """A card whose force channels all show the drive, and where to send the drive."""
+    wires = {
+        channel.physical: Wire("acceleration" if channel.unit == "m/s2" else "force", channel.volts_per_unit)
+        for channel in embedded_bench().daq_card.channels
+    }
+    with DriveLink.new() as link, start_daq_card(SinePlant, CardWiring(wires), link.receiver) as card:
+        yield card, link.sender

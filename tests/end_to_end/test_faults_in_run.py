@@ -1,0 +1,160 @@
+"""A device, a disk or a helper process that fails while the rig moves: safe state, closed log, honest words."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from daq.log import LogReader, verify_log
+from tests.conftest import RESOURCE_TRACKER
+from tests.end_to_end.command import Command, Ended, await_gone, command
+from tests.end_to_end.conftest import SpiedBench
+from tests.end_to_end.files import CHANNELS, write_scenario
+
+Freeze = Callable[[int], None]
+
+
+def failed_run(run: Command, bench: SpiedBench) -> Ended:
+    """The end of a run that has to fail: exit 1, drive off, nobody left."""
+    children = run.children()
+    ended = run.end()
+    assert ended.code == 1, ended.err
+    bench.spy.await_off()
+    await_gone(children)
+    return ended
+
+
+def assert_readable(log: Path, complete: bool = True) -> None:
+    with LogReader(log) as reader:
+        assert reader.complete == complete
+        assert tuple(reader.channels("measured")) == CHANNELS
+        assert len(list(reader.blocks("measured"))) > 0
+
+
+def kill(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)
+
+
+def end_card(how: str, pid: int, freeze: Freeze) -> None:
+    (freeze if how == "frozen" else kill)(pid)
+
+
+@pytest.mark.parametrize("how", ["killed", "frozen"])
+def test_a_card_that_is_lost_ends_the_run(
+    mortal_bench: SpiedBench, tmp_path: Path, freeze: Freeze, how: str
+) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=30.0)
+    with command("run", scenario, "--bench", mortal_bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        mortal_bench.spy.await_on()
+        end_card(how, mortal_bench.card.pid, freeze)
+        ended = failed_run(run, mortal_bench)
+    assert mortal_bench.card.address in ended.err
+    assert "reading samples" in ended.err
+    assert "Check " in ended.err
+    with LogReader(ended.log) as log:
+        assert log.complete
+
+
+def test_a_generator_that_falls_silent_in_the_ramp_ends_the_run(
+    bench: SpiedBench, tmp_path: Path, freeze: Freeze
+) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", duration_s=30.0)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        bench.spy.await_on()
+        freeze(bench.generator.pid)
+        ended = run.end()
+    assert ended.code == 1
+    assert f"signal generator at {bench.generator.address}: no answer" in ended.err
+    assert "Check that it is switched on" in ended.err
+    assert "THE DRIVE MAY STILL BE ON" in ended.out
+    # What it was told last is to go off; it does so as soon as it can.
+    os.kill(bench.generator.pid, signal.SIGCONT)
+    bench.spy.await_off()
+    with LogReader(ended.log) as log:
+        assert log.complete
+
+
+def test_a_generator_that_dies_while_recording_ends_the_run(bench: SpiedBench, tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=0.5)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        kill(bench.generator.pid)
+        ended = run.end()
+    assert ended.code == 1
+    assert f"signal generator at {bench.generator.address}: the connection is lost" in ended.err
+    assert_readable(ended.log)
+
+
+def helper_processes(run: Command) -> list[psutil.Process]:
+    """The run's own processes in the order of their start: the twin, then the supervisor."""
+    ours = [child for child in run.children() if RESOURCE_TRACKER not in " ".join(child.cmdline())]
+    return sorted(ours, key=lambda child: child.create_time())
+
+
+def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
+    bench: SpiedBench, tmp_path: Path
+) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=0.5)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        twin, _ = helper_processes(run)
+        twin.kill()
+        ended = failed_run(run, bench)
+    assert "the twin's process died; all that was measured is in the log" in ended.err
+    with LogReader(ended.log) as log:
+        # 0.5 s from rest to rest: with the wait for the drive's start where it is recorded
+        ends = {name: log.series("measured", name).end_sample for name in CHANNELS}
+        assert set(ends.values()) == {round(0.5 * 51_200)}
+        assert "twin.failed" in [event.code for event in log.events()]
+    assert verify_log(ended.log).sound
+
+
+def test_a_run_without_its_supervisor_stops(bench: SpiedBench, tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=30.0)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        bench.spy.await_on()
+        _, supervisor = helper_processes(run)
+        supervisor.kill()
+        ended = failed_run(run, bench)
+    assert "supervisor" in ended.err
+    with LogReader(ended.log) as log:
+        assert log.complete
+
+
+def test_a_disk_that_takes_no_more_stops_the_rig(bench: SpiedBench, tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=30.0)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("settling")
+        psutil.Process(run.pid).rlimit(psutil.RLIMIT_FSIZE, (1_500_000, 1_500_000))
+        ended = failed_run(run, bench)
+    assert "readable up to here" in ended.err
+    assert "File too large" in ended.err
+    assert_readable(ended.log, complete=False)
+
+
+def test_a_viewer_that_dies_is_not_noticed(bench: SpiedBench, tmp_path: Path) -> None:
+    """And, for the bench is all real: the log is laid out as on an emulated one."""
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=1.0)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path, "--live") as run:
+        run.await_line("recording")
+        viewers = [child for child in run.children() if "rig.live.view_process" in " ".join(child.cmdline())]
+        viewers += [grandchild for child in viewers for grandchild in child.children(recursive=True)]
+        assert len(viewers) >= 2
+        for viewer in viewers:
+            viewer.kill()
+        ended = run.end()
+    assert ended.code == 0, ended.err
+    bench.spy.await_off()
+    assert verify_log(ended.log).sound
+    with LogReader(ended.log) as log:
+        assert tuple(log.channels("measured")) == tuple(log.channels("predicted")) == CHANNELS
+        for origin, block in ((o, log.series(o, "drive.force")) for o in ("measured", "predicted")):
+            assert block.end_sample == 51_200, origin
+        assert "emulated" not in log.metadata["run"]
