@@ -216,7 +216,7 @@ class LogReader:
     def _read_summary(self) -> None:
         reader = SeekingReader(self._file, validate_crcs=True)
         summary = reader.get_summary()
-        if summary is None or not summary.channels:
+        if summary is None or not (summary.channels or _says_it_is_empty(summary)):
             return
         self.library = reader.get_header().library
         self._topics = {channel.topic: channel.metadata for channel in summary.channels.values()}
@@ -282,6 +282,10 @@ class LogReader:
         if not isinstance(record, Chunk):
             raise LogError(f"{self.path}: no chunk at byte {index.chunk_start_offset}")
         return record
+
+
+def _says_it_is_empty(summary: Summary) -> bool:
+    return summary.statistics is not None and summary.statistics.channel_count == 0
 
 
 def _overlaps(index: ChunkIndex, start_ns: int | None, end_ns: int | None) -> bool:

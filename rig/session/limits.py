@@ -28,15 +28,15 @@ class Passed:
 class LimitWatch:
     """Checks each channel's absolute value against its limits.
 
-    A level counts as passed once the value has been beyond it for `hold` s without a break; each warning is
-    told once until the channel has come back below it.
+    A level counts as passed once the value has been beyond it for `hold` s without a break; each is told once
+    until the channel has stayed below it for a whole block.
     """
 
     def __init__(self, limits: Sequence[Limit], sample_rate: float) -> None:
         self._limits = tuple(limits)
         self._hold = {limit.channel: max(1, round(limit.hold * sample_rate)) for limit in limits}
         self._beyond: dict[tuple[str, bool], int] = {}
-        self._warned: set[str] = set()
+        self._told: set[tuple[str, bool]] = set()
 
     def check(self, rows: Mapping[str, NDArray[np.floating]]) -> list[Passed]:
         """Check the next samples, one row (n,) a channel; return what has been passed newly."""
@@ -60,14 +60,12 @@ class LimitWatch:
             longest = int(runs.max())
             before = -int(inside[-1]) - 1
         self._beyond[limit.channel, abort] = before + len(beyond)
-        if not abort and not beyond.any():
-            self._warned.discard(limit.channel)
+        if not beyond.any():
+            self._told.discard((limit.channel, abort))
         return longest >= self._hold[limit.channel]
 
     def _news(self, passed: Passed) -> bool:
-        if passed.abort:
-            return True
-        if passed.channel in self._warned:
-            return False
-        self._warned.add(passed.channel)
-        return True
+        key = (passed.channel, passed.abort)
+        news = key not in self._told
+        self._told.add(key)
+        return news

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from daq.block import NS_PER_S, SampleBlock
+from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.clock import Clock
 from daq.errors import LogError
 from daq.log import Event, LogReader, Origin
@@ -79,20 +79,17 @@ class _Player:
 
 def _in_order(log: LogReader) -> Iterator[Item]:
     """Blocks by the time at which they end (when a live run would have had them), and events."""
-    blocks = {
-        origin: (_item(number, origin, block) for number, (_, block) in enumerate(log.blocks(origin)))
-        for origin in _ORIGINS
-    }
+    blocks = [_blocks_of(log, origin) for origin in _ORIGINS]
     events = ((event.time_ns, number, None, event) for number, event in enumerate(log.events()))
-    return heapq.merge(*blocks.values(), events, key=lambda item: item[:1])
+    return heapq.merge(*blocks, events, key=lambda item: item[:1])
 
 
 _ORIGINS: tuple[Origin, Origin] = ("measured", "predicted")
 
 
-def _item(number: int, origin: Origin, block: SampleBlock) -> Item:
-    end_ns = block.time_ns + round(len(block) * NS_PER_S / block.sample_rate)
-    return end_ns, number, origin, block
+def _blocks_of(log: LogReader, origin: Origin) -> Iterator[Item]:
+    for number, (_, block) in enumerate(log.blocks(origin)):
+        yield sample_time_ns(block.time_ns, len(block), block.sample_rate), number, origin, block
 
 
 class _ShapeFollower:

@@ -101,6 +101,9 @@ class _Run:
         twin = twin_of(scenario, self._names)
         shaker = Shaker(self._devices.generator, scenario.drive, self._devices.force_per_volt, self._wait)
         shaker.arm(self._soft)
+        self._supervisor = Supervisor(self._devices.spare_generator)
+        self._supervisor.launch()
+        stack.callback(self._supervisor.close)
         self._worker = stack.enter_context(
             TwinWorker(twin, self._rate, scenario.acquisition.settle, self._deliver)
         )
@@ -113,7 +116,6 @@ class _Run:
         self._declare(twin, run.id)
         limits = LimitWatch(scenario.limits, self._rate)
         self._acquisition = Acquisition(self._devices.card, self._clock, self._hub, limits, self._on_reading)
-        self._supervisor = Supervisor(self._devices.spare_generator)
         with (
             self._supervisor,
             self._acquisition,

@@ -35,19 +35,33 @@ class Supervisor:
         self._process = context.Process(
             target=_supervise, args=(self._far_end, self._pipe, spare), name="supervisor", daemon=True
         )
-        self._tripped = False
+
+    def launch(self) -> None:
+        """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
+        # The child inherits the blocked SIGINT, so that no Ctrl-C can reach it before it ignores it.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            self._far_end.close()
 
     def __enter__(self) -> Supervisor:
-        self._process.start()
-        self._far_end.close()
-        if not self._pipe.poll(_START_S):
+        try:
+            ready = self._pipe.poll(_START_S) and self._pipe.recv_bytes()
+        except (EOFError, OSError):
+            ready = False
+        if not ready:
             raise SupervisorTripped("the supervisor did not start; nothing moves without it")
-        self._pipe.recv_bytes()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process; may be called twice."""
         with suppress(OSError):
             self._pipe.send_bytes(_DONE)
         self._process.join(2.0)
@@ -63,9 +77,12 @@ class Supervisor:
 
     def check(self) -> None:
         """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
-        self._tripped = self._tripped or self._pipe.poll() or not self._process.is_alive()
-        if self._tripped:
-            raise SupervisorTripped("the supervisor stopped the drive: the run gave no sign of life for 4 s")
+        if not self._process.is_alive():
+            raise SupervisorTripped("the supervisor is gone, tripped or dead; no run goes on without it")
+        if self._pipe.poll():
+            raise SupervisorTripped(
+                f"the supervisor stopped the drive: the run gave no sign of life for {SILENCE_S:g} s"
+            )
 
 
 def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], DriveGenerator]) -> None:

@@ -28,8 +28,9 @@ class Ended:
 
     @property
     def log(self) -> Path:
-        """The path at the end of the last line of its standard output."""
-        return Path(self.out.rstrip().splitlines()[-1].split(maxsplit=1)[-1].removeprefix("so far "))
+        """The log that its standard output names last."""
+        line = next(line for line in reversed(self.out.splitlines()) if line.startswith("log "))
+        return Path(line.split(maxsplit=1)[1].removeprefix("so far "))
 
 
 class Command:

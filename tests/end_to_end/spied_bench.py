@@ -1,4 +1,4 @@
-"""Instruments in processes of the test's own, whose drive the test can follow and which it may freeze or kill."""
+"""Instruments in processes of the test's own, whose drive it can follow and which it may freeze or kill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A device, a disk or a helper process that fails while the rig moves: safe state, closed log, honest words."""
+"""A device, a disk or a process of ours fails while the rig moves: safe state, closed log, honest words."""
 
 from __future__ import annotations
 
@@ -80,6 +80,36 @@ def test_a_generator_that_falls_silent_in_the_ramp_ends_the_run(
         assert log.complete
 
 
+def test_a_generator_that_falls_silent_while_it_is_armed_moves_nothing(
+    bench: SpiedBench, tmp_path: Path, freeze: Freeze
+) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml")
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("generator ")
+        freeze(bench.generator.pid)
+        ended = run.end()
+    assert ended.code == 1
+    assert f"signal generator at {bench.generator.address}: no answer" in ended.err
+    assert not bench.spy.moved
+
+
+def test_an_abort_limit_stops_the_rig(bench: SpiedBench, tmp_path: Path) -> None:
+    limits = '[limits."contact.force_upper"]\nabort = "8 N"'
+    scenario = write_scenario(tmp_path / "scenario.toml", duration_s=30.0, limits=limits)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        bench.spy.await_on()
+        children = run.children()
+        ended = run.end()
+    assert ended.code == 3
+    assert "interlock: contact.force_upper" in ended.err
+    assert "limit 8 N" in ended.err
+    bench.spy.await_off()
+    await_gone(children)
+    with LogReader(ended.log) as log:
+        assert log.complete
+        assert "limit.abort" in [event.code for event in log.events()]
+
+
 def test_a_generator_that_dies_while_recording_ends_the_run(bench: SpiedBench, tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=0.5)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
@@ -92,7 +122,7 @@ def test_a_generator_that_dies_while_recording_ends_the_run(bench: SpiedBench, t
 
 
 def helper_processes(run: Command) -> list[psutil.Process]:
-    """The run's own processes in the order of their start: the twin, then the supervisor."""
+    """The run's own processes in the order of their start: the supervisor, then the twin."""
     ours = [child for child in run.children() if RESOURCE_TRACKER not in " ".join(child.cmdline())]
     return sorted(ours, key=lambda child: child.create_time())
 
@@ -103,12 +133,11 @@ def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=0.5)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
-        twin, _ = helper_processes(run)
+        _, twin = helper_processes(run)
         twin.kill()
         ended = failed_run(run, bench)
     assert "the twin's process died; all that was measured is in the log" in ended.err
     with LogReader(ended.log) as log:
-        # 0.5 s from rest to rest: with the wait for the drive's start where it is recorded
         ends = {name: log.series("measured", name).end_sample for name in CHANNELS}
         assert set(ends.values()) == {round(0.5 * 51_200)}
         assert "twin.failed" in [event.code for event in log.events()]
@@ -120,10 +149,10 @@ def test_a_run_without_its_supervisor_stops(bench: SpiedBench, tmp_path: Path) -
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
         bench.spy.await_on()
-        _, supervisor = helper_processes(run)
+        supervisor, _ = helper_processes(run)
         supervisor.kill()
         ended = failed_run(run, bench)
-    assert "supervisor" in ended.err
+    assert "the supervisor is gone" in ended.err
     with LogReader(ended.log) as log:
         assert log.complete
 
@@ -141,7 +170,8 @@ def test_a_disk_that_takes_no_more_stops_the_rig(bench: SpiedBench, tmp_path: Pa
 
 def test_a_viewer_that_dies_is_not_noticed(bench: SpiedBench, tmp_path: Path) -> None:
     """And, for the bench is all real: the log is laid out as on an emulated one."""
-    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=1.0)
+    limits = '[limits."drive.force"]\nwarning = "5 N"'  # of which the run takes note, and goes on
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=1.0, limits=limits)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path, "--live") as run:
         run.await_line("recording")
         viewers = [child for child in run.children() if "rig.live.view_process" in " ".join(child.cmdline())]
@@ -158,3 +188,4 @@ def test_a_viewer_that_dies_is_not_noticed(bench: SpiedBench, tmp_path: Path) ->
         for origin, block in ((o, log.series(o, "drive.force")) for o in ("measured", "predicted")):
             assert block.end_sample == 51_200, origin
         assert "emulated" not in log.metadata["run"]
+        assert [event.code for event in log.events()].count("limit.warning") == 1

@@ -1,6 +1,6 @@
 """The impact beam written a second time, from the text of the physics: own elements, own integrator.
 
-Hermite elements by Gauss quadrature, contact as a law F(d, d'), and DOP853 from scipy with terminal events. It
+Hermite elements by Gauss quadrature, contact as a law F(d, d'), DOP853 from scipy with terminal events. It
 shares nothing with the twin, so agreement of the two is evidence for both.
 """
 
@@ -108,7 +108,11 @@ def structure(rig: Rig) -> Structure:
     W, C = np.zeros(n), np.zeros((n, n))
     W[: rig.modes] = omega**2
     rows = np.zeros((4, n))
-    rows[0, : rig.modes], rows[1, : rig.modes], rows[2, : rig.modes] = drive @ full, row_at(1.0) @ full, full[1]
+    rows[0, : rig.modes], rows[1, : rig.modes], rows[2, : rig.modes] = (
+        drive @ full,
+        row_at(1.0) @ full,
+        full[1],
+    )
     C[: rig.modes, : rig.modes] = np.diag(2 * rig.zeta * omega)
     C += rig.suspension[1] * np.outer(rows[0], rows[0])
     if rig.yoke is not None:
@@ -221,9 +225,7 @@ def with_regularised_friction(rig: Rig, end: float, slope: float, times: Array) 
 
     def rate(t: float, x: Array) -> Array:
         torque = rig.friction * np.clip(parts.rotation @ x[n:] / slope, -1, 1)
-        return np.concatenate(
-            [x[n:], acceleration(rig, parts, x, split(x)[0], t) - torque * parts.rotation]
-        )
+        return np.concatenate([x[n:], acceleration(rig, parts, x, split(x)[0], t) - torque * parts.rotation])
 
     solution = solve_ivp(
         rate, (0, end), np.zeros(2 * n), "Radau", jac=lambda t, x: split(x)[1], t_eval=times,

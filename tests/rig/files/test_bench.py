@@ -95,9 +95,9 @@ def test_embedded_bench_is_emulated_as_a_whole() -> None:
 
 def test_charge_amplifier_multiplies_sensor_and_gain() -> None:
     upper = embedded_bench().daq_card.channels[1]
-    assert (upper.kind, upper.sensitivity, upper.gain) == ("charge_amplifier", 4e-12, 1e10)
-    # 4 pC/N x 10 mV/pC = 40 mV/N
-    assert math.isclose(upper.volts_per_unit, 0.04, rel_tol=1e-14)
+    assert (upper.kind, upper.sensitivity, upper.gain) == ("charge_amplifier", 4e-12, 6e9)
+    # 4 pC/N x 6 mV/pC = 24 mV/N
+    assert math.isclose(upper.volts_per_unit, 0.024, rel_tol=1e-14)
 
 
 def test_bench_without_an_instrument_is_emulated() -> None:

@@ -1,0 +1,141 @@
+"""Crashed, cut, flipped and hostile files: a prefix or an error, never wrong samples, never all memory."""
+
+from __future__ import annotations
+
+import random
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+
+from daq.errors import LogError
+from daq.log import LogReader, recover_log, verify_log
+from tests.daq.log.logs import BLOCK, crashed_file, write_ramp
+
+CUTS = 40
+FLIPS = 150
+
+
+@pytest.fixture(scope="module")
+def ramp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_ramp(tmp_path_factory.mktemp("ramp") / "log.mcap", blocks=20)
+
+
+def data_end(path: Path) -> int:
+    """Byte at which the last chunk ends."""
+    with path.open("rb") as file:
+        ends = [file.tell() for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+    return ends[-1]
+
+
+@pytest.mark.parametrize("share", np.linspace(0.05, 0.999, CUTS))
+def test_recovering_a_cut_log_gives_a_prefix(ramp: Path, tmp_path: Path, share: float) -> None:
+    whole = ramp.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    try:
+        report = recover_log(cut, tmp_path / "recovered.mcap")
+    except LogError as error:
+        assert "not a log" in str(error)  # cut before the first channel was declared
+        assert share < 0.3
+        return
+    assert report.sound
+    with LogReader(tmp_path / "recovered.mcap") as log:
+        assert log.scenario == 'name = "ramp"'
+        for _, block in log.blocks():
+            assert np.array_equal(block.values, np.arange(block.first_sample, block.end_sample))
+    assert all(topic.missing == 0 for topic in report.topics)
+
+
+def test_a_cut_log_says_that_it_was_cut(ramp: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(ramp.read_bytes()[: data_end(ramp) + 3])
+    report = verify_log(cut)
+    assert not report.complete
+    assert not report.sound
+    assert {topic.samples for topic in report.topics} == {20 * BLOCK}
+
+
+@pytest.mark.parametrize("crashed", [False, True], ids=["with its summary", "without"])
+def test_a_flipped_bit_is_never_read_as_a_sample(ramp: Path, tmp_path: Path, crashed: bool) -> None:
+    whole = bytearray(ramp.read_bytes())
+    end = data_end(ramp)
+    content = whole[:end] if crashed else whole
+    draw = random.Random(5)
+    flipped_path = tmp_path / "flipped.mcap"
+    for _ in range(FLIPS):
+        flipped = bytearray(content)
+        flipped[draw.randrange(200, end)] ^= 1 << draw.randrange(8)
+        flipped_path.write_bytes(flipped)
+        try:
+            assert not verify_log(flipped_path).sound
+            with LogReader(flipped_path) as log:
+                for _, block in log.blocks():
+                    assert np.array_equal(block.values, np.arange(block.first_sample, block.end_sample))
+        except LogError:
+            continue
+
+
+def test_recovering_passes_over_a_damaged_chunk_and_says_what_is_missing(ramp: Path, tmp_path: Path) -> None:
+    whole = bytearray(ramp.read_bytes())
+    whole[data_end(ramp) // 2] ^= 0x10
+    (tmp_path / "flipped.mcap").write_bytes(whole)
+    report = recover_log(tmp_path / "flipped.mcap", tmp_path / "recovered.mcap")
+    assert not report.sound
+    assert report.complete
+    a = next(topic for topic in report.topics if topic.topic == "/measured/a")
+    assert a.missing > 0
+    assert a.samples + a.missing == 20 * BLOCK
+
+
+def test_recovering_never_overwrites(ramp: Path, tmp_path: Path) -> None:
+    (tmp_path / "there.mcap").write_bytes(b"mine")
+    with pytest.raises(LogError, match="cannot create .*File exists"):
+        recover_log(ramp, tmp_path / "there.mcap")
+    assert (tmp_path / "there.mcap").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("claimed", [1 << 30, 1000], ids=["honest", "a lie"])
+def test_a_zstd_bomb_is_refused_without_taking_memory(tmp_path: Path, claimed: int) -> None:
+    compressor = zstandard.ZstdCompressor().compressobj()
+    million = bytes(1 << 20)
+    bomb = b"".join(compressor.compress(million) for _ in range(1024)) + compressor.flush()
+    path = crashed_file(tmp_path / "bomb.mcap", Chunk("zstd", bomb, 1, 0, 0, claimed))
+    tracemalloc.start()
+    try:
+        with pytest.raises(LogError, match=r"not a log .*(claims|holds)"):
+            LogReader(path).open()
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("compression", "content", "words"),
+    [
+        ("lz4", b"abc", "its compression is 'lz4'"),
+        ("", bytes(1000), "no record 0"),
+        ("", b"\x05" + (1 << 40).to_bytes(8, "little"), "no record 5 of"),
+        ("", b"\x05\x02" + bytes(7) + b"ab", "a message of 2 bytes"),
+    ],
+)
+def test_a_chunk_of_nonsense_is_refused(tmp_path: Path, compression: str, content: bytes, words: str) -> None:
+    path = crashed_file(tmp_path / "bad.mcap", Chunk(compression, content, 1, 0, 0, len(content)))
+    with pytest.raises(LogError, match=f"not a log .*{words}"):
+        LogReader(path).open()
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", bytes(5000)])
+def test_what_is_no_log_is_called_that(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "no.mcap").write_bytes(content)
+    with pytest.raises(LogError, match="not a log"):
+        LogReader(tmp_path / "no.mcap").open()
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"gone.mcap: No such file"):
+        LogReader(tmp_path / "gone.mcap").open()

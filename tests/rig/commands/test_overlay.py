@@ -1,0 +1,107 @@
+"""`rattle overlay`: a prediction beside recordings of other programs and beside what a crash left."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.log import LogReader, verify_log
+from rig.report import summarise
+from rig.twin.overlay import overlay_run
+from tests.rig.commands.cli import Call
+from tests.rig.synthetic_run import SCENARIO, write_log
+
+RUN = f'{SCENARIO}\n[acquisition]\nsample_rate = "51.2 kHz"\nduration = "2 s"\n'
+SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
+needs_samples = pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@needs_samples
+def test_a_foreign_recording_gets_its_prediction_in_a_new_file(call: Call, tmp_path: Path) -> None:
+    run = SAMPLES / "beam_healthy.mcap"
+    before = digest(run)
+    answer = call("overlay", run, "-o", tmp_path / "overlay.mcap")
+    assert answer.code == 0, answer.err
+    assert digest(run) == before
+    assert (tmp_path / "overlay.html").is_file()
+    assert verify_log(tmp_path / "overlay.mcap").sound
+    with LogReader(run) as original, LogReader(tmp_path / "overlay.mcap") as log:
+        assert log.metadata == original.metadata
+        assert list(log.channels("predicted")) == list(log.channels("measured"))
+        for name, row in original.table("measured").items():
+            copied, predicted = log.series("measured", name), log.series("predicted", name)
+            assert np.array_equal(copied.values, row.values)
+            assert (predicted.time_ns, predicted.end_sample) == (row.time_ns, row.end_sample)
+
+
+@needs_samples
+def test_a_healthy_foreign_rig_is_close_to_its_prediction(tmp_path: Path) -> None:
+    overlay_run(SAMPLES / "beam_healthy.mcap", tmp_path / "overlay.mcap")
+    summary = summarise(tmp_path / "overlay.mcap")
+    measured, predicted = summary.measured_peaks, summary.predicted_peaks
+    assert measured is not None
+    assert predicted is not None
+    for name, sd in (("first_mean_n", "first_sd_n"), ("max_mean_n", "max_sd_n")):
+        # twice the error of independent half cycles, three sigma, and 3 % for a healthy rig
+        error = np.hypot(*(getattr(peaks, sd) / np.sqrt(peaks.count) for peaks in (measured, predicted)))
+        allowed = 6 * error + 0.03 * getattr(predicted, name)
+        assert getattr(measured, name) == pytest.approx(getattr(predicted, name), abs=allowed)
+    for channel in summary.channels:
+        assert channel.measured is not None
+        assert channel.predicted is not None
+        if channel.unit == "N":
+            assert channel.measured.rms == pytest.approx(channel.predicted.rms, rel=0.15)
+
+
+@needs_samples
+def test_an_effect_can_be_given_to_the_prediction(tmp_path: Path) -> None:
+    run = SAMPLES / "beam_base_flexibility.mcap"
+    overlay_run(run, tmp_path / "plain.mcap")
+    overlay_run(run, tmp_path / "repaired.mcap", SAMPLES / "beam_base_flexibility.json")
+    rms = {}
+    for name in ("plain", "repaired"):
+        with LogReader(tmp_path / f"{name}.mcap") as log:
+            rms[name] = float(np.std(log.series("predicted", "base.acceleration").values))
+            measured = float(np.std(log.series("measured", "base.acceleration").values))
+    # a base that is rigid does not move; the repaired one moves as the recorded one within chaos
+    assert rms["plain"] < 0.1 * measured
+    assert rms["repaired"] == pytest.approx(measured, rel=0.3)
+
+
+@needs_samples
+@pytest.mark.parametrize("command", ["overlay", "replay"])
+def test_a_crank_is_refused_clearly(call: Call, tmp_path: Path, command: str) -> None:
+    run = tmp_path / "crank.mcap"
+    run.write_bytes((SAMPLES / "crank_healthy.mcap").read_bytes())
+    answer = call(command, run, *(["--live", "--speed", 0] if command == "replay" else []))
+    assert answer.code == 2
+    assert "planar_slider_crank" in answer.err
+    assert "not in this version" in answer.err
+    assert list(tmp_path.iterdir()) == [run]
+
+
+def test_a_run_that_a_crash_cut_short_is_overlaid_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = write_log(tmp_path / "whole.mcap", seconds=2.0, origins=["measured"], scenario=RUN)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
+    overlay_run(cut, tmp_path / "overlay.mcap")
+    with LogReader(tmp_path / "overlay.mcap") as log:
+        assert log.complete
+        measured, predicted = log.table("measured"), log.table("predicted")
+    ends = {row.end_sample for row in measured.values()}
+    assert 51_200 < max(ends) < 2 * 51_200
+    assert max(row.end_sample for row in predicted.values()) >= max(ends) - 5120
+
+
+def test_a_run_is_never_changed_nor_a_file_overwritten(call: Call, tmp_path: Path) -> None:
+    run = write_log(tmp_path / "run.mcap", origins=["measured"], scenario=RUN)
+    before = digest(run)
+    assert call("overlay", run, "-o", run).code == 1
+    assert digest(run) == before

@@ -1,0 +1,114 @@
+"""`rattle predict`: physics.md's numbers, and a log of the twin alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.log import LogReader, verify_log
+from tests.rig.commands.cli import Call
+
+SCENARIO = """\
+name = "prediction"
+rig = "impact_beam"
+[model]
+clearance = "{clearance} mm"
+[drive]
+frequency = "{frequency} Hz"
+amplitude = "9 N"
+[acquisition]
+sample_rate = "51.2 kHz"
+settle = "{settle} s"
+duration = "0.1 s"
+"""
+
+
+def scenario(folder: Path, frequency: float = 20, clearance: float = 0.127, settle: float = 0) -> Path:
+    path = folder / "scenario.toml"
+    path.write_text(SCENARIO.format(frequency=frequency, clearance=clearance, settle=settle))
+    return path
+
+
+# physics.md section 1, the table of reference values
+@pytest.mark.parametrize(
+    ("frequency", "clearance", "contact_ms", "first_peak_n"),
+    [
+        (5, 0.127, 7.0409, 18.381),
+        (5, 0.254, 8.8606, 28.910),
+        (5, 0.508, 11.1582, 45.716),
+        (20, 0.127, 4.4826, 28.895),
+        (20, 0.254, 5.6468, 45.255),
+        (20, 0.508, 7.1259, 70.778),
+    ],
+)
+def test_first_contact_is_that_of_physics(
+    call: Call, tmp_path: Path, frequency: float, clearance: float, contact_ms: float, first_peak_n: float
+) -> None:
+    answer = call("predict", scenario(tmp_path, frequency, clearance), "--json", "--out", tmp_path / "p.mcap")
+    assert answer.code == 0, answer.err
+    values = json.loads(answer.out)
+    assert values["first_peak_n"] == pytest.approx(first_peak_n, rel=0.005)
+    # printed to 0.1 us; two programs' integrators agree far better than their last digit
+    assert values["first_contact_s"] == pytest.approx(contact_ms * 1e-3, abs=1e-6)
+
+
+def test_the_nominal_prediction_is_noiseless_from_rest_on_the_unix_epoch(call: Call, tmp_path: Path) -> None:
+    assert call("predict", scenario(tmp_path), "--out", tmp_path / "p.mcap").code == 0
+    assert verify_log(tmp_path / "p.mcap").sound
+    with LogReader(tmp_path / "p.mcap") as log:
+        rows = log.table("predicted")
+        assert not log.channels("measured")
+    assert {(row.time_ns, row.first_sample, len(row)) for row in rows.values()} == {(0, 0, 5120)}
+    times = np.arange(5120) / 51_200
+    # the start of the sine is a kink, which the anti-alias filter rounds
+    assert rows["drive.force"].values[50:] == pytest.approx(9 * np.sin(2 * np.pi * 20 * times)[50:], abs=2e-3)
+    assert not rows["base.acceleration"].values.any()
+
+
+def test_sample_0_comes_after_settle(call: Call, tmp_path: Path) -> None:
+    assert call("predict", scenario(tmp_path, settle=0.0125), "--out", tmp_path / "p.mcap").code == 0
+    with LogReader(tmp_path / "p.mcap") as log:
+        drive = log.series("predicted", "drive.force")
+    assert drive.time_ns == 0
+    # a quarter of a 20 Hz cycle later: the sine's top
+    assert drive.values[0] == pytest.approx(9.0, abs=2e-3)
+
+
+def test_a_seed_gives_one_healthy_rig_again_and_again(call: Call, tmp_path: Path) -> None:
+    found = {}
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        path = tmp_path / f"{name}.mcap"
+        assert call("predict", scenario(tmp_path), "--seed", seed, "--out", path).code == 0
+        with LogReader(path) as log:
+            found[name] = {channel: row.values for channel, row in log.table("predicted").items()}
+    for channel, values in found["a"].items():
+        assert np.array_equal(values, found["b"][channel])
+        assert not np.array_equal(values, found["c"][channel])
+        assert values.std() > 0.01  # noise, at least
+    assert found["a"]["base.acceleration"].std() == pytest.approx(0.03, rel=0.1)
+
+
+def test_an_effect_moves_the_numbers(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "wide.json").write_text('[{"name": "clearance", "parameters": {"scale": 2.0}}]')
+    answer = call(
+        "predict",
+        scenario(tmp_path),
+        "--effects",
+        tmp_path / "wide.json",
+        "--json",
+        "--out",
+        tmp_path / "p.mcap",
+    )
+    # twice 0.127 mm is the table's 0.254 mm
+    assert json.loads(answer.out)["first_peak_n"] == pytest.approx(45.255, rel=0.005)
+
+
+def test_an_existing_file_is_not_overwritten(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "p.mcap").write_bytes(b"mine")
+    answer = call("predict", scenario(tmp_path), "--out", tmp_path / "p.mcap")
+    assert answer.code == 1
+    assert "p.mcap" in answer.err
+    assert (tmp_path / "p.mcap").read_bytes() == b"mine"

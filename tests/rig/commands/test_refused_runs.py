@@ -1,0 +1,94 @@
+"""What is wrong before a run is said in full, with what to check, and nothing has moved."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.emulator_process import GeneratorSetup, start_function_generator
+from tests.end_to_end.files import write_bench, write_scenario
+from tests.rig.commands.cli import Call
+
+
+@pytest.fixture
+def nobody() -> Iterator[int]:
+    """A port of this machine where nobody listens for as long as the test lasts."""
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        yield held.getsockname()[1]
+
+
+def test_every_fault_of_a_scenario_is_listed_at_once(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "wrong.toml").write_text("""\
+name = "wrong"
+rig = "impact_beam"
+[drive]
+frequency = "20 N"
+amplitude = "-9 N"
+speed = 3
+[acquisition]
+sample_rate = "0 Hz"
+duration = "1 s"
+""")
+    answer = call("run", tmp_path / "wrong.toml", "--out", tmp_path / "runs")
+    assert answer.code == 2
+    for key in ("drive.frequency", "drive.amplitude", "drive.speed", "acquisition.sample_rate"):
+        assert key in answer.err
+    assert "starting" not in answer.out
+    assert not (tmp_path / "runs").exists()
+
+
+def test_every_fault_of_a_bench_is_listed_at_once(call: Call, tmp_path: Path) -> None:
+    bench = write_bench(tmp_path / "bench.toml")
+    text = bench.read_text().replace('"3.6 N/V"', '"0 N/V"').replace('kind = "voltage"', 'kind = "sound"')
+    bench.write_text(text)
+    answer = call("run", write_scenario(tmp_path / "s.toml"), "--bench", bench, "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert "force_per_volt" in answer.err
+    assert "kind" in answer.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_drive_above_the_benchs_limit_is_refused(call: Call, tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "s.toml", amplitude_n=12.5)
+    answer = call("run", scenario, "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert "drive.amplitude = 12.5 N" in answer.err
+    assert "12 N (signal_generator.maximum_amplitude)" in answer.err
+
+
+def test_absent_instruments_are_all_named_with_what_to_check(call: Call, tmp_path: Path, nobody: int) -> None:
+    resource = f"TCPIP::127.0.0.1::{nobody}::SOCKET"
+    bench = write_bench(tmp_path / "bench.toml", resource, f"127.0.0.1:{nobody}")
+    answer = call("run", write_scenario(tmp_path / "s.toml"), "--bench", bench, "--out", tmp_path / "runs")
+    assert answer.code == 1
+    generator, card = answer.err.strip().splitlines()[-2:]
+    assert f"signal generator at {resource}: nobody answers" in generator
+    assert "Check cable, power and the resource string in the bench file" in generator
+    assert f"127.0.0.1:{nobody}" in card
+    assert "Check " in card
+    assert not (tmp_path / "runs").exists()
+
+
+def test_another_model_is_named_and_not_driven(call: Call, tmp_path: Path, nobody: int) -> None:
+    setup = GeneratorSetup(identity="HEWLETT-PACKARD,34401A,0,11-5-2")
+    with start_function_generator(setup=setup) as generator:
+        bench = write_bench(tmp_path / "bench.toml", generator.address, f"127.0.0.1:{nobody}")
+        answer = call("run", write_scenario(tmp_path / "s.toml"), "--bench", bench, "--out", tmp_path / "r")
+    assert answer.code == 1
+    assert f"signal generator at {generator.address}" in answer.err
+    assert "34401A" in answer.err
+    assert "Check the resource string in the bench file" in answer.err
+
+
+def test_one_present_and_one_absent_names_the_absent_alone(call: Call, tmp_path: Path, nobody: int) -> None:
+    """An error left in the generator's queue by somebody else is nobody's fault now."""
+    with start_function_generator(setup=GeneratorSetup(pending_errors=(-113, -222))) as generator:
+        bench = write_bench(tmp_path / "bench.toml", generator.address, f"127.0.0.1:{nobody}")
+        answer = call("run", write_scenario(tmp_path / "s.toml"), "--bench", bench, "--out", tmp_path / "r")
+    assert answer.code == 1
+    assert "signal generator" not in answer.err
+    assert f"127.0.0.1:{nobody}" in answer.err

@@ -1,0 +1,129 @@
+"""Instruments and helpers inside the test's own process, for what no wire is needed."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from daq.block import Flag, SampleBlock
+from daq.channel import Channel
+from daq.errors import InstrumentSilent
+from daq.log import Event, Origin
+from drivers.protocols import CardReading
+from rig.session.progress import Screen
+
+RATE = 51_200.0
+
+
+def silent_screen() -> Screen:
+    """A screen whose text `console.export_text()` gives."""
+    return Screen(Console(file=io.StringIO(), record=True, width=200))
+
+
+class RecordingGenerator:
+    """Writes down what it is told; fails with silence at one method."""
+
+    def __init__(self, fails_at: str = "") -> None:
+        self.name, self.address, self.identity = "signal generator", "fake", "a fake"
+        self.told: list[tuple[object, ...]] = []
+        self._fails_at = fails_at
+
+    def amplitudes(self) -> list[float]:
+        return [float(str(each[1])) for each in self.told if each[0] == "set_amplitude"]
+
+    def open(self) -> None:
+        self._note("open")
+
+    def close(self) -> None:
+        self._note("close")
+
+    def arm_sine(self, frequency_hz: float, amplitude_v: float, offset_v: float, *, triggered: bool) -> None:
+        self._note("arm_sine", frequency_hz, amplitude_v, offset_v, triggered)
+
+    def start(self) -> None:
+        self._note("start")
+
+    def set_amplitude(self, amplitude_v: float) -> None:
+        self._note("set_amplitude", amplitude_v)
+
+    def set_offset(self, offset_v: float) -> None:
+        self._note("set_offset", offset_v)
+
+    def off(self) -> None:
+        self._note("off")
+
+    def _note(self, *what: object) -> None:
+        self.told.append(what)
+        if what[0] == self._fails_at:
+            raise InstrumentSilent(self.name, self.address, "no answer")
+
+
+class SteppedCard:
+    """A card whose blocks come one by one, as the test lets them; row k of sample n is `values(n, k)`."""
+
+    name, address, warnings, sample_rate = "card", "fake", (), RATE
+
+    def __init__(
+        self,
+        channels: tuple[Channel, ...],
+        values: Callable[[NDArray[np.int64], int], NDArray[np.float64]] = lambda n, k: n + 1000.0 * k,
+        flags: Callable[[int], Flag] = lambda block: Flag.GOOD,
+    ) -> None:
+        self.channels = channels
+        self._values, self._flags = values, flags
+        self._allowed = threading.Semaphore(0)
+        self._next = self._block = 0
+        self.stopped = False
+
+    def let(self, blocks: int = 1) -> None:
+        """Let that many blocks come."""
+        self._allowed.release(blocks)
+
+    def start(self) -> None:
+        self._next = 0
+
+    def read(self, count: int) -> CardReading:
+        if not self._allowed.acquire(timeout=10):
+            raise InstrumentSilent(self.name, self.address, "no block was let through")
+        samples = np.arange(self._next, self._next + count)
+        self._next += count
+        values = np.stack([self._values(samples, row) for row in range(len(self.channels))])
+        flags = (self._flags(self._block),) * len(self.channels)
+        self._block += 1
+        return CardReading(int(samples[0]), values, flags)
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+class ListSink:
+    """Keeps what it is given, in order."""
+
+    def __init__(self, fails_on: type | None = None) -> None:
+        self.items: list[tuple[Origin | None, SampleBlock | Event]] = []
+        self._fails_on = fails_on
+
+    def block(self, origin: Origin, block: SampleBlock) -> None:
+        self._keep(origin, block)
+
+    def event(self, event: Event) -> None:
+        self._keep(None, event)
+
+    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
+        pass
+
+    def blocks(self, channel: str) -> list[SampleBlock]:
+        return [each for _, each in self.items if isinstance(each, SampleBlock) and each.channel == channel]
+
+    def codes(self) -> list[str]:
+        return [each.code for _, each in self.items if isinstance(each, Event)]
+
+    def _keep(self, origin: Origin | None, item: SampleBlock | Event) -> None:
+        if self._fails_on is not None and isinstance(item, self._fails_on):
+            raise ZeroDivisionError("a fault in a sink")
+        self.items.append((origin, item))

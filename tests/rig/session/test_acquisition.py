@@ -1,0 +1,128 @@
+"""What belongs to the record goes to the hub, sample for sample; whatever goes wrong is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from daq.block import Flag, SampleBlock, sample_time_ns
+from daq.channel import Channel
+from daq.clock import SystemClock
+from daq.errors import InstrumentSilent
+from drivers.protocols import CardReading
+from rig.files.scenario import Limit
+from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault
+from rig.session.hub import Hub
+from rig.session.limits import LimitWatch
+from tests.rig.session.fakes import RATE, ListSink, SteppedCard
+
+CHANNELS = (Channel("a", "N"), Channel("b", "N"))
+COUNT = round(BLOCK_S * RATE)
+
+
+def acquisition(
+    card: SteppedCard,
+    sink: ListSink,
+    limits: tuple[Limit, ...] = (),
+    on_reading: Callable[[CardReading], None] = lambda _: None,
+) -> Acquisition:
+    return Acquisition(card, SystemClock(), Hub([sink]), LimitWatch(limits, RATE), on_reading)  # type: ignore[arg-type]
+
+
+def advance(acquiring: Acquisition, card: SteppedCard, blocks: int) -> None:
+    """Let blocks through and wait until they have been taken."""
+    end = acquiring.acquired + blocks * COUNT
+    card.let(blocks)
+    with acquiring.changed:
+        assert acquiring.changed.wait_for(lambda: acquiring.acquired >= end or acquiring.error, 10)
+
+
+@pytest.mark.parametrize("count", [COUNT * 2, COUNT * 2 + 17, 5])
+def test_the_record_is_every_sample_from_its_start_to_its_end(count: int) -> None:
+    card, sink = SteppedCard(CHANNELS), ListSink()
+    with acquisition(card, sink) as acquiring:
+        advance(acquiring, card, 2)
+        begin = acquiring.start_record(count)
+        advance(acquiring, card, 4)
+        card.let()
+    assert begin == 2 * COUNT
+    assert card.stopped
+    for row, channel in enumerate(CHANNELS):
+        blocks = sink.blocks(channel.name)
+        values = np.concatenate([block.values for block in blocks])
+        assert values.tolist() == (np.arange(begin, begin + count) + 1000.0 * row).tolist()
+        assert [block.first_sample for block in blocks] == list(range(0, count, COUNT))
+        start_ns = sample_time_ns(acquiring.start_ns, begin, RATE)
+        assert [block.time_ns for block in blocks] == [
+            sample_time_ns(start_ns, block.first_sample, RATE) for block in blocks
+        ]
+
+
+def test_a_record_that_starts_while_a_block_is_being_taken_has_no_hole() -> None:
+    """Whoever starts it gets the index from which on every block is recorded, however the threads run."""
+    begun: list[int] = []
+
+    def begin_within(reading: CardReading) -> None:
+        if reading.first_sample == COUNT:
+            begun.append(acquiring.start_record(2 * COUNT))
+
+    card, sink = SteppedCard(CHANNELS), ListSink()
+    acquiring = acquisition(card, sink, on_reading=begin_within)
+    with acquiring:
+        advance(acquiring, card, 5)
+        card.let()
+    blocks = sink.blocks("a")
+    assert begun == [2 * COUNT]
+    assert [block.first_sample for block in blocks] == [0, COUNT]
+    assert blocks[0].values[0] == 2 * COUNT
+
+
+def test_a_flag_is_told_when_it_rises_and_kept_with_its_blocks() -> None:
+    card = SteppedCard(CHANNELS, flags=lambda block: Flag.OVERLOAD if block in {2, 3, 5} else Flag.GOOD)
+    sink = ListSink()
+    with acquisition(card, sink) as acquiring:
+        advance(acquiring, card, 1)
+        acquiring.start_record(6 * COUNT)
+        advance(acquiring, card, 6)
+        card.let()
+    assert sink.codes() == ["sensor.overload"] * 4
+    flags = [block.flags for block in sink.blocks("a")]
+    overload = Flag.OVERLOAD
+    assert flags == [Flag.GOOD, overload, overload, Flag.GOOD, overload, Flag.GOOD]
+    assert acquiring.overloads == {"a": 3, "b": 3}
+
+
+def test_an_abort_limit_trips_and_a_warning_only_tells() -> None:
+    sink, card = ListSink(), SteppedCard(CHANNELS)
+    limits = (Limit("a", "N", 1.5 * COUNT, None, 0.0), Limit("b", "N", None, 3.5 * COUNT, 0.0))
+    with acquisition(card, sink, limits) as acquiring:
+        advance(acquiring, card, 2)
+        assert sink.codes() == ["limit.warning"]
+        assert acquiring.tripped is None
+        advance(acquiring, card, 2)
+        assert acquiring.tripped is not None
+        assert acquiring.tripped.channel == "b"
+        card.let()
+    assert sink.codes() == ["limit.warning", "limit.abort"]
+
+
+def test_a_card_that_fails_ends_it_with_the_cards_own_words() -> None:
+    class BrokenCard(SteppedCard):
+        def read(self, count: int) -> CardReading:
+            raise InstrumentSilent("card", "fake", "no answer")
+
+    with acquisition(BrokenCard(CHANNELS), ListSink()) as acquiring, acquiring.changed:
+        assert acquiring.changed.wait_for(lambda: acquiring.error, 10)
+    assert isinstance(acquiring.error, InstrumentSilent)
+
+
+def test_a_fault_in_a_sink_is_an_error_of_the_acquisition(capfd: pytest.CaptureFixture[str]) -> None:
+    card, sink = SteppedCard(CHANNELS), ListSink(fails_on=SampleBlock)
+    with acquisition(card, sink) as acquiring:
+        acquiring.start_record(COUNT)
+        advance(acquiring, card, 1)
+    with pytest.raises(AcquisitionFault, match="acquisition stopped by ZeroDivisionError: a fault in a sink"):
+        raise acquiring.error or AssertionError
+    assert "Traceback" in capfd.readouterr().err

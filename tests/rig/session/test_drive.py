@@ -1,0 +1,82 @@
+"""The shaker's moves, heard by a generator that writes down what it is told."""
+
+from __future__ import annotations
+
+import pytest
+
+from daq.errors import InstrumentSilent
+from rig.files.rigs.impact_beam import DriveSection
+from rig.session.drive import RAMP_S, Shaker, drive_off_after
+from tests.rig.session.fakes import RecordingGenerator, silent_screen
+
+FORCE_PER_VOLT = 3.6
+FULL_V = 9.0 / FORCE_PER_VOLT
+
+
+def shaker(generator: RecordingGenerator, waits: list[float], amplitude: float = 9.0) -> Shaker:
+    drive = DriveSection(frequency=20.0, amplitude=amplitude, offset=0.5)
+    return Shaker(generator, drive, FORCE_PER_VOLT, waits.append)
+
+
+def test_a_soft_start_begins_at_the_least_amplitude_and_ends_at_the_full_one() -> None:
+    generator, waits = RecordingGenerator(), list[float]()
+    moved = shaker(generator, waits)
+    moved.arm(soft=True)
+    moved.start(soft=True)
+    assert generator.told[0] == ("arm_sine", 20.0, 0.01, 0.5 / FORCE_PER_VOLT, False)
+    assert generator.told[1] == ("start",)
+    volts = generator.amplitudes()
+    assert volts == sorted(volts)
+    assert volts[-1] == pytest.approx(FULL_V)
+    assert max(b - a for a, b in zip([0.0, *volts], volts, strict=False)) < FULL_V / 10
+    assert sum(waits) == pytest.approx(RAMP_S)
+
+
+def test_a_start_from_rest_is_armed_at_the_full_amplitude_and_triggered() -> None:
+    generator, waits = RecordingGenerator(), list[float]()
+    moved = shaker(generator, waits)
+    moved.arm(soft=False)
+    moved.start(soft=False)
+    assert generator.told == [("arm_sine", 20.0, FULL_V, 0.5 / FORCE_PER_VOLT, True), ("start",)]
+    assert waits == []
+
+
+def test_a_ramp_down_falls_to_off() -> None:
+    generator, waits = RecordingGenerator(), list[float]()
+    shaker(generator, waits).ramp_down()
+    volts = generator.amplitudes()
+    assert volts == sorted(volts, reverse=True)
+    assert volts[0] < FULL_V
+    assert generator.told[-1] == ("off",)
+    assert sum(waits) <= RAMP_S
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 0.01])
+def test_a_drive_below_what_a_generator_can_do_is_left_as_it_was_armed(amplitude: float) -> None:
+    generator = RecordingGenerator()
+    moved = shaker(generator, [], amplitude)
+    moved.arm(soft=True)
+    moved.start(soft=True)
+    moved.ramp_down()
+    assert generator.amplitudes() == []
+    assert generator.told[0][2] == pytest.approx(amplitude / FORCE_PER_VOLT)
+
+
+def test_off_comes_first_on_every_way_out() -> None:
+    generator = RecordingGenerator()
+    with pytest.raises(ZeroDivisionError, match="a fault"), drive_off_after(generator, silent_screen()):
+        raise ZeroDivisionError("a fault")
+    assert generator.told == [("off",)]
+    with drive_off_after(generator, silent_screen()):
+        pass
+    assert generator.told == [("off",), ("off",)]
+
+
+def test_a_generator_that_does_not_go_off_does_not_hide_why_the_run_ended() -> None:
+    generator = RecordingGenerator(fails_at="off")
+    screen = silent_screen()
+    with pytest.raises(ZeroDivisionError, match="a fault"), drive_off_after(generator, screen):
+        raise ZeroDivisionError("a fault")
+    assert "THE DRIVE MAY STILL BE ON" in screen.console.export_text()
+    with pytest.raises(InstrumentSilent, match="no answer"), drive_off_after(generator, screen):
+        pass

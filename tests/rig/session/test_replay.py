@@ -1,0 +1,122 @@
+"""A log through the path of a live run: every block in order, at the pace that was asked for."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from daq.block import NS_PER_S, SampleBlock
+from daq.errors import LogError
+from daq.log import Event, LogReader, LogWriter
+from rig.session.replay import replay_log
+from rig.session.signals import Stopped
+from tests.rig.session.fakes import ListSink, silent_screen
+from tests.rig.synthetic_run import CHANNELS, RATE, write_log
+
+SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
+
+
+class SteppedClock:
+    """Time passes only while somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def unix_ns(self) -> int:
+        return round(self.now_s * NS_PER_S)
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+class TimedSink(ListSink):
+    """Notes when each block came."""
+
+    def __init__(self, clock: SteppedClock) -> None:
+        super().__init__()
+        self._clock = clock
+        self.at_s: list[tuple[float, float]] = []
+
+    def block(self, origin, block: SampleBlock) -> None:  # type: ignore[no-untyped-def]
+        super().block(origin, block)
+        self.at_s.append((self._clock.now_s - 100.0, block.end_sample / block.sample_rate))
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return write_log(tmp_path / "log.mcap", seconds=1.0)
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_every_block_and_event_comes_once_and_in_order(log: Path, tmp_path: Path, cut: bool) -> None:
+    if cut:
+        content = log.read_bytes()
+        log = tmp_path / "cut.mcap"
+        log.write_bytes(content[: len(content) * 9 // 10])
+    with LogReader(log) as reader:
+        assert reader.complete != cut
+        expected = {(o, b.channel, b.first_sample): b.values.tobytes() for o, b in reader.blocks()}
+        events = reader.events()
+    sink = ListSink()
+    assert replay_log(log, 0, False, silent_screen(), SteppedClock(), (sink,)) == len(expected)
+    blocks = [(origin, item) for origin, item in sink.items if isinstance(item, SampleBlock)]
+    assert {(o, b.channel, b.first_sample): b.values.tobytes() for o, b in blocks} == expected
+    assert len(blocks) == len(expected)
+    ends = [block.end_sample for _, block in blocks]
+    assert ends == sorted(ends)
+    assert [item for _, item in sink.items if isinstance(item, Event)] == events
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_it_keeps_the_pace_of_the_record(log: Path, speed: float) -> None:
+    clock = SteppedClock()
+    sink = TimedSink(clock)
+    replay_log(log, speed, False, silent_screen(), clock, (sink,))
+    for at_s, end_s in sink.at_s:
+        # its event at the start of the record is the first to come, and blocks come when they end
+        assert at_s == pytest.approx(end_s / speed, abs=1e-6)
+
+
+def test_as_fast_as_possible_waits_for_nothing(log: Path) -> None:
+    clock = SteppedClock()
+    replay_log(log, 0, False, silent_screen(), clock)
+    assert clock.now_s == 100.0
+
+
+def test_a_stop_is_heard_between_blocks(log: Path) -> None:
+    class Stopping(ListSink):
+        def block(self, origin, block: SampleBlock) -> None:  # type: ignore[no-untyped-def]
+            super().block(origin, block)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    sink = Stopping()
+    with pytest.raises(Stopped, match="stopped by a person"):
+        replay_log(log, 1.0, False, silent_screen(), SteppedClock(), (sink,))
+    assert len([item for _, item in sink.items if isinstance(item, SampleBlock)]) == 1
+
+
+def test_a_log_without_channels_is_refused(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "empty.mcap") as writer:
+        writer.add_metadata("scenario", {"toml": "x = 1"})
+    with pytest.raises(LogError, match="no channels in it"):
+        replay_log(tmp_path / "empty.mcap", 0, False, silent_screen(), SteppedClock())
+
+
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
+@pytest.mark.parametrize("name", ["beam_healthy", "beam_base_flexibility"])
+def test_recordings_of_another_program_are_played(name: str) -> None:
+    path = SAMPLES / f"{name}.mcap"
+    sink = ListSink()
+    with LogReader(path) as reader:
+        samples = {channel: row.end_sample for channel, row in reader.table("measured").items()}
+    replay_log(path, 0, False, silent_screen(), SteppedClock(), (sink,))
+    played = {channel: sum(len(block) for block in sink.blocks(channel)) for channel in samples}
+    assert played == samples
+    assert set(played) >= {channel.name for channel in CHANNELS}
+    assert sink.blocks("drive.force")[0].sample_rate == RATE

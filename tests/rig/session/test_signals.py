@@ -1,0 +1,23 @@
+"""A signal is a request that is looked at, and the handlers of before come back."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from rig.session.signals import Stopped, StopRequest
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_only_asks_and_more_of_them_change_nothing(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with StopRequest() as stop:
+        stop.check()
+        for _ in range(10):
+            os.kill(os.getpid(), number)
+        assert stop.wanted
+        with pytest.raises(Stopped, match="stopped by a person"):
+            stop.check()
+    assert signal.getsignal(number) is before
