@@ -3,9 +3,9 @@
 Every way of Exudyn that reaches the first peak within 0.5 % is timed; ours is held against the fastest of
 them, run about, several times.
 
-Exudyn is set up to be as fast as it can be: its build without range checks; the beam as one object of 15 modal
-coordinates, turned so that the tip's deflection is one of them; the drive's sine as one more oscillator in the
-same object; the contact as compiled limit stops. No Python runs in its loop, and nothing is written.
+Exudyn is set up to be as fast as it can be: its build without range checks; the beam as one object of 15
+modal coordinates, turned so that the tip's deflection is one of them; the drive's sine as one more oscillator
+in the same object; the contact as compiled limit stops. No Python runs in its loop, and nothing is written.
 
 Needs the optional extra `peers`. Usage: python -m benchmarks.beam_speed [repetitions]
 """

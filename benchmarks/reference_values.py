@@ -87,11 +87,9 @@ def main() -> None:
             f"   {_deviation(peak, row.peak)}   {fine:8.3f} {100 * (fine / row.peak - 1):+6.3f} %"
         )
     print(
-        "\ndrive   g       half     first of a half cycle, N           largest in it, N              sim-s/s"
+        "\ndrive   g       half   first of a half cycle, N            largest in it, N               sim-s/s"
     )
-    print(
-        "Hz      mm      cycles    ours     text     dev       +-   (text)    ours     text     dev      +-  (text)"
-    )
+    print("Hz      mm      cycles" + 2 * "    ours     text     dev     +-  (text)")
     for row in TABLE:
         found, speed = after_a_second(row)
         parts = (

@@ -46,7 +46,7 @@ def test_rerun_in_rust_reads_the_same_numbers(settled_log: Path, origin: Origin)
 
 
 def test_reruns_checker_finds_no_fault(settled_log: Path) -> None:
-    checked = subprocess.run(
+    checked = subprocess.run(  # noqa: S603
         [sys.executable, "-m", "rerun_cli", "mcap", "check", str(settled_log)],
         capture_output=True,
         text=True,
@@ -89,8 +89,17 @@ def test_schemas_are_those_of_the_interface(settled_log: Path) -> None:
         fields[schema.name] = sorted((f.name, f.number) for f in descriptor.fields)
         assert all(f.is_packed for f in descriptor.fields if f.name in {"values", "wide"})
     assert fields["rattle.SampleBlock"] == sorted(
-        [("timestamp", 1), ("first_sample", 2), ("sample_rate", 3), ("values", 4), ("minimum", 5)]
-        + [("maximum", 6), ("rms", 7), ("flags", 8), ("wide", 9)]
+        [
+            ("timestamp", 1),
+            ("first_sample", 2),
+            ("sample_rate", 3),
+            ("values", 4),
+            ("minimum", 5),
+            ("maximum", 6),
+            ("rms", 7),
+            ("flags", 8),
+            ("wide", 9),
+        ]
     )
     assert fields["rattle.Event"] == sorted(
         [("timestamp", 1), ("level", 2), ("source", 3), ("code", 4), ("text", 5)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -126,7 +127,7 @@ def _outside() -> list[tuple[str, ParameterValues, str]]:
         for parameter in effect.parameters:
             lowest, highest = parameter.intervals[0][0], parameter.intervals[-1][1]
             beyond = [highest * 1.001, lowest * 0.999 if lowest > 0 else lowest * 1.001 - 1e-9]
-            beyond += [(a[1] + b[0]) / 2 for a, b in zip(parameter.intervals, parameter.intervals[1:])]  # noqa: B905
+            beyond += [(low[1] + high[0]) / 2 for low, high in pairwise(parameter.intervals)]
             cases += [(name, {**inside, parameter.name: number}, parameter.name) for number in beyond]
     return cases
 

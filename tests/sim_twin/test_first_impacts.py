@@ -1,4 +1,4 @@
-"""The first impacts of a run against another program: own elements, scipy's integrator, the law as written."""
+"""The first impacts of a run against another program: own elements, scipy, the law as it is written."""
 
 from __future__ import annotations
 

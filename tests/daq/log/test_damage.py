@@ -32,17 +32,16 @@ def data_end(path: Path) -> int:
     return ends[-1]
 
 
-@pytest.mark.parametrize("share", np.linspace(0.05, 0.999, CUTS))
+@pytest.mark.parametrize("share", [0.001, *np.linspace(0.05, 0.999, CUTS)])
 def test_recovering_a_cut_log_gives_a_prefix(ramp: Path, tmp_path: Path, share: float) -> None:
     whole = ramp.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: int(share * len(whole))])
-    try:
-        report = recover_log(cut, tmp_path / "recovered.mcap")
-    except LogError as error:
-        assert "not a log" in str(error)  # cut before the first channel was declared
-        assert share < 0.3
+    if share < 0.02:
+        with pytest.raises(LogError, match="not a log"):
+            recover_log(cut, tmp_path / "recovered.mcap")
         return
+    report = recover_log(cut, tmp_path / "recovered.mcap")
     assert report.sound
     with LogReader(tmp_path / "recovered.mcap") as log:
         assert log.scenario == 'name = "ramp"'
@@ -94,7 +93,7 @@ def test_recovering_passes_over_a_damaged_chunk_and_says_what_is_missing(ramp: P
 
 def test_recovering_never_overwrites(ramp: Path, tmp_path: Path) -> None:
     (tmp_path / "there.mcap").write_bytes(b"mine")
-    with pytest.raises(LogError, match="cannot create .*File exists"):
+    with pytest.raises(LogError, match=r"cannot create .*File exists"):
         recover_log(ramp, tmp_path / "there.mcap")
     assert (tmp_path / "there.mcap").read_bytes() == b"mine"
 

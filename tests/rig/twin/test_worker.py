@@ -90,7 +90,7 @@ def test_a_twin_that_cannot_start_says_why() -> None:
     broken = BeamTwin(nominal(), SineDrive(9.0, 20.0), {"drive.force": None})  # type: ignore[dict-item]
     with (
         TwinWorker(broken, RATE, 0.0, Delivered()) as worker,
-        pytest.raises(TwinFailed, match="(?s)the twin did not start: .*Attribute"),
+        pytest.raises(TwinFailed, match=r"(?s)the twin did not start: .*Attribute"),
     ):
         worker.wait_ready()
 
