@@ -49,9 +49,9 @@ class Simulation:
         phase: float = 0.0,
         reference: float | None = None,
     ) -> None:
-        """Set the excitations from now on: `omega` in rad/s, `phase` in rad of the fundamental at `reference` s.
+        """Set the excitations from now on; the motion itself stays continuous.
 
-        `reference` defaults to now. The motion itself stays continuous.
+        `omega` in rad/s; `phase` in rad is the fundamental's at time `reference` in s (default: now).
         """
         if omega != self._omega:
             self._tables = None
@@ -60,7 +60,7 @@ class Simulation:
         self._reference = self.time if reference is None else reference
 
     def advance(self, count: int) -> Trace:
-        """Advance by `count` steps; the trace starts at the present time and ends one step before the new one."""
+        """Advance by `count` steps; the trace starts now and ends one step before the new present."""
         if self._tables is None:
             self._tables = build_tables(self.system, self._omega, self.step)
         out = np.zeros((max(1, self.system.outputs), count))

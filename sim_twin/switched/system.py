@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """One input u = Re(U exp(i `order` omega t)); order 0 is a constant. U is set while the simulation runs."""
+    """One input u = Re(U exp(i `order` omega t)); order 0 is a constant. U may change during a run."""
 
     order: int
 
@@ -55,7 +55,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """A force beyond the linear law: `stiffness` d^1.5 - `linear` d for the penetration d = `penetration` > 0.
+    """A force beyond the linear law: `stiffness` d^1.5 - `linear` d, where d = `penetration` > 0.
 
     It acts on x' through `direction`, shape (2 n,).
     """
