@@ -31,7 +31,7 @@ def main() -> int:
         scenario = Path(folder) / "scenario.toml"
         text = re.sub(r'duration = ".*"', f'duration = "{arguments.seconds:g} s"', SCENARIO.read_text())
         scenario.write_text(text)
-        command = [sys.executable, "-m", "rig.app", "run", str(scenario), "--bench", str(arguments.bench)]
+        command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(arguments.bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
         cpu, rss, system = _watch(command, arguments.seconds)
         logs = list(Path(folder).glob("*.mcap"))

@@ -73,7 +73,3 @@ def _card_settings(scenario: Scenario, bench: Bench, grpc: str | None) -> CardSe
 def main() -> None:
     """Run the command line."""
     build(connect)()
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
+from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench, embedded_bench, load_bench
+from rig.files.scenario import Scenario, load_scenario
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
 RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
@@ -23,9 +25,32 @@ Json = Annotated[bool, typer.Option("--json", help="Print machine-readable outpu
 Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while it goes on.")]
 
 
-def bench_of(path: Path | None) -> Bench:
-    """The bench of a file, or the emulated one."""
-    return embedded_bench() if path is None else load_bench(path)
+def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, Bench]:
+    """Scenario and bench (the emulated one without a file); raises one error with the faults of both."""
+    errors: list[ConfigurationError] = []
+    scenario = bench = None
+    try:
+        scenario = load_scenario(scenario_file)
+    except ConfigurationError as error:
+        errors.append(error)
+    try:
+        bench = embedded_bench() if bench_file is None else load_bench(bench_file)
+    except ConfigurationError as error:
+        errors.append(error)
+    if scenario is None or bench is None:
+        raise _joined(errors)
+    return scenario, bench
+
+
+def _joined(errors: list[ConfigurationError]) -> ConfigurationError:
+    if len(errors) == 1:
+        return errors[0]
+    problems = [
+        Problem(f"{error.source}: {problem.key}", problem.value, problem.allowed)
+        for error in errors
+        for problem in error.problems
+    ]
+    return ConfigurationError(" and ".join(error.source for error in errors), problems)
 
 
 def print_json(result: object) -> None:

@@ -8,9 +8,8 @@ import threading
 import typer
 from rich.console import Console
 
-from rig.commands.arguments import BenchFile, Json, ScenarioFile, bench_of, print_json
+from rig.commands.arguments import BenchFile, Json, ScenarioFile, load_pair, print_json
 from rig.emulation import EmulatedBench
-from rig.files.scenario import load_scenario
 from rig.session.progress import Screen
 from rig.session.signals import Stopped
 
@@ -21,7 +20,7 @@ def add_to(app: typer.Typer) -> None:
     @app.command()
     def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
         """Start the emulated instruments on their real wire protocols; prints where each listens."""
-        scenario, bench = load_scenario(scenario_file), bench_of(bench_file)
+        scenario, bench = load_pair(scenario_file, bench_file)
         screen = Screen(Console(stderr=as_json))
         ended = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -12,11 +12,11 @@ import typer
 from rich.console import Console
 
 from daq.clock import SystemClock
-from rig.commands.arguments import BenchFile, Live, ScenarioFile, bench_of
+from rig.commands.arguments import BenchFile, Live, ScenarioFile, load_pair
 from rig.commands.summary import show_summary
 from rig.files.bench import Bench
 from rig.files.pairing import check_pair
-from rig.files.scenario import Scenario, load_scenario
+from rig.files.scenario import Scenario
 from rig.report import write_report
 from rig.session.devices import Devices
 from rig.session.progress import Screen
@@ -38,7 +38,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
     ) -> None:
         """Drive the rig, record every instrument, predict, overlay; prints the path of the log."""
         screen = Screen(Console(stderr=False))
-        scenario, bench = load_scenario(scenario_file), bench_of(bench_file)
+        scenario, bench = load_pair(scenario_file, bench_file)
         clock = SystemClock()
         check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
         request = RunRequest(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable
 from contextlib import suppress
@@ -53,6 +54,8 @@ class Supervisor:
             ready = False
         if not ready:
             raise SupervisorTripped("the supervisor did not start; nothing moves without it")
+        # A frozen supervisor must not hold up the acquisition with a full pipe.
+        os.set_blocking(self._pipe.fileno(), False)
         return self
 
     def __exit__(

@@ -41,7 +41,7 @@ class Command:
         # As the installed `rattle` does it, but for the main module, which every spawned process would import
         # again: half of a short run's time.
         self._process = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-c", "from rig.app import main; main()", *map(str, arguments)],
+            [sys.executable, "-m", "rig.start", *map(str, arguments)],
             cwd=ROOT,
             env=os.environ | {"PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
             stdout=subprocess.PIPE,
