@@ -17,6 +17,7 @@ from daq.log.writer import LogWriter
 _QUEUE_ITEMS = 8192
 """About 20 s of 16 channels, measured and predicted, in blocks of 0.1 s: longer than a stalled disk lasts."""
 _IDLE_S = 0.1
+_HUNG_DISK_S = 30.0
 
 
 class Recorder:
@@ -69,8 +70,15 @@ class Recorder:
     def close(self) -> None:
         """Write what waits, finish the file; raises RecorderFailed if anything was lost."""
         if self._thread.is_alive():
-            self._queue.put(None)
-            self._thread.join()
+            try:
+                self._queue.put(None, timeout=_HUNG_DISK_S)
+                self._thread.join(_HUNG_DISK_S)
+            except queue.Full:
+                pass
+            if self._thread.is_alive():
+                raise RecorderFailed(
+                    f"{self._writer.path}: the disk does not answer; the end of the run is lost"
+                )
         self._writer.close()
         if self._failure is not None:
             raise self._failure

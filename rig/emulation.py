@@ -66,7 +66,8 @@ class EmulatedBench:
         twin = twin_of(self._scenario, (channel.name for channel in bench.daq_card.channels))
         if bench.emulation.effects is not None:
             twin = with_effects(twin, bench.emulation.effects)
-        return BeamPlantFactory(twin, bench.signal_generator.force_per_volt, seed, bench.emulation.healthy)
+        per_volt = bench.signal_generator.force_per_volt
+        return BeamPlantFactory(twin, per_volt, seed, secrets.randbits(32), bench.emulation.healthy)
 
     def _scenario_drive(self) -> DriveSettings:
         """What an emulated card hears while the generator is a real one that it cannot hear."""

@@ -29,9 +29,17 @@ def nominal_sensors(rig: ImpactBeam) -> dict[str, SensorChain]:
     return {name: SensorChain(noise=noise_of(name)) for name in channel_names(rig)}
 
 
-def draw_healthy(twin: BeamTwin, rng: np.random.Generator) -> BeamTwin:
-    """Return `twin` as a healthy rig may really be, on one run; effects come on top."""
-    return BeamTwin(_draw_rig(twin.rig, rng), _draw_drive(twin.drive, rng), _draw_sensors(twin, rng))
+def draw_healthy(
+    twin: BeamTwin, rng: np.random.Generator, run_rng: np.random.Generator | None = None
+) -> BeamTwin:
+    """Return `twin` as a healthy rig may really be, on one run.
+
+    `rng` draws what belongs to the rig, `run_rng` (default: the same) clearance and drive, set anew each run.
+    """
+    each_run = rng if run_rng is None else run_rng
+    rig, sensors = _draw_rig(twin.rig, rng), _draw_sensors(twin, rng)
+    rig = replace(rig, clearance=rig.clearance * _scaled(each_run, 0.02))
+    return BeamTwin(rig, _draw_drive(twin.drive, each_run), sensors)
 
 
 def _scaled(rng: np.random.Generator, deviation: float) -> float:
@@ -56,7 +64,7 @@ def _draw_rig(rig: ImpactBeam, rng: np.random.Generator) -> ImpactBeam:
         modal_damping=damping,
         contact_stiffness=rig.contact_stiffness * _scaled(rng, 0.05),
         contact_damping=rig.contact_damping * max(_scaled(rng, 0.2), 0.05),
-        clearance=rig.clearance * _scaled(rng, 0.02),
+        hertz=None if rig.hertz is None else rig.hertz * _scaled(rng, 0.05),
         shaker_mass=rig.shaker_mass * _scaled(rng, 0.003),
         yoke_frequency=rig.yoke_frequency * _scaled(rng, 0.02),
     )

@@ -16,6 +16,7 @@ from daq.log.reader import LogReader
 from daq.log.schema import embedded_schema
 from daq.log.writer import MAXIMUM_CHUNK_AGE_S
 
+_SAMPLE_TOPICS = ("/measured/", "/predicted/")
 _SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock"}
 
 
@@ -28,6 +29,7 @@ class TopicReport:
     samples: int
     missing: int
     sequence_breaks: int
+    """Blocks out of sequence, or with samples that came before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +78,10 @@ class _Account:
         if sequence != self.messages:
             self.breaks += 1
         self.messages += 1
-        if topic in _SCHEMA_OF_TOPIC:
+        if not topic.startswith(_SAMPLE_TOPICS):
             return
         block = decode_block(topic, data)
+        self.breaks += block.first_sample < self.next_sample
         self.missing += max(block.first_sample - self.next_sample, 0)
         self.samples += len(block)
         self.next_sample = block.end_sample
@@ -90,6 +93,8 @@ class _Account:
 def recover_log(damaged: Path, recovered: Path) -> LogReport:
     """Copy every whole chunk of `damaged` to the new file `recovered`, then verify what was written.
 
+    Topics that are none of the format's are left out.
+
     Samples of a damaged chunk are missing in it, outside the gap ledger, so that its report is not sound.
     """
     with LogReader(damaged) as log, _create(recovered) as file:
@@ -98,6 +103,8 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
         for topic, metadata in log.topic_metadata().items():
+            if not topic.startswith(_SAMPLE_TOPICS) and topic not in _SCHEMA_OF_TOPIC:
+                continue  # another program's topic, whose schema this reader does not keep
             name = _SCHEMA_OF_TOPIC.get(topic, "SampleBlock")
             if name not in schemas:
                 schemas[name] = writer.register_schema(f"rattle.{name}", "protobuf", embedded_schema(name))

@@ -13,7 +13,7 @@ import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.resources import MessageBasedResource
 
-from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 
 LONGEST_ANSWER = 4096
 QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
@@ -123,6 +123,8 @@ class ScpiLink:
                 f"no answer to {command} within {self.timeout_s:g} s",
                 "that it is switched on, in remote mode and set to this interface",
             ) from error
+        except InstrumentError:
+            raise
         except (pyvisa.Error, OSError) as error:
             raise self._lost(str(error)) from error
 

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from rig.commands.arguments import EffectsFile, RunFile
-from rig.report import write_report
+from rig.commands.summary import report_and_name
 from rig.session.progress import Screen
 from rig.twin.overlay import overlay_run
 
@@ -30,7 +30,4 @@ def add_to(app: typer.Typer) -> None:
         target = out or run.with_suffix(".overlay.mcap")
         with screen.busy("predicting"):
             overlay_run(run, target, effects)
-        with screen.busy("writing the report"):
-            write_report(target, target.with_suffix(".html"))
-        screen.say(f"report     {target.with_suffix('.html')}")
-        screen.say(f"log        {target}")
+        report_and_name(target, screen)

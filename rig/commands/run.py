@@ -13,11 +13,10 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from rig.commands.arguments import BenchFile, Live, ScenarioFile, load_pair
-from rig.commands.summary import show_summary
+from rig.commands.summary import report_and_name, show_summary
 from rig.files.bench import Bench
 from rig.files.pairing import check_pair
 from rig.files.scenario import Scenario
-from rig.report import write_report
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
@@ -45,9 +44,5 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
             scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live
         )
         log = run_scenario(request, screen, clock)
-        report = log.with_suffix(".html")
-        with screen.busy("writing the report"):
-            write_report(log, report)
         show_summary(log, screen)
-        screen.say(f"report     {report}")
-        screen.say(f"log        {log}")
+        report_and_name(log, screen)

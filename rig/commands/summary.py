@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from rig.report import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise
+from daq.errors import RattleError
+from rig.report import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise, write_report
 from rig.session.progress import Screen
 
 
@@ -21,6 +22,18 @@ def show_summary(log: Path, screen: Screen) -> None:
         if channel.measured is not None and channel.measured.overloaded_blocks:
             screen.warn(f"{channel.name}: overload in {channel.measured.overloaded_blocks} blocks")
     screen.say(f"gaps       {len(summary.gaps)}; overloaded blocks {summary.overloaded_blocks}")
+
+
+def report_and_name(log: Path, screen: Screen) -> None:
+    """Write the report beside a log and name both, the log last."""
+    report = log.with_suffix(".html")
+    try:
+        with screen.busy("writing the report"):
+            write_report(log, report)
+        screen.say(f"report     {report}")
+    except OSError as error:
+        raise RattleError(f"the log {log} is complete, but not its report: {error}") from error
+    screen.say(f"log        {log}")
 
 
 def _channels(summary: RunSummary) -> Table:

@@ -11,6 +11,9 @@ from rig.files.faults import dotted
 from rig.files.rigs import RIGS
 from rig.files.scenario import Limit, Scenario
 
+SOFT_START_FROM_S = 0.8
+"""A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
+
 
 def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
@@ -35,6 +38,9 @@ def _drive(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     if peak > highest:
         allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
+    if scenario.drive.offset and scenario.acquisition.settle < SOFT_START_FROM_S:
+        allowed = f"at least {SOFT_START_FROM_S:g} s with an offset, which is brought up softly"
+        yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
 
 
 def _channels(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
@@ -57,8 +63,8 @@ def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
 
 def _reachable(limit: Limit, key: str, full_scale: float) -> Iterator[Problem]:
     for name, level in (("warning", limit.warning), ("abort", limit.abort)):
-        if level is not None and level > full_scale:
-            allowed = f"up to {full_scale:g} {limit.unit}, the channel's range"
+        if level is not None and level >= full_scale:
+            allowed = f"below {full_scale:g} {limit.unit}, the channel's range"
             yield Problem(f"{key}.{name}", f"{level:g} {limit.unit}", allowed)
 
 

@@ -104,7 +104,8 @@ class Acquisition:
 
     def _take(self, reading: CardReading) -> None:
         self.arrivals.note(reading.first_sample + reading.values.shape[1], self._clock.unix_ns())
-        for passed in self._limits.check(dict(zip(self._names, reading.values, strict=True))):
+        rows = dict(zip(self._names, reading.values, strict=True))
+        for passed in self._limits.check(rows, dict(zip(self._names, reading.flags, strict=True))):
             self._note_limit(passed)
         self._note_flags(reading)
         with self.changed:  # a record that starts now starts after this reading or with it, never within

@@ -10,18 +10,22 @@ from daq.errors import InstrumentError
 from drivers.protocols import DriveGenerator
 from rig.files.rigs.impact_beam import DriveSection
 from rig.session.progress import Screen
+from rig.session.supervisor import switch_off
 
 RAMP_S = 0.4
 _RAMP_STEPS = 16
 _SMALLEST_V = 0.01
 """V peak: the least amplitude of a 33220A into high impedance."""
-SOFT_START_FROM_S = 0.8
-"""A settling time shorter than this has no room for a ramp."""
 
 
 @contextmanager
-def drive_off_after(generator: DriveGenerator, screen: Screen) -> Iterator[None]:
-    """Switch the drive off on every way out; if even that fails, say so without hiding why the run ended."""
+def drive_off_after(
+    generator: DriveGenerator, spare: Callable[[], DriveGenerator], screen: Screen
+) -> Iterator[None]:
+    """Switch the drive off on every way out, by a new connection where the old one fails.
+
+    If even that fails, say so without hiding why the run ended.
+    """
     try:
         yield
     except BaseException:
@@ -29,7 +33,8 @@ def drive_off_after(generator: DriveGenerator, screen: Screen) -> Iterator[None]
             generator.off()
         except InstrumentError as error:
             screen.warn(f"{error}")
-            screen.warn("THE DRIVE MAY STILL BE ON: switch the generator off by hand")
+            if not switch_off(spare):
+                screen.warn("THE DRIVE MAY STILL BE ON: switch the generator off by hand")
         raise
     generator.off()
 
@@ -52,9 +57,9 @@ class Shaker:
         return self.drive.offset / self.force_per_volt
 
     def arm(self, soft: bool) -> None:
-        """Prepare the sine; nothing moves yet."""
+        """Prepare the sine, without its offset; nothing moves yet."""
         amplitude = min(_SMALLEST_V, self._amplitude_v) if soft else self._amplitude_v
-        self.generator.arm_sine(self.drive.frequency, amplitude, self._offset_v, triggered=not soft)
+        self.generator.arm_sine(self.drive.frequency, amplitude, 0.0, triggered=not soft)
 
     def start(self, soft: bool) -> None:
         """Let it move: softly in steps up to the full amplitude, or at once from phase zero."""
@@ -62,15 +67,17 @@ class Shaker:
         if soft:
             for step in range(1, _RAMP_STEPS + 1):
                 self.wait(RAMP_S / _RAMP_STEPS)
-                self._set(self._amplitude_v * step / _RAMP_STEPS)
+                self._set(step / _RAMP_STEPS)
 
     def ramp_down(self) -> None:
         """Bring the amplitude down in steps, then switch off."""
         for step in range(_RAMP_STEPS - 1, 0, -1):
-            self._set(self._amplitude_v * step / _RAMP_STEPS)
+            self._set(step / _RAMP_STEPS)
             self.wait(RAMP_S / _RAMP_STEPS)
         self.generator.off()
 
-    def _set(self, amplitude_v: float) -> None:
+    def _set(self, share: float) -> None:
         if self._amplitude_v >= _SMALLEST_V:
-            self.generator.set_amplitude(max(amplitude_v, _SMALLEST_V))
+            self.generator.set_amplitude(max(share * self._amplitude_v, _SMALLEST_V))
+        if self._offset_v:
+            self.generator.set_offset(share * self._offset_v)

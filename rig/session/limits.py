@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.block import Flag
 from rig.files.scenario import Limit
+
+_BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +26,8 @@ class Passed:
     abort: bool
 
     def __str__(self) -> str:
+        if math.isnan(self.value):
+            return f"{self.channel} is overloaded, open or not finite: its limit cannot be watched"
         return f"{self.channel} = {self.value:.4g} {self.unit}, limit {self.level:.4g} {self.unit}"
 
 
@@ -38,10 +44,19 @@ class LimitWatch:
         self._beyond: dict[tuple[str, bool], int] = {}
         self._told: set[tuple[str, bool]] = set()
 
-    def check(self, rows: Mapping[str, NDArray[np.floating]]) -> list[Passed]:
-        """Check the next samples, one row (n,) a channel; return what has been passed newly."""
+    def check(
+        self, rows: Mapping[str, NDArray[np.floating]], flags: Mapping[str, Flag] | None = None
+    ) -> list[Passed]:
+        """Check the next samples, one row (n,) a channel; return what has been passed newly.
+
+        A channel that `flags` marks as overloaded, open or not finite cannot be watched: with an abort level
+        it counts as passed at once.
+        """
         found: list[Passed] = []
         for limit in self._limits:
+            if limit.abort is not None and flags and flags[limit.channel] & _BLIND:
+                found.append(Passed(limit.channel, limit.unit, math.nan, limit.abort, abort=True))
+                continue
             values = np.abs(rows[limit.channel])
             for level, abort in ((limit.warning, False), (limit.abort, True)):
                 if level is not None and self._held(limit, values, level, abort):

@@ -16,10 +16,11 @@ from rig.session.hub import Hub, Sink
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.sinks import ViewSink
-from rig.twin.alignment import align
+from rig.twin.alignment import Alignment, align
 from rig.twin.overlay import scenario_of
 from rig.twin.prediction import AlignedTwin
 from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.impact_beam.twin import BeamTwin
 
 Item = tuple[int, int, Origin | None, SampleBlock | Event]
 
@@ -98,9 +99,9 @@ class _ShapeFollower:
     def __init__(self, log: LogReader, sink: Sink) -> None:
         scenario = scenario_of(log)
         twin = twin_of(scenario)
-        drive = log.series("measured", "drive.force", end_s=2.0)
-        alignment = align(drive.values, drive.sample_rate, drive.first_sample, twin.drive)
-        self._twin = AlignedTwin(twin, alignment, drive.sample_rate, scenario.acquisition.settle)
+        self._twin = AlignedTwin(
+            twin, _alignment(log, twin), scenario.acquisition.sample_rate, scenario.acquisition.settle
+        )
         self._sink = sink
 
     def __call__(self, time_s: float) -> None:
@@ -108,6 +109,13 @@ class _ShapeFollower:
         if behind > 0:
             self._twin.advance(behind)
             self._sink.shape(time_s, self._twin.shape())
+
+
+def _alignment(log: LogReader, twin: BeamTwin) -> Alignment:
+    if "drive.force" not in log.channels("measured"):
+        return Alignment(twin.drive.frequency, 0.0, trusted=False)
+    drive = log.series("measured", "drive.force", end_s=2.0)
+    return align(drive.values, drive.sample_rate, drive.first_sample, twin.drive)
 
 
 def _view(log: LogReader) -> LiveView:

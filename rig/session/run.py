@@ -19,11 +19,12 @@ from daq.log.records import Event
 from daq.recorder import Recorder
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
+from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import Scenario
 from rig.live import BeamPicture, LiveView
 from rig.session.acquisition import Acquisition
 from rig.session.devices import Devices
-from rig.session.drive import SOFT_START_FROM_S, Shaker, drive_off_after
+from rig.session.drive import Shaker, drive_off_after
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.progress import Screen
@@ -40,7 +41,8 @@ PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
 _SILENCE_S = 5.0
 _DRIVE = "drive.force"
-_DRIVE_SHARE = 0.5
+_LOOKS_EVERY_S = 3.0
+"""A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
         stop.check()
         with screen.busy("connecting"):
             devices.open()
-        stack.enter_context(drive_off_after(devices.generator, screen))
+        stack.enter_context(drive_off_after(devices.generator, devices.spare_generator, screen))
         screen.say(f"generator  {devices.generator.identity} at {devices.generator.address}")
         screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
                    f"{devices.card.address}")  # fmt: skip
@@ -95,6 +97,7 @@ class _Run:
         self._names = [channel.name for channel in devices.card.channels]
         self._feed_from: int | None = None
         self._last = False
+        self._looked_s = clock.monotonic_s()
 
     def execute(self, stack: ExitStack) -> Path:
         scenario = self._scenario
@@ -119,7 +122,7 @@ class _Run:
         with (
             self._supervisor,
             self._acquisition,
-            drive_off_after(self._devices.generator, self._screen),
+            drive_off_after(self._devices.generator, self._devices.spare_generator, self._screen),
         ):
             self._drive_and_record(shaker)
         self._close_record()
@@ -205,6 +208,7 @@ class _Run:
 
     def _check(self) -> None:
         """Raise whatever ends the run: a lost device, a limit, a person."""
+        self._looked_s = self._clock.monotonic_s()
         if self._acquisition.error is not None:
             raise self._acquisition.error
         if self._acquisition.tripped is not None:
@@ -216,8 +220,10 @@ class _Run:
 
     def _on_reading(self, reading: CardReading) -> None:
         """In the acquisition thread: a sign of life, and how far the record is for the twin."""
-        self._supervisor.beat()
         acquisition = self._acquisition
+        looked_ago = self._clock.monotonic_s() - self._looked_s
+        if acquisition.tripped is None and looked_ago < _LOOKS_EVERY_S:
+            self._supervisor.beat()
         begin, until = acquisition.record_from, acquisition.record_until
         feed_from = self._feed_from
         if feed_from is not None and reading.first_sample >= feed_from and _DRIVE in self._names:

@@ -8,7 +8,7 @@ from types import FrameType, TracebackType
 
 from daq.errors import RattleError
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class Stopped(RattleError, RuntimeError):
@@ -24,7 +24,7 @@ class StopRequest:
 
     def __enter__(self) -> StopRequest:
         if threading.current_thread() is threading.main_thread():
-            for each in _SIGNALS:
+            for each in STOP_SIGNALS:
                 self._before[each] = signal.signal(each, self._note)
         return self
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -12,11 +13,12 @@ from types import TracebackType
 
 from daq.errors import InstrumentError, RattleError
 from drivers.protocols import DriveGenerator
+from rig.session.signals import STOP_SIGNALS
 
 SILENCE_S = 4.0
 """Longer than a card may take to answer (block and 1.5 s), so that a slow card is the run's own affair."""
 _START_S = 30.0
-_OFF_ATTEMPTS = 3
+_AGAIN_S = 1.0
 _BEAT, _DONE = b"beat", b"done"
 
 
@@ -39,8 +41,8 @@ class Supervisor:
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
-        # The child inherits the blocked SIGINT, so that no Ctrl-C can reach it before it ignores it.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        # The child inherits the blocked signals for good: nothing but its pipe or SIGKILL ends it.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
         try:
             self._process.start()
         finally:
@@ -74,7 +76,7 @@ class Supervisor:
         self._pipe.close()
 
     def beat(self) -> None:
-        """Say that samples come and somebody looks at them."""
+        """Say that samples come and that the sequence looks at them."""
         with suppress(OSError):
             self._pipe.send_bytes(_BEAT)
 
@@ -89,8 +91,7 @@ class Supervisor:
 
 
 def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], DriveGenerator]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    os.setsid()  # what the terminal sends to the run must not end its safety net too
     parents_end.close()  # inherited; while it is open here, the parent's death would not show
     pipe.send_bytes(b"ready")
     armed = False
@@ -102,19 +103,20 @@ def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Dr
     except (EOFError, OSError):
         if not armed:
             return
-    _switch_off(spare)
+    while not switch_off(spare):
+        time.sleep(_AGAIN_S)
     with suppress(OSError):
         pipe.send_bytes(b"tripped")
 
 
-def _switch_off(spare: Callable[[], DriveGenerator]) -> None:
-    for _ in range(_OFF_ATTEMPTS):
-        generator = spare()
-        try:
-            generator.open()
-            generator.off()
-        except InstrumentError:
-            continue
-        finally:
-            generator.close()
-        return
+def switch_off(spare: Callable[[], DriveGenerator]) -> bool:
+    """Switch the drive off by a new connection; returns whether the generator took it."""
+    generator = spare()
+    try:
+        generator.open()
+        generator.off()
+    except InstrumentError:
+        return False
+    finally:
+        generator.close()
+    return True

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import fit_sine
+from daq.signals import SineFit, fit_sine
 from sim_twin.rigs.impact_beam.model import SineDrive
 
 FREQUENCY_TOLERANCE = 1e-3
 """A twin follows the measured mean frequency within 0.1 % of the scenario's."""
 _STARTED = 0.05
 _RUNNING_SHARE = 0.5
+_SAFE_CYCLES = 0.2 / FREQUENCY_TOLERANCE
+_WORST_RESIDUAL = 0.5
+"""Rms, as a share of the amplitude: a drive with all the harmonics of the catalogue stays below 0.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +42,10 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     begun = int(np.argmax(np.abs(finite) > _STARTED * level))
     period = sample_rate / drive.frequency
     running_before = begun < period / 8
-    fit = fit_sine(finite if running_before else finite[begun:], sample_rate, drive.frequency)
+    fit = _fit_growing(finite if running_before else finite[begun:], sample_rate, drive.frequency)
     if running_before and begun > 0 and abs(np.sin(fit.phase)) > 2 * _STARTED:
         # The first samples were at rest where the sine was not: a slow drive that began just then.
-        running_before, fit = False, fit_sine(finite[begun:], sample_rate, drive.frequency)
+        running_before, fit = False, _fit_growing(finite[begun:], sample_rate, drive.frequency)
     steady = finite if running_before else finite[begun:]
     span = FREQUENCY_TOLERANCE * drive.frequency
     frequency = float(np.clip(fit.frequency, drive.frequency - span, drive.frequency + span))
@@ -50,9 +53,21 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
         fit = fit_sine(steady, sample_rate, frequency, hold_frequency=True)
     start = first_sample + (0 if running_before else begun)
     phase = (fit.phase - 2 * np.pi * frequency * start / sample_rate) % (2 * np.pi)
+    trusted = fit.residual < _WORST_RESIDUAL * level
     if running_before:
-        return Alignment(frequency, phase)
-    return Alignment(frequency, phase, onset=_onset(phase, frequency / sample_rate, start))
+        return Alignment(frequency, phase, trusted=trusted)
+    return Alignment(frequency, phase, _onset(phase, frequency / sample_rate, start), trusted)
+
+
+def _fit_growing(force: NDArray[np.floating], sample_rate: float, frequency: float) -> SineFit:
+    """Fit a long record from a short one on, so that no start is off by more than a quarter of a cycle."""
+    cycles = _SAFE_CYCLES
+    while True:
+        count = min(len(force), int(cycles * sample_rate / frequency))
+        fit = fit_sine(force[:count], sample_rate, frequency)
+        if count == len(force):
+            return fit
+        frequency, cycles = fit.frequency, 2 * cycles
 
 
 def _onset(phase: float, cycles_per_sample: float, seen: int) -> float:

@@ -13,6 +13,7 @@ from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import align
 from rig.twin.prediction import AlignedTwin
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
+from sim_twin.rigs.impact_beam.twin import BeamTwin
 
 _DRIVE = "drive.force"
 
@@ -34,9 +35,12 @@ def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
         measured = log.channels("measured")
         if not measured:
             raise LogError(f"{run}: nothing measured in it")
+        twin = twin_of(scenario, measured)
+        if effects is not None:
+            twin = with_effects(twin, effects)
         with LogWriter(target) as copy:
             _copy(log, copy)
-            _predict(log, copy, scenario, effects)
+            _predict(log, copy, scenario, twin)
 
 
 def _copy(log: LogReader, copy: LogWriter) -> None:
@@ -57,11 +61,8 @@ def _copy(log: LogReader, copy: LogWriter) -> None:
         copy.add_clock(clock)
 
 
-def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, effects: Path | None) -> None:
+def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, twin: BeamTwin) -> None:
     measured = log.channels("measured")
-    twin = twin_of(scenario, measured)
-    if effects is not None:
-        twin = with_effects(twin, effects)
     wanted = [channel for channel in predicted_channels(twin) if channel.name in measured]
     for channel in wanted:
         copy.declare("predicted", channel)

@@ -19,13 +19,15 @@ _UNIT_DRIVE = SineDrive(1.0, 1.0)
 class BeamPlantFactory:
     """Makes the plant in the emulator's process.
 
-    `believed` is the operator's twin with the hidden effects in; `healthy` draws tolerances from `seed`.
+    `believed` is the operator's twin with the hidden effects in; `healthy` draws the rig from `seed`, and
+    what is set anew for each run (clearance, drive, noise) from `run_seed` as well.
     `force_per_volt` in N/V is what generator, amplifier and shaker nominally make of a volt.
     """
 
     believed: BeamTwin
     force_per_volt: float
     seed: int
+    run_seed: int
     healthy: bool
 
     def __call__(self) -> Plant:
@@ -40,12 +42,12 @@ class BeamPlant:
     """An impact beam that hears the generator's volts and gives what its sensors really show."""
 
     def __init__(self, factory: BeamPlantFactory) -> None:
-        draw = np.random.default_rng([factory.seed, 0])
-        self._noise = np.random.default_rng([factory.seed, 1])
+        rig_draw = np.random.default_rng([factory.seed, 0])
+        self._noise = np.random.default_rng([factory.seed, 1, factory.run_seed])
         believed = factory.believed
         harmonics = {"second": believed.drive.second, "third": believed.drive.third}
         unit = replace(believed, drive=replace(_UNIT_DRIVE, **harmonics))
-        self._twin = draw_healthy(unit, draw) if factory.healthy else unit
+        self._twin = draw_healthy(unit, rig_draw, self._noise) if factory.healthy else unit
         self._force_per_volt = factory.force_per_volt
         self._stream: BeamStream | None = None
 

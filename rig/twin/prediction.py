@@ -13,13 +13,29 @@ from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
 
 _LEAST_SETTLE_S = 1.0
+_DROOP_TIMES = 5.0
+"""Time constants after which a charge amplifier is in steady state to under a percent."""
 BLOCK_S = 0.1
+
+
+def settling_s(twin: BeamTwin, settle_s: float) -> float:
+    """Seconds that a twin runs before sample 0: `settle_s`, or until motion and droops are steady."""
+    corners = [chain.droop_corner for chain in twin.sensors.values() if chain.droop_corner is not None]
+    droop_s = _DROOP_TIMES / (2 * np.pi * min(corners)) if corners else 0.0
+    return max(settle_s, _LEAST_SETTLE_S, droop_s)
+
+
+def skip(stream: BeamStream, count: int) -> None:
+    """Advance by `count` samples that nobody wants."""
+    most = max(1, round(BLOCK_S * stream.sample_rate))
+    for first in range(0, count, most):
+        stream.advance(min(most, count - first))
 
 
 class AlignedTwin:
     """Predicted samples of every channel on the sample grid of a run.
 
-    A drive that was running before sample 0 has been running for `settle_s` (at least 1 s) in the twin too;
+    A drive that was running before sample 0 has been running in the twin too (`settling_s`);
     one that began within the record begins there in the twin, from rest.
     """
 
@@ -39,9 +55,9 @@ class AlignedTwin:
             phase = alignment.phase + 2 * np.pi * cycles_per_sample * alignment.onset
             self._stream.drive(drive, phase, alignment.onset)
             return
-        before = round(max(settle_s, _LEAST_SETTLE_S) * sample_rate)
+        before = round(settling_s(twin, settle_s) * sample_rate)
         self._stream.drive(drive, alignment.phase - 2 * np.pi * cycles_per_sample * before, 0.0)
-        self._stream.advance(before)
+        skip(self._stream, before)
 
     def advance(self, count: int) -> NDArray[np.float32]:
         """Next `count` samples, shape (channels, count)."""

@@ -9,13 +9,10 @@ import numpy as np
 from daq.block import SampleBlock, sample_time_ns
 from daq.log import LogWriter
 from rig.files.scenario import Scenario
-from rig.twin.prediction import BLOCK_S
+from rig.twin.prediction import BLOCK_S, settling_s, skip
 from rig.twin.scenario_twin import predicted_channels
 from sim_twin.healthy import draw_healthy
 from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
-
-_DROOP_TIMES = 5.0
-"""Time constants after which a charge amplifier is in steady state to under a percent."""
 
 
 def write_prediction(scenario: Scenario, twin: BeamTwin, seed: int | None, path: Path) -> BeamTwin:
@@ -31,10 +28,10 @@ def write_prediction(scenario: Scenario, twin: BeamTwin, seed: int | None, path:
         rng = np.random.default_rng(seed)
         twin, noise = draw_healthy(twin, rng), rng
         phase = float(rng.uniform(0, 2 * np.pi))
-        before = max(before, 1.0, _slowest(twin))
+        before = settling_s(twin, before)
     stream = BeamStream(twin, rate, noise)
     stream.drive(twin.drive, phase)
-    stream.advance(round(before * rate))
+    skip(stream, round(before * rate))
     with LogWriter(path) as log:
         log.add_metadata("scenario", {"toml": scenario.text})
         log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", "seed": str(seed)})
@@ -42,11 +39,6 @@ def write_prediction(scenario: Scenario, twin: BeamTwin, seed: int | None, path:
             log.declare("predicted", channel)
         _write(log, stream, round(scenario.acquisition.duration * rate), rate)
     return twin
-
-
-def _slowest(twin: BeamTwin) -> float:
-    corners = [chain.droop_corner for chain in twin.sensors.values() if chain.droop_corner is not None]
-    return _DROOP_TIMES / (2 * np.pi * min(corners)) if corners else 0.0
 
 
 def _write(log: LogWriter, stream: BeamStream, count: int, rate: float) -> None:

@@ -28,6 +28,7 @@ from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
 
 _ALIGN_ON_S = 1.0
 """Seconds of drive to align on; shorter runs use what they have when they end."""
+_KEEP_S = 5.0
 _START_S = 120.0
 _FINISH_S = 600.0
 _POLL_S = 0.1
@@ -207,6 +208,7 @@ class _Prediction:
             if isinstance(message, _Drive):
                 if self._aligned is None:
                     self._drive.append(message)
+                    self._forget_old()
             else:
                 self._follow(message)
                 if message.last:
@@ -224,6 +226,11 @@ class _Prediction:
 
     def _enough(self) -> bool:
         return sum(len(each.force) for each in self._drive) >= _ALIGN_ON_S * self._rate
+
+    def _forget_old(self) -> None:
+        """Keep the newest seconds of a long settling time; the rest adds nothing to the alignment."""
+        while sum(len(each.force) for each in self._drive[1:]) > _KEEP_S * self._rate:
+            del self._drive[0]
 
     def _align(self, begin: int) -> None:
         force = np.concatenate([each.force for each in self._drive]) if self._drive else np.zeros(0)

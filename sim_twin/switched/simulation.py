@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.switched.kernel import run
-from sim_twin.switched.system import Row, SwitchedSystem
+from sim_twin.switched.system import SwitchedSystem
 from sim_twin.switched.tables import Tables, build_tables
 
 _MOST_SWITCHES_A_STEP = 0.5
@@ -75,10 +75,6 @@ class Simulation:
         self.time = self._samples * self.step
         kept = min(switches, room)
         return Trace(start, self.step, out, start + times[:kept] * self.step, regimes[:kept], switches)
-
-    def value(self, row: Row) -> float:
-        """Value of a scalar of the present state (position and constant parts)."""
-        return float(row.position @ self._x) + row.constant
 
     @property
     def state(self) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ A regime ends where one of its events becomes positive; x carries over to the ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,5 +101,3 @@ class SwitchedSystem:
     regimes: tuple[Regime, ...]
     outputs: int
     rest_regime: int = 0
-    scalars: dict[str, Row] = field(default_factory=dict)
-    """Named rows that hold in every regime (deflection of a station), for drawing and for checks."""

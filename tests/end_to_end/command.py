@@ -68,6 +68,7 @@ class Command:
     def end(self, deadline_s: float = DEADLINE_S) -> Ended:
         """Wait until it has ended by itself."""
         out, err = self._process.communicate(timeout=deadline_s)
+        assert "Traceback" not in err, err
         return Ended(self._process.returncode, "".join(self._lines) + out, err)
 
     def kill(self) -> None:
