@@ -29,6 +29,7 @@ from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
 _ALIGN_ON_S = 1.0
 """Seconds of drive to align on; shorter runs use what they have when they end."""
 _KEEP_S = 5.0
+_OF_THE_TERMINAL = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
 _START_S = 120.0
 _FINISH_S = 600.0
 _POLL_S = 0.1
@@ -89,8 +90,8 @@ class TwinWorker:
         self._error = ""
 
     def __enter__(self) -> TwinWorker:
-        # The child inherits the blocked SIGINT, so that no Ctrl-C can reach it before it ignores it.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        # The child inherits the blocked signals: what the terminal sends to the run is not for it.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_THE_TERMINAL)
         try:
             self._process.start()
         finally:
@@ -175,7 +176,6 @@ class TwinWorker:
 
 
 def _work(pipe: Connection, twin: BeamTwin, sample_rate: float, settle_s: float) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         _warm_up(twin, sample_rate)
         pipe.send(_Ready())

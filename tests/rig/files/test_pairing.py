@@ -32,7 +32,7 @@ def test_main_scenario_runs_on_the_embedded_bench() -> None:
         (
             SOUND + '[limits."contact.force_upper"]\nabort = "250 N"',
             "abort",
-            "up to 200 N, the channel's range",
+            "below 200 N, the channel's range",
         ),
         (
             SOUND + '[limits."beam.acceleration_50"]\nabort = "5 g"',

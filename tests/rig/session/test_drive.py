@@ -23,13 +23,16 @@ def test_a_soft_start_begins_at_the_least_amplitude_and_ends_at_the_full_one() -
     moved = shaker(generator, waits)
     moved.arm(soft=True)
     moved.start(soft=True)
-    assert generator.told[0] == ("arm_sine", 20.0, 0.01, 0.5 / FORCE_PER_VOLT, False)
+    assert generator.told[0] == ("arm_sine", 20.0, 0.01, 0.0, False)
     assert generator.told[1] == ("start",)
     volts = generator.amplitudes()
     assert volts == sorted(volts)
     assert volts[-1] == pytest.approx(FULL_V)
     assert max(b - a for a, b in zip([0.0, *volts], volts, strict=False)) < FULL_V / 10
     assert sum(waits) == pytest.approx(RAMP_S)
+    offsets = [float(str(each[1])) for each in generator.told if each[0] == "set_offset"]
+    assert offsets == sorted(offsets)
+    assert offsets[-1] == pytest.approx(0.5 / FORCE_PER_VOLT)
 
 
 def test_a_start_from_rest_is_armed_at_the_full_amplitude_and_triggered() -> None:
@@ -37,7 +40,7 @@ def test_a_start_from_rest_is_armed_at_the_full_amplitude_and_triggered() -> Non
     moved = shaker(generator, waits)
     moved.arm(soft=False)
     moved.start(soft=False)
-    assert generator.told == [("arm_sine", 20.0, FULL_V, 0.5 / FORCE_PER_VOLT, True), ("start",)]
+    assert generator.told == [("arm_sine", 20.0, FULL_V, 0.0, True), ("start",)]
     assert waits == []
 
 
@@ -64,10 +67,13 @@ def test_a_drive_below_what_a_generator_can_do_is_left_as_it_was_armed(amplitude
 
 def test_off_comes_first_on_every_way_out() -> None:
     generator = RecordingGenerator()
-    with pytest.raises(ZeroDivisionError, match="a fault"), drive_off_after(generator, silent_screen()):
+    with (
+        pytest.raises(ZeroDivisionError, match="a fault"),
+        drive_off_after(generator, RecordingGenerator, silent_screen()),
+    ):
         raise ZeroDivisionError("a fault")
     assert generator.told == [("off",)]
-    with drive_off_after(generator, silent_screen()):
+    with drive_off_after(generator, RecordingGenerator, silent_screen()):
         pass
     assert generator.told == [("off",), ("off",)]
 
@@ -75,8 +81,25 @@ def test_off_comes_first_on_every_way_out() -> None:
 def test_a_generator_that_does_not_go_off_does_not_hide_why_the_run_ended() -> None:
     generator = RecordingGenerator(fails_at="off")
     screen = silent_screen()
-    with pytest.raises(ZeroDivisionError, match="a fault"), drive_off_after(generator, screen):
+    with (
+        pytest.raises(ZeroDivisionError, match="a fault"),
+        drive_off_after(generator, lambda: RecordingGenerator(fails_at="open"), screen),
+    ):
         raise ZeroDivisionError("a fault")
     assert "THE DRIVE MAY STILL BE ON" in screen.console.export_text()
-    with pytest.raises(InstrumentSilent, match="no answer"), drive_off_after(generator, screen):
+
+
+def test_where_the_old_connection_fails_a_new_one_switches_off() -> None:
+    generator, spare, screen = RecordingGenerator(fails_at="off"), RecordingGenerator(), silent_screen()
+    with (
+        pytest.raises(ZeroDivisionError, match="a fault"),
+        drive_off_after(generator, lambda: spare, screen),
+    ):
+        raise ZeroDivisionError("a fault")
+    assert spare.told == [("open",), ("off",), ("close",)]
+    assert "THE DRIVE MAY STILL BE ON" not in screen.console.export_text()
+    with (
+        pytest.raises(InstrumentSilent, match="no answer"),
+        drive_off_after(generator, lambda: spare, screen),
+    ):
         pass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from daq import Flag
 from rig.files.scenario import Limit
 from rig.session.limits import LimitWatch
 
@@ -69,3 +70,14 @@ def test_no_number_is_beyond_no_limit_and_breaks_a_hold(beyond: list[float]) -> 
 
 def test_a_level_passed_beside_missing_numbers_is_told() -> None:
     assert told(watch(), np.nan, 11, np.nan) == [(10, False)]
+
+
+@pytest.mark.parametrize("flag", [Flag.OVERLOAD, Flag.OPEN_SENSOR, Flag.NOT_FINITE])
+def test_a_channel_that_cannot_be_watched_counts_as_passed(flag: Flag) -> None:
+    (passed,) = watch().check({NAME: np.zeros(10)}, {NAME: flag})
+    assert passed.abort
+    assert "cannot be watched" in str(passed)
+
+
+def test_a_bad_sensor_with_a_warning_level_alone_does_not_stop_the_rig() -> None:
+    assert watch(abort=None).check({NAME: np.zeros(10)}, {NAME: Flag.OVERLOAD}) == []

@@ -85,3 +85,14 @@ def test_an_offset_is_no_phase() -> None:
     drive = SineDrive(9.0, 20.0, offset=3.0)
     found = align(sine(20.0, 1.0) + 3.0, RATE, 0, drive)
     assert difference(found.phase, 1.0) == pytest.approx(0.0, abs=5e-4)
+
+
+@pytest.mark.parametrize(("frequency", "offset", "seconds"), [(20.0, 9e-4, 60.0), (200.0, -9e-4, 20.0)])
+def test_a_long_record_is_followed_within_the_whole_tolerance(
+    frequency: float, offset: float, seconds: float
+) -> None:
+    # Fitted in one go it would start a cycle and more from the truth and end in a wrong minimum.
+    true = frequency * (1 + offset)
+    found = align(sine(true, 1.0, seconds), RATE, 0, SineDrive(9.0, frequency))
+    assert found.frequency == pytest.approx(true, rel=1e-7)
+    assert difference(found.phase, 1.0) == pytest.approx(0.0, abs=5e-4)
