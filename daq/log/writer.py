@@ -42,6 +42,8 @@ class LogWriter:
         """Create the file; refuses to overwrite one."""
         try:
             self._file = self.path.open("xb")
+        except FileExistsError as error:
+            raise RecorderFailed(f"{self.path} exists already; name another file") from error
         except OSError as error:
             raise RecorderFailed(f"cannot create {self.path}: {error}") from error
         self._writer = Writer(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -22,6 +23,11 @@ class Screen:
     def warn(self, text: str) -> None:
         """Print a line that wants attention."""
         self.console.print(f"! {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+    def hold(self, text: str) -> None:
+        """Wait for Enter, where there is a person to press it."""
+        if self.console.is_terminal and sys.stdin.isatty():
+            self.console.input(text, markup=False)
 
     @contextmanager
     def busy(self, text: str) -> Iterator[None]:

@@ -45,7 +45,10 @@ def replay_log(
             sink = ViewSink(view, twin.rig.beam.length)
             sinks = (*sinks, sink)
             follow = _ShapeFollower(log, sink)
-        return _Player(Hub(sinks), speed, clock, stop).play(log, follow, screen)
+        count = _Player(Hub(sinks), speed, clock, stop).play(log, follow, screen)
+        if live:
+            screen.hold("the live view stays open; Enter closes it ")
+        return count
 
 
 class _Player:

@@ -126,6 +126,8 @@ class _Run:
         ):
             self._drive_and_record(shaker)
         self._close_record()
+        if self._request.live:
+            self._screen.hold("the live view stays open; Enter closes it ")
         return run.log
 
     def _sinks(self, stack: ExitStack, twin: BeamTwin) -> list[Sink]:
