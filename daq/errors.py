@@ -2,6 +2,8 @@
 
     RattleError
     +-- ConfigurationError    fix the file                     (ValueError)
+    +-- UnphysicalParameter   fix the parameter                (ValueError)
+    +-- SimulationFailed      change what is simulated         (ArithmeticError)
     +-- InstrumentError       look at the instrument
     |   +-- InstrumentAbsent  nobody, or somebody else, answers (ConnectionError)
     |   +-- InstrumentRefused it answered: no                   (RuntimeError)
@@ -43,6 +45,28 @@ class ConfigurationError(RattleError, ValueError):
         self.source = source
         self.problems = tuple(problems)
         super().__init__("\n".join([f"{source}:", *(f"  {problem}" for problem in self.problems)]))
+
+
+class UnphysicalParameter(RattleError, ValueError):
+    """A parameter of a model that no rig can have: whose, which, its value, and what it may be."""
+
+    def __init__(self, owner: str, name: str, value: float, allowed: str) -> None:
+        self.owner, self.name, self.value, self.allowed = owner, name, value, allowed
+        super().__init__(owner, name, value, allowed)
+
+    def __str__(self) -> str:
+        return f"{self.owner}: {self.name} = {self.value:g}: {self.allowed}"
+
+
+class SimulationFailed(RattleError, ArithmeticError):
+    """A simulation ended without a result; `advice` says what to change."""
+
+    def __init__(self, what: str, advice: str) -> None:
+        self.what, self.advice = what, advice
+        super().__init__(what, advice)
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.advice}"
 
 
 class InstrumentError(RattleError):

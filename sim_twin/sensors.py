@@ -1,12 +1,14 @@
-"""The measuring chain and what can be wrong with it: from the finely sampled truth to channel samples.
+"""Measuring chains and what can be wrong with them: from the finely sampled truth to channel samples.
 
-True signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay, decimation
--> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one filter.
+Analog: true signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay,
+decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one
+filter.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,16 @@ class SensorChain:
     skew: float = 0.0
     droop_corner: float | None = None
     bandwidth_corner: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """An incremental encoder read at the sample instants: whole `counts` of a revolution, nothing else."""
+
+    counts: int = 4096
+
+
+Sensor: TypeAlias = SensorChain | Encoder
 
 
 def oversampling(sample_rate: float) -> int:
@@ -94,6 +106,38 @@ class SensorStream:
         noisy = samples + self._chain.noise * rng.standard_normal(len(samples))
         step = self._chain.full_scale / 2**23
         return np.asarray(np.round(noisy / step) * step)
+
+
+class EncoderStream:
+    """An encoder in motion: fine angles (rad) in, counted angles (rad) at the sample instants out."""
+
+    lookahead = 1
+
+    def __init__(self, encoder: Encoder, sample_rate: float) -> None:
+        self._count = 2 * np.pi / encoder.counts
+        self._factor = oversampling(sample_rate)
+        self._fine = np.zeros(0)
+
+    def push(self, fine: Array) -> None:
+        """Take the next fine angles."""
+        self._fine = np.concatenate([self._fine, fine])
+
+    def pull(self, count: int) -> Array:
+        """Give the next `count` angles, shape (count,)."""
+        at_samples = self._fine[: count * self._factor : self._factor]
+        if len(at_samples) < count:
+            raise ValueError(f"{count - len(at_samples)} samples are missing")
+        self._fine = self._fine[count * self._factor :]
+        return np.asarray(np.floor(at_samples / self._count) * self._count)
+
+
+def sensor_stream(
+    sensor: Sensor, sample_rate: float, rng: np.random.Generator | None
+) -> SensorStream | EncoderStream:
+    """The sensor in motion; with `rng` an analog chain adds noise and quantisation."""
+    if isinstance(sensor, Encoder):
+        return EncoderStream(sensor, sample_rate)
+    return SensorStream(sensor, sample_rate, rng)
 
 
 class LinearFilter:

@@ -13,7 +13,7 @@ from rig.files.scenario import load_scenario
 from rig.session.progress import Screen
 from rig.twin.prediction_file import write_prediction
 from rig.twin.scenario_twin import twin_of, with_effects
-from rig.twin.solver_values import solver_values
+from sim_twin.rigs.catalogue import model_of
 
 
 def add_to(app: typer.Typer) -> None:
@@ -34,10 +34,10 @@ def add_to(app: typer.Typer) -> None:
         twin = twin_of(scenario)
         if effects is not None:
             twin = with_effects(twin, effects)
-        screen = Screen(Console(stderr=as_json))
+        screen, wanted = Screen(Console(stderr=as_json)), scenario.acquisition
         with screen.busy("simulating"):
             drawn = write_prediction(scenario, twin, seed, out)
-            values = solver_values(scenario, drawn) if as_json else None
+            values = model_of(drawn).solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
         if values is not None:
             print_json(values)
         screen.say(f"log        {out}")

@@ -11,17 +11,17 @@ from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.clock import Clock
 from daq.errors import LogError
 from daq.log import Event, LogReader, Origin
-from rig.live import BeamPicture, LiveView
+from rig.live import LiveView
 from rig.session.hub import Hub, Sink
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.sinks import ViewSink
-from rig.twin.alignment import Alignment, align
-from rig.twin.overlay import scenario_of
+from rig.twin.overlay import align_to, scenario_of
+from rig.twin.picture import picture_of
 from rig.twin.prediction import AlignedTwin
 from rig.twin.scenario_twin import twin_of
-from sim_twin.rigs.impact_beam.twin import BeamTwin
 
+_ALIGN_ON_S = 2.0
 Item = tuple[int, int, Origin | None, SampleBlock | Event]
 
 
@@ -41,8 +41,7 @@ def replay_log(
         if live:
             view = stack.enter_context(_view(log))
             screen.say(f"live view  {view.url}")
-            twin = twin_of(scenario_of(log))
-            sink = ViewSink(view, twin.rig.beam.length)
+            sink = ViewSink(view, picture_of(twin_of(scenario_of(log))))
             sinks = (*sinks, sink)
             follow = _ShapeFollower(log, sink)
         count = _Player(Hub(sinks), speed, clock, stop).play(log, follow, screen)
@@ -102,9 +101,9 @@ class _ShapeFollower:
     def __init__(self, log: LogReader, sink: Sink) -> None:
         scenario = scenario_of(log)
         twin = twin_of(scenario)
-        self._twin = AlignedTwin(
-            twin, _alignment(log, twin), scenario.acquisition.sample_rate, scenario.acquisition.settle
-        )
+        wanted = scenario.acquisition
+        alignment = align_to(log, twin, _ALIGN_ON_S)
+        self._twin = AlignedTwin(twin, alignment, wanted.sample_rate, wanted.settle)
         self._sink = sink
 
     def __call__(self, time_s: float) -> None:
@@ -114,16 +113,8 @@ class _ShapeFollower:
             self._sink.shape(time_s, self._twin.shape())
 
 
-def _alignment(log: LogReader, twin: BeamTwin) -> Alignment:
-    if "drive.force" not in log.channels("measured"):
-        return Alignment(twin.drive.frequency, 0.0, trusted=False)
-    drive = log.series("measured", "drive.force", end_s=2.0)
-    return align(drive.values, drive.sample_rate, drive.first_sample, twin.drive)
-
-
 def _view(log: LogReader) -> LiveView:
     scenario = scenario_of(log)
-    rig = twin_of(scenario).rig
-    picture = BeamPicture(rig.beam.length, rig.beam.width, rig.clearance, rig.rest_offset)
+    picture = picture_of(twin_of(scenario))
     measured, predicted = log.channels("measured"), log.channels("predicted")
     return LiveView(scenario.name, list(measured.values()), list(predicted.values()), picture)

@@ -21,7 +21,7 @@ from drivers.protocols import CardReading
 from rig.files.bench import Bench
 from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import Scenario
-from rig.live import BeamPicture, LiveView
+from rig.live import LiveView
 from rig.session.acquisition import Acquisition
 from rig.session.devices import Devices
 from rig.session.drive import Shaker, drive_off_after
@@ -33,14 +33,15 @@ from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
 from rig.session.supervisor import Supervisor
 from rig.twin.alignment import Alignment
+from rig.twin.picture import picture_of
+from rig.twin.rigs import KINDS
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from rig.twin.worker import Shape, TwinFailed, TwinWorker
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.twin import AnyTwin
 
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
 _SILENCE_S = 5.0
-_DRIVE = "drive.force"
 _LOOKS_EVERY_S = 3.0
 """A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
 
@@ -95,6 +96,7 @@ class _Run:
         self._rate = devices.card.sample_rate
         self._soft = self._scenario.acquisition.settle >= SOFT_START_FROM_S
         self._names = [channel.name for channel in devices.card.channels]
+        self._reference = KINDS[self._scenario.rig].reference
         self._feed_from: int | None = None
         self._last = False
         self._looked_s = clock.monotonic_s()
@@ -130,21 +132,20 @@ class _Run:
             self._screen.hold("the live view stays open; Enter closes it ")
         return run.log
 
-    def _sinks(self, stack: ExitStack, twin: BeamTwin) -> list[Sink]:
+    def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
         if self._request.live:
-            beam = twin.rig.beam
-            picture = BeamPicture(beam.length, beam.width, twin.rig.clearance, twin.rig.rest_offset)
+            picture = picture_of(twin)
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
-            sinks.append(ViewSink(view, beam.length))
+            sinks.append(ViewSink(view, picture))
         return sinks
 
-    def _predicted(self, twin: BeamTwin) -> list[Channel]:
+    def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]
 
-    def _declare(self, twin: BeamTwin, run_id: str) -> None:
+    def _declare(self, twin: AnyTwin, run_id: str) -> None:
         self._recorder.metadata("scenario", {"toml": self._scenario.text})
         record = run_record(self._request.bench, self._devices, run_id, self._clock)
         self._recorder.metadata("run", record | self._notes)
@@ -228,8 +229,8 @@ class _Run:
             self._supervisor.beat()
         begin, until = acquisition.record_from, acquisition.record_until
         feed_from = self._feed_from
-        if feed_from is not None and reading.first_sample >= feed_from and _DRIVE in self._names:
-            self._worker.drive(reading.first_sample, reading.values[self._names.index(_DRIVE)])
+        if feed_from is not None and reading.first_sample >= feed_from and self._reference in self._names:
+            self._worker.drive(reading.first_sample, reading.values[self._names.index(self._reference)])
         if begin is not None and until is not None and not self._last:
             end = min(reading.first_sample + reading.values.shape[1], until)
             self._last = end == until
@@ -251,10 +252,9 @@ class _Run:
         if alignment.trusted:
             self._event("info", "twin.aligned", text)
         else:
-            self._event(
-                "warning", "drive.not_seen", f"{_DRIVE} shows no drive; the twin follows the scenario"
-            )
-            self._screen.warn(f"{_DRIVE} shows no drive: is the amplifier on?")
+            unseen = f"{self._reference} shows no drive"
+            self._event("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
+            self._screen.warn(f"{unseen}: is the amplifier on?")
 
     def _close_record(self) -> None:
         record = self._acquisition.arrivals.record("host", self._acquisition.start_ns)

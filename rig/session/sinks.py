@@ -9,7 +9,7 @@ from daq.block import SampleBlock
 from daq.log.reader import Origin
 from daq.log.records import Event
 from daq.recorder import Recorder
-from rig.live import LiveView
+from rig.live import BeamPicture, LiveView
 
 
 class LogSink:
@@ -31,10 +31,10 @@ class LogSink:
 
 
 class ViewSink:
-    """Everything is offered to the view, which may drop it. `length` of the beam in m."""
+    """Everything is offered to the view, which may drop it; `picture` is what it draws in space."""
 
-    def __init__(self, view: LiveView, length: float) -> None:
-        self._view, self._length = view, length
+    def __init__(self, view: LiveView, picture: BeamPicture | None) -> None:
+        self._view, self._picture = view, picture
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
         """Offer a block."""
@@ -46,5 +46,7 @@ class ViewSink:
 
     def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
         """Offer the beam's shape."""
-        positions = np.linspace(0.0, self._length, len(deflection))
+        if self._picture is None:
+            return
+        positions = np.linspace(0.0, self._picture.length_m, len(deflection))
         self._view.offer_shape(time_s, positions, deflection)

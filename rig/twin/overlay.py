@@ -10,12 +10,11 @@ from daq.log import LogReader, LogWriter
 from daq.log.codec import decode_block
 from daq.log.records import Gap
 from rig.files.scenario import Scenario, parse_scenario
-from rig.twin.alignment import align
+from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
+from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
-from sim_twin.rigs.impact_beam.twin import BeamTwin
-
-_DRIVE = "drive.force"
+from sim_twin.twin import AnyTwin
 
 
 def scenario_of(log: LogReader) -> Scenario:
@@ -43,6 +42,15 @@ def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
             _predict(log, copy, scenario, twin)
 
 
+def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
+    """Phase and mean frequency that the log's reference channel shows (within its first `until_s`)."""
+    kind = kind_of(twin)
+    if kind.reference not in log.channels("measured"):
+        return kind.untouched(twin.drive)
+    seen = log.series("measured", kind.reference, end_s=until_s)
+    return kind.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)
+
+
 def _copy(log: LogReader, copy: LogWriter) -> None:
     """Everything but an earlier prediction, message by message as it was."""
     for name, record in log.metadata.items():
@@ -61,16 +69,15 @@ def _copy(log: LogReader, copy: LogWriter) -> None:
         copy.add_clock(clock)
 
 
-def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, twin: BeamTwin) -> None:
+def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, twin: AnyTwin) -> None:
     measured = log.channels("measured")
     wanted = [channel for channel in predicted_channels(twin) if channel.name in measured]
     for channel in wanted:
         copy.declare("predicted", channel)
-    reference = log.series("measured", _DRIVE if _DRIVE in measured else next(iter(measured)))
-    force = reference.values if _DRIVE in measured else reference.values[:0]
+    reference = log.series("measured", next(iter(measured)))
     rate = reference.sample_rate
-    alignment = align(force, rate, reference.first_sample, twin.drive)
     start_ns = sample_time_ns(reference.time_ns, -reference.first_sample, rate)
+    alignment = align_to(log, twin)
     aligned = AlignedTwin(twin, alignment, rate, scenario.acquisition.settle)
     names = {channel.name for channel in wanted}
     for block in aligned.blocks(reference.end_sample, start_ns):

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.protocols import DriveSettings, Plant
-from sim_twin.healthy import draw_healthy
 from sim_twin.rigs.impact_beam.model import SineDrive
-from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+from sim_twin.rigs.impact_beam.rig import MODEL
+from sim_twin.rigs.impact_beam.truth import BeamTwin
+from sim_twin.stream import TwinStream
 
 _UNIT_DRIVE = SineDrive(1.0, 1.0)
 
@@ -47,9 +48,9 @@ class BeamPlant:
         believed = factory.believed
         harmonics = {"second": believed.drive.second, "third": believed.drive.third}
         unit = replace(believed, drive=replace(_UNIT_DRIVE, **harmonics))
-        self._twin = draw_healthy(unit, rig_draw, self._noise) if factory.healthy else unit
+        self._twin = MODEL.draw_healthy(unit, rig_draw, self._noise) if factory.healthy else unit
         self._force_per_volt = factory.force_per_volt
-        self._stream: BeamStream | None = None
+        self._stream: TwinStream | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -58,7 +59,7 @@ class BeamPlant:
 
     def start(self, sample_rate: float) -> None:
         """Start at rest with the drive off."""
-        self._stream = BeamStream(self._twin, sample_rate, self._noise, pure_sine=False)
+        self._stream = MODEL.stream(self._twin, sample_rate, self._noise, drive_changes=True)
 
     def drive(self, settings: DriveSettings, at_sample: float) -> None:
         """Follow the generator from `at_sample` on."""
@@ -76,7 +77,7 @@ class BeamPlant:
         return self._running.advance(count)
 
     @property
-    def _running(self) -> BeamStream:
+    def _running(self) -> TwinStream:
         if self._stream is None:
             raise ValueError("the plant has not been started")
         return self._stream

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock, sample_time_ns
 from rig.twin.alignment import Alignment
-from sim_twin.rigs.impact_beam.model import SineDrive
-from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+from rig.twin.rigs import kind_of
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.sensors import SensorChain
+from sim_twin.stream import TwinStream
+from sim_twin.twin import AnyTwin
 
 _LEAST_SETTLE_S = 1.0
 _DROOP_TIMES = 5.0
@@ -18,14 +21,15 @@ _DROOP_TIMES = 5.0
 BLOCK_S = 0.1
 
 
-def settling_s(twin: BeamTwin, settle_s: float) -> float:
+def settling_s(twin: AnyTwin, settle_s: float) -> float:
     """Seconds that a twin runs before sample 0: `settle_s`, or until motion and droops are steady."""
-    corners = [chain.droop_corner for chain in twin.sensors.values() if chain.droop_corner is not None]
+    chains = [sensor for sensor in twin.sensors.values() if isinstance(sensor, SensorChain)]
+    corners = [chain.droop_corner for chain in chains if chain.droop_corner is not None]
     droop_s = _DROOP_TIMES / (2 * np.pi * min(corners)) if corners else 0.0
     return max(settle_s, _LEAST_SETTLE_S, droop_s)
 
 
-def skip(stream: BeamStream, count: int) -> None:
+def skip(stream: TwinStream, count: int) -> None:
     """Advance by `count` samples that nobody wants."""
     most = max(1, round(BLOCK_S * stream.sample_rate))
     for first in range(0, count, most):
@@ -39,16 +43,10 @@ class AlignedTwin:
     one that began within the record begins there in the twin, from rest.
     """
 
-    def __init__(self, twin: BeamTwin, alignment: Alignment, sample_rate: float, settle_s: float) -> None:
+    def __init__(self, twin: AnyTwin, alignment: Alignment, sample_rate: float, settle_s: float) -> None:
         self.sample_rate = sample_rate
-        self._stream = BeamStream(twin, sample_rate)
-        drive = SineDrive(
-            twin.drive.amplitude,
-            alignment.frequency,
-            twin.drive.offset,
-            twin.drive.second,
-            twin.drive.third,
-        )
+        self._stream = model_of(twin).stream(twin, sample_rate)
+        drive = kind_of(twin).in_step(twin.drive, alignment)
         self.samples = 0
         cycles_per_sample = alignment.frequency / sample_rate
         if alignment.onset is not None:

@@ -11,25 +11,26 @@ from daq.log import LogWriter
 from rig.files.scenario import Scenario
 from rig.twin.prediction import BLOCK_S, settling_s, skip
 from rig.twin.scenario_twin import predicted_channels
-from sim_twin.healthy import draw_healthy
-from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.stream import TwinStream
+from sim_twin.twin import AnyTwin
 
 
-def write_prediction(scenario: Scenario, twin: BeamTwin, seed: int | None, path: Path) -> BeamTwin:
+def write_prediction(scenario: Scenario, twin: AnyTwin, seed: int | None, path: Path) -> AnyTwin:
     """Write /predicted/... of `scenario` to the new file `path`; returns the twin that was run.
 
     Without `seed`: nominal, noiseless, from rest with the full drive at t = 0, sample 0 after `settle`. With
     it: a healthy draw with noise and any phase of the drive, settled before sample 0. Timestamps start at the
     Unix epoch.
     """
-    rate = scenario.acquisition.sample_rate
+    model, rate = model_of(twin), scenario.acquisition.sample_rate
     noise, phase, before = None, 0.0, scenario.acquisition.settle
     if seed is not None:
         rng = np.random.default_rng(seed)
-        twin, noise = draw_healthy(twin, rng), rng
+        twin, noise = model.draw_healthy(twin, rng, rng), rng
         phase = float(rng.uniform(0, 2 * np.pi))
         before = settling_s(twin, before)
-    stream = BeamStream(twin, rate, noise)
+    stream = model.stream(twin, rate, noise)
     stream.drive(twin.drive, phase)
     skip(stream, round(before * rate))
     with LogWriter(path) as log:
@@ -41,7 +42,7 @@ def write_prediction(scenario: Scenario, twin: BeamTwin, seed: int | None, path:
     return twin
 
 
-def _write(log: LogWriter, stream: BeamStream, count: int, rate: float) -> None:
+def _write(log: LogWriter, stream: TwinStream, count: int, rate: float) -> None:
     most = max(1, round(BLOCK_S * rate))
     for first in range(0, count, most):
         values = stream.advance(min(most, count - first)).astype(np.float32)

@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.errors import RattleError
-from rig.twin.alignment import Alignment, align
+from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
-from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+from rig.twin.rigs import kind_of
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.twin import AnyTwin
 
 _ALIGN_ON_S = 1.0
 """Seconds of drive to align on; shorter runs use what they have when they end."""
@@ -75,7 +77,7 @@ class TwinWorker:
     """Handle of the process; `deliver` gets SampleBlock, Shape and Alignment objects in a thread of ours."""
 
     def __init__(
-        self, twin: BeamTwin, sample_rate: float, settle_s: float, deliver: Callable[[object], None]
+        self, twin: AnyTwin, sample_rate: float, settle_s: float, deliver: Callable[[object], None]
     ) -> None:
         self._deliver = deliver
         context = multiprocessing.get_context("spawn")
@@ -175,7 +177,7 @@ class TwinWorker:
         self._done.set()
 
 
-def _work(pipe: Connection, twin: BeamTwin, sample_rate: float, settle_s: float) -> None:
+def _work(pipe: Connection, twin: AnyTwin, sample_rate: float, settle_s: float) -> None:
     try:
         _warm_up(twin, sample_rate)
         pipe.send(_Ready())
@@ -188,8 +190,8 @@ def _work(pipe: Connection, twin: BeamTwin, sample_rate: float, settle_s: float)
             pipe.send(_Done(traceback.format_exc(limit=3)))
 
 
-def _warm_up(twin: BeamTwin, sample_rate: float) -> None:
-    stream = BeamStream(twin, sample_rate)
+def _warm_up(twin: AnyTwin, sample_rate: float) -> None:
+    stream = model_of(twin).stream(twin, sample_rate)
     stream.drive(twin.drive)
     stream.advance(64)
 
@@ -197,7 +199,7 @@ def _warm_up(twin: BeamTwin, sample_rate: float) -> None:
 class _Prediction:
     """The worker's side: collects drive until it can align, then follows the record."""
 
-    def __init__(self, pipe: Connection, twin: BeamTwin, sample_rate: float, settle_s: float) -> None:
+    def __init__(self, pipe: Connection, twin: AnyTwin, sample_rate: float, settle_s: float) -> None:
         self._pipe, self._twin, self._rate, self._settle_s = pipe, twin, sample_rate, settle_s
         self._drive: list[_Drive] = []
         self._aligned: AlignedTwin | None = None
@@ -235,7 +237,7 @@ class _Prediction:
     def _align(self, begin: int) -> None:
         force = np.concatenate([each.force for each in self._drive]) if self._drive else np.zeros(0)
         first = self._drive[0].first_sample - begin if self._drive else 0
-        alignment: Alignment = align(force, self._rate, first, self._twin.drive)
+        alignment: Alignment = kind_of(self._twin).align(force, self._rate, first, self._twin.drive)
         self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
         self._drive.clear()
         self._pipe.send(alignment)

@@ -1,6 +1,5 @@
-"""Effects: what a nominal twin leaves out or has wrong, each one object in a catalogue of its rig."""
+"""Effects: what they are, how they are applied; those of sensors and clocks. Each rig has its own besides."""
 
-from sim_twin.effects.catalogue import IMPACT_BEAM, apply_effects
-from sim_twin.effects.effect import Effect, Parameter, ParameterValues
+from sim_twin.effects.effect import Catalogue, Effect, Parameter, ParameterValues, apply_effects, catalogue_of
 
-__all__ = ["IMPACT_BEAM", "Effect", "Parameter", "ParameterValues", "apply_effects"]
+__all__ = ["Catalogue", "Effect", "Parameter", "ParameterValues", "apply_effects", "catalogue_of"]

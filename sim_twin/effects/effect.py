@@ -1,13 +1,14 @@
-"""What an effect is."""
+"""What an effect is: something that the nominal twin leaves out or has wrong."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.twin import AnyTwin
 
-ParameterValues = Mapping[str, float | str]
+ParameterValues: TypeAlias = Mapping[str, float | str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,18 +19,66 @@ class Parameter:
     unit: str
     intervals: tuple[tuple[float, float], ...]
 
+    def check(self, owner: str, value: float) -> None:
+        """Raise ValueError where `value` lies outside the intervals."""
+        if not any(low <= value <= high for low, high in self.intervals):
+            ranges = " or ".join(f"{low:g} to {high:g}" for low, high in self.intervals)
+            raise ValueError(f"{owner}.{self.name} = {value:g}: {ranges} {self.unit}".rstrip())
+
 
 @dataclass(frozen=True, slots=True)
 class Effect:
     """One cause: its `location`, its parameters (the main one first) and what it changes in a twin.
 
-    `channels` are those that a sensor or clock effect may sit on; empty for effects of the rig itself.
-    `applies` is False for a twin that cannot have it (a friction torque at a clamp).
+    `channels` are those that the effect may sit on; empty for effects that sit on none. `refusal` says why
+    a twin cannot have it (a friction torque at a clamp), or nothing.
     """
 
     name: str
     location: str
     parameters: tuple[Parameter, ...]
-    change: Callable[[BeamTwin, ParameterValues], BeamTwin]
+    change: Callable[[Any, ParameterValues], Any]
     channels: tuple[str, ...] = ()
-    applies: Callable[[BeamTwin], bool] = lambda _: True
+    refusal: Callable[[Any], str] = lambda _: ""
+
+    def apply(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        """Return `twin` with the effect in; raises ValueError for what it cannot have or be."""
+        reason = self.refusal(twin)
+        if reason:
+            raise ValueError(f"{self.name} does not exist on this rig ({reason})")
+        self._check(values)
+        changed: AnyTwin = self.change(twin, values)
+        return changed
+
+    def _check(self, values: ParameterValues) -> None:
+        expected = [*(["channel"] if self.channels else []), *(each.name for each in self.parameters)]
+        if set(values) != set(expected):
+            raise ValueError(f"{self.name} takes exactly {', '.join(expected)}, not {', '.join(values)}")
+        if self.channels and values["channel"] not in self.channels:
+            raise ValueError(
+                f"{self.name} sits on one of {', '.join(self.channels)}, not {values['channel']}"
+            )
+        for parameter in self.parameters:
+            parameter.check(self.name, float(values[parameter.name]))
+
+
+Catalogue: TypeAlias = Mapping[str, Effect]
+
+
+def catalogue_of(effects: Iterable[Effect]) -> Catalogue:
+    """The effects of a rig by name."""
+    return {effect.name: effect for effect in effects}
+
+
+def apply_effects(
+    catalogue: Catalogue, twin: AnyTwin, effects: Iterable[tuple[str, ParameterValues]]
+) -> AnyTwin:
+    """Return `twin` with the named effects in, in the order given.
+
+    Raises ValueError for an effect that the rig cannot have or a parameter outside its range.
+    """
+    for name, values in effects:
+        if name not in catalogue:
+            raise ValueError(f"no effect {name!r}; known: {', '.join(catalogue)}")
+        twin = catalogue[name].apply(twin, values)
+    return twin

@@ -12,13 +12,10 @@ one store, few other streams and no sums in the index, or the compiler would giv
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar, cast
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from sim_twin.compiled import allocation_free, allocation_free_inlined
 from sim_twin.switched.tables import Tables
 
 _MOST_SWITCHES_AT_ONCE = 8
@@ -29,22 +26,8 @@ _LEAST = -1e300
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-P = ParamSpec("P")
-T = TypeVar("T")
 
-# Without reference counting, which would cost more than the arithmetic: so nothing here may allocate.
-_OPTIONS: dict[str, Any] = {"cache": True, "fastmath": True, "_nrt": False}
-
-
-def _compiled(function: Callable[P, T]) -> Callable[P, T]:
-    return cast(Callable[P, T], njit(**_OPTIONS)(function))
-
-
-def _inlined(function: Callable[P, T]) -> Callable[P, T]:
-    return cast(Callable[P, T], njit(**_OPTIONS, inline="always")(function))
-
-
-@_inlined
+@allocation_free_inlined
 def _turn(step: Real, row: int, s: Real, old: int, new: int) -> None:
     half = step.shape[1]
     for i in range(half):
@@ -53,7 +36,7 @@ def _turn(step: Real, row: int, s: Real, old: int, new: int) -> None:
         s[new, 1, i] = step[row, i] * s[old, 1, i] + step[row + 1, i] * s[old, 0, i]
 
 
-@_inlined
+@allocation_free_inlined
 def _turn_and_watch(step: Real, row: int, rows: Real, constant: float, event: int, s: Real, b: int) -> float:
     """Step from buffer b to the other one; return the condition of row `event` there."""
     half = step.shape[1]
@@ -69,7 +52,7 @@ def _turn_and_watch(step: Real, row: int, rows: Real, constant: float, event: in
     return first
 
 
-@_inlined
+@allocation_free_inlined
 def _product(rows: Real, row: int, s: Real, b: int) -> float:
     total = 0.0
     for i in range(s.shape[2]):
@@ -77,7 +60,7 @@ def _product(rows: Real, row: int, s: Real, b: int) -> float:
     return total
 
 
-@_inlined
+@allocation_free_inlined
 def _flush(s: Real, b: int) -> None:
     # Modes that have died out would reach the denormal numbers, which cost a hundred times a normal one.
     for part in range(2):
@@ -86,7 +69,7 @@ def _flush(s: Real, b: int) -> None:
                 s[b, part, i] = 0.0
 
 
-@_inlined
+@allocation_free_inlined
 def _fastest(event_speed: Real, r: int, s: Real, b: int) -> float:
     """Bound on the change of the first event's condition in a fine step from now on (modes only decay)."""
     fast = 0.0
@@ -95,7 +78,7 @@ def _fastest(event_speed: Real, r: int, s: Real, b: int) -> float:
     return fast
 
 
-@_inlined
+@allocation_free_inlined
 def _residual_force(residual: Real, rows: Real, numbers: Real, r: int, s: Real, b: int) -> float:
     if residual[r, 0] == 0.0:
         return 0.0
@@ -106,7 +89,7 @@ def _residual_force(residual: Real, rows: Real, numbers: Real, r: int, s: Real, 
     return float(residual[r, 0] * d * np.sqrt(d) - residual[r, 1] * d)
 
 
-@_inlined
+@allocation_free_inlined
 def _turn_with_residual(
     step: Real, row: int, rows: Real, numbers: Real, residual: Real, r: int, s: Real, old: int, new: int
 ) -> None:
@@ -125,7 +108,7 @@ def _turn_with_residual(
         s[new, 1, i] += step[row + 5, i] * force
 
 
-@_inlined
+@allocation_free_inlined
 def _fired(
     rows: Real, numbers: Real, target: Index, residual: Real, r: int, s: Real, b: int
 ) -> tuple[int, float]:
@@ -144,7 +127,7 @@ def _fired(
     return -1, largest
 
 
-@_inlined
+@allocation_free_inlined
 def _attempt(
     step: Real, row: int, rows: Real, numbers: Real, target: Index, residual: Real, r: int, s: Real, b: int
 ) -> tuple[int, float]:
@@ -156,7 +139,7 @@ def _attempt(
     return _fired(rows, numbers, target, residual, r, s, 1 - b)
 
 
-@_inlined
+@allocation_free_inlined
 def _locate(
     step: Real, planes: int, begin: int, k: int, digits: int, rows: Real, numbers: Real, target: Index,
     residual: Real, r: int, s: Real, b: int,
@@ -198,13 +181,13 @@ def _locate(
     return b, passed
 
 
-@_compiled
+@allocation_free
 def _to_state(to_state: Real, rest: Real, r: int, s: Real, b: int, x: Real) -> None:
     for k in range(x.size):
         x[k] = rest[r, k] + _product(to_state, r * x.size + k, s, b)
 
 
-@_compiled
+@allocation_free
 def _to_slots(t: Tables, r: int, x: Real, s: Real) -> None:
     """Express state x, which is lost, in regime r's modes; s[0] has the excitations and is zero elsewhere."""
     half = t.step.shape[1]
@@ -218,7 +201,7 @@ def _to_slots(t: Tables, r: int, x: Real, s: Real) -> None:
             s[0, part, i] = total
 
 
-@_inlined
+@allocation_free_inlined
 def _change_modes(change: Real, offset: Real, which: int, s: Real, old: int, new: int) -> None:
     slots = s.shape[2]
     row = 2 * slots * which
@@ -235,7 +218,7 @@ def _change_modes(change: Real, offset: Real, which: int, s: Real, old: int, new
                     s[new, part, i] += pair + change[k + 2, part, i] * three + change[k + 3, part, i] * four
 
 
-@_inlined
+@allocation_free_inlined
 def _switch(
     rows: Real, numbers: Real, target: Index, residual: Real, change: Real, offset: Real, r: int, s: Real,
     b: int,
@@ -250,7 +233,7 @@ def _switch(
     return b, r
 
 
-@_inlined
+@allocation_free_inlined
 def _record(
     output: Real, numbers: Real, used: Index, force: float, r: int, s: Real, b: int, out: Real, column: int
 ) -> None:
@@ -261,7 +244,7 @@ def _record(
         out[used[r, o], column] = numbers[row, 0] + numbers[row, 1] * force + _product(output, row, s, b)
 
 
-@_inlined
+@allocation_free_inlined
 def _look_ahead(
     ahead: Real, row: int, count: int, constant: float, s: Real, b: int, out: Real, line: int, column: int
 ) -> tuple[int, float]:
@@ -282,7 +265,7 @@ def _look_ahead(
     return passed, condition
 
 
-@_inlined
+@allocation_free_inlined
 def _try(
     step: Real, at: int, rows: Real, numbers: Real, target: Index, residual: Real, opposite: Real, r: int,
     s: Real, b: int,
@@ -303,7 +286,7 @@ def _try(
     return fired, first, second
 
 
-@_inlined
+@allocation_free_inlined
 def _longest_step(bits: int, digits: int, left: int, longest: int, nearest: float, fast: float) -> int:
     """Index of a step of at most `left` ticks that ends before any event can come, or is two fine steps.
 
@@ -337,7 +320,7 @@ def run(
     return int(last), int(switches)
 
 
-@_compiled
+@allocation_free
 def _run(  # noqa: C901 - what is split off is inlined again, and every further argument slows the compiler
     t: Tables, x: Real, s: Real, regime: int, out: Real, switch_time: Real, switch_regime: Index
 ) -> tuple[int, int]:

@@ -17,9 +17,9 @@ from drivers.emulator_process import EmulatedInstrument
 from rig.twin.alignment import Alignment
 from rig.twin.plant import BeamPlantFactory
 from rig.twin.prediction import AlignedTwin
-from sim_twin.healthy import nominal_sensors
+from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.twin import Twin
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.end_to_end.spied_bench import DriveSpy, light_card, spied_generator
@@ -32,7 +32,7 @@ HIDDEN = [{"name": "sensor_gain", "parameters": {"channel": "yoke.force", "gain"
 def compiled() -> None:
     """Fill the compiler's cache once, before anybody waits with a deadline: a minute in a fresh clone."""
     rig = nominal()
-    twin = BeamTwin(rig, SineDrive(9.0, 20.0), nominal_sensors(rig))
+    twin = Twin(rig, SineDrive(9.0, 20.0), nominal_sensors(rig))
     BeamPlantFactory(twin, 3.6, seed=1, run_seed=1, healthy=True)().advance(512)
     AlignedTwin(twin, Alignment(20.0, 0.0), 51_200.0, settle_s=0.0).advance(512)
 

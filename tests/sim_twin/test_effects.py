@@ -9,12 +9,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim_twin.effects import IMPACT_BEAM, ParameterValues, apply_effects
+from sim_twin.effects import ParameterValues
+from sim_twin.rigs.impact_beam.effects import EFFECTS as IMPACT_BEAM
 from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.sensors import SensorChain
+from sim_twin.twin import Twin
 
-TWIN = BeamTwin(nominal(), SineDrive(9.0, 20.0))
+apply_effects = MODEL.with_effects
+TWIN = Twin(nominal(), SineDrive(9.0, 20.0))
 SAMPLE_RATE = 51_200.0
 _UPPER = "contact.force_upper"
 
@@ -48,14 +51,14 @@ CHANGES: Mapping[str, tuple[ParameterValues, dict[str, object]]] = {
 }  # fmt: skip
 
 
-def flat(twin: BeamTwin) -> dict[str, object]:
+def flat(twin: Twin) -> dict[str, object]:
     rows = {f"{part}.{field.name}": getattr(getattr(twin, part), field.name)
             for part in ("rig", "drive") for field in fields(getattr(twin, part))}  # fmt: skip
     return rows | {"sensors": dict(twin.sensors)}
 
 
-def samples(twin: BeamTwin, count: int = 1024) -> np.ndarray:
-    stream = BeamStream(twin, SAMPLE_RATE)
+def samples(twin: Twin, count: int = 1024) -> np.ndarray:
+    stream = MODEL.stream(twin, SAMPLE_RATE)
     stream.drive(twin.drive)
     return stream.advance(count)
 

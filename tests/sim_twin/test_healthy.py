@@ -8,20 +8,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim_twin.effects import apply_effects
-from sim_twin.healthy import draw_healthy, nominal_sensors
+from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.sensors import SensorChain
+from sim_twin.twin import Twin
 
 DRAWS = 2000
 # A standard deviation from 2,000 draws has a standard error of 1 / sqrt(4,000) = 1.6 %; four of them.
 SPREAD = 0.064
-TWIN = BeamTwin(replace(nominal(), shaker_mass=0.1), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
+TWIN = Twin(replace(nominal(), shaker_mass=0.1), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
 
 
 @cache
-def draws() -> list[BeamTwin]:
+def draws() -> list[Twin]:
     rng = np.random.default_rng(20)
     return [draw_healthy(TWIN, rng) for _ in range(DRAWS)]
 
@@ -90,7 +90,7 @@ def test_the_same_seed_draws_the_same_rig() -> None:
 
 
 def test_effects_of_sensors_survive_the_draw() -> None:
-    broken = apply_effects(
+    broken = MODEL.with_effects(
         TWIN,
         [
             ("sensor_gain", {"channel": "contact.force_upper", "gain": 0.7}),
@@ -116,4 +116,4 @@ def test_effects_of_sensors_survive_the_draw() -> None:
 def test_noise(channel: str, noise: float) -> None:
     rig = replace(nominal(), stations=(50,))
     assert nominal_sensors(rig)[channel] == SensorChain(noise=noise)
-    assert draw_healthy(BeamTwin(rig, TWIN.drive), np.random.default_rng(1)).sensors[channel].noise == noise
+    assert draw_healthy(Twin(rig, TWIN.drive), np.random.default_rng(1)).sensors[channel].noise == noise

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_twin.healthy import draw_healthy
+from sim_twin.rigs.impact_beam.healthy import draw_healthy
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.twin import Twin
 
 
 def test_the_rig_stays_and_each_run_is_set_anew() -> None:
-    twin = BeamTwin(nominal(), SineDrive(9.0, 20.0))
+    twin = Twin(nominal(), SineDrive(9.0, 20.0))
     runs = [draw_healthy(twin, np.random.default_rng(7), np.random.default_rng(run)) for run in (1, 2)]
     assert runs[0].rig.beam == runs[1].rig.beam
     assert runs[0].rig.contact_stiffness == runs[1].rig.contact_stiffness

@@ -8,19 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_twin.healthy import nominal_sensors
+from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamStream, BeamTwin
+from sim_twin.rigs.impact_beam.rig import MODEL
+from sim_twin.twin import Twin
 from tests.sim_twin.solver import driven, solve
 
 SAMPLE_RATE = 51_200.0
 SINE = SineDrive(9.0, 20.0)
 STEEL = nominal()
-TWIN = BeamTwin(STEEL, SINE)
+TWIN = Twin(STEEL, SINE)
 
 
-def samples(chunks: list[int], rng: np.random.Generator | None = None, twin: BeamTwin = TWIN) -> np.ndarray:
-    stream = BeamStream(twin, SAMPLE_RATE, rng)
+def samples(chunks: list[int], rng: np.random.Generator | None = None, twin: Twin = TWIN) -> np.ndarray:
+    stream = MODEL.stream(twin, SAMPLE_RATE, rng)
     stream.drive(SINE)
     stream.drive(SineDrive(7.0, 23.0), 1.0, at_sample=333.4)
     return np.hstack([stream.advance(count) for count in chunks])
@@ -60,7 +61,7 @@ def test_a_drive_may_change_its_frequency_without_a_jump_of_the_state() -> None:
 
 
 def test_a_stream_shows_the_solver_s_force() -> None:
-    stream = BeamStream(TWIN, SAMPLE_RATE)
+    stream = MODEL.stream(TWIN, SAMPLE_RATE)
     stream.drive(SINE)
     shown = stream.advance(1024)
     solved = solve(STEEL, SINE, 0.02).outputs
@@ -72,7 +73,7 @@ def test_a_stream_shows_the_solver_s_force() -> None:
 
 
 def test_yoke_is_the_difference_of_the_forces_through_its_mode() -> None:
-    stream = BeamStream(TWIN, SAMPLE_RATE)
+    stream = MODEL.stream(TWIN, SAMPLE_RATE)
     stream.drive(SineDrive(9.0, 20.0))
     _, upper, lower, yoke, *_ = stream.advance(25_600)
     frequency = np.fft.rfftfreq(25_600, 1 / SAMPLE_RATE)
@@ -87,7 +88,7 @@ def test_yoke_is_the_difference_of_the_forces_through_its_mode() -> None:
 
 def test_a_pure_sine_stream_refuses_harmonics() -> None:
     with pytest.raises(ValueError, match="made for a pure sine"):
-        BeamStream(TWIN, SAMPLE_RATE).drive(replace(SINE, second=0.1))
+        MODEL.stream(TWIN, SAMPLE_RATE).drive(replace(SINE, second=0.1))
 
 
 def test_accelerometers_on_the_beam_show_its_deflection_differentiated_twice() -> None:

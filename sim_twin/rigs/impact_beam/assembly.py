@@ -1,18 +1,15 @@
 """Assembles the impact beam: free or touching a stop, slipping or stuck at the pivot.
 
-Generalised coordinates q: mass-normalised modes of beam with flexure, moving shaker mass and suspension, then
-(with a flexible base) the yoke. Outputs: upper force, lower force, base acceleration, stations.
+Outputs: upper force, lower force, base acceleration, stations.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.parts.modal import Modes, lowest_modes
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
+from sim_twin.rigs.impact_beam.model import ImpactBeam
+from sim_twin.rigs.impact_beam.structure import Structure, structure_of
 from sim_twin.switched import Event, Excitation, Output, Regime, Residual, Row, SwitchedSystem
 from sim_twin.switched.system import Constraint
 
@@ -23,22 +20,9 @@ _TYPICAL_FORCE = 30.0
 """N; the linear part of a Hertzian contact is its secant here, so that the residual stays small."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Structure:
-    """M = I; K, C (n, n); rows for drive point, contact (tip minus yoke), pivot rotation and stations."""
-
-    K: Array
-    C: Array
-    drive: Array
-    contact: Array
-    rotation: Array
-    stations: Array
-    yoke: int | None
-
-
 def assemble(rig: ImpactBeam, drive_orders: tuple[int, ...] = (1,)) -> SwitchedSystem:
     """Return the switched system of `rig` with one excitation (N at the drive point) for each order."""
-    structure = _structure(rig)
+    structure = structure_of(rig)
     pivots = (SLIP_UP, SLIP_DOWN, STUCK) if rig.pivot_friction > 0 else (SLIP_UP,)
     regimes = tuple(
         _regime(rig, structure, contact, pivot, len(drive_orders))
@@ -54,71 +38,7 @@ def assemble(rig: ImpactBeam, drive_orders: tuple[int, ...] = (1,)) -> SwitchedS
     )
 
 
-def deflection_shapes(rig: ImpactBeam, fractions: Array) -> Array:
-    """Deflection rows at `fractions` of L, shape (len(fractions), 2 n), m per unit of state."""
-    shapes = _modes(rig).shapes
-    kept = _kept_dofs(rig)
-    rows = np.array([rig.beam.deflection_row(fraction)[kept] @ shapes for fraction in fractions])
-    extra = 1 if rig.base is not None else 0
-    padding = np.zeros((len(fractions), rig.modes + 2 * extra))
-    return np.hstack([rows, padding])
-
-
-def _kept_dofs(rig: ImpactBeam) -> NDArray[np.int64]:
-    fixed = 2 if rig.clamped else (1 if rig.pivot_stiffness is None else 0)
-    return np.arange(fixed, 2 * (rig.beam.elements + 1))
-
-
-def _modes(rig: ImpactBeam) -> Modes:
-    M, K = rig.beam.matrices()
-    drive = rig.beam.deflection_row(rig.drive_position)
-    M += rig.shaker_mass * np.outer(drive, drive)
-    K += rig.shaker_stiffness * np.outer(drive, drive)
-    if not rig.clamped:
-        K[1, 1] += rig.rotation_stiffness
-        K[0, 0] += rig.pivot_stiffness or 0.0
-    kept = _kept_dofs(rig)
-    return lowest_modes(M[np.ix_(kept, kept)], K[np.ix_(kept, kept)], rig.modes)
-
-
-def _structure(rig: ImpactBeam) -> _Structure:
-    modes, kept = _modes(rig), _kept_dofs(rig)
-
-    def row(fraction: float) -> Array:
-        return np.asarray(rig.beam.deflection_row(fraction)[kept] @ modes.shapes)
-
-    drive = row(rig.drive_position)
-    K = np.diag(modes.omega**2)
-    C = np.diag(2 * np.array(rig.modal_damping) * modes.omega)
-    C += rig.shaker_damping * np.outer(drive, drive)
-    rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
-    stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
-    structure = _Structure(K, C, drive, row(1.0), rotation, stations, None)
-    return structure if rig.base is None else _with_yoke(rig.base, structure)
-
-
-def _with_yoke(base: BaseMass, fixed: _Structure) -> _Structure:
-    omega = 2 * np.pi * base.frequency
-    n = len(fixed.K)
-
-    def grown(row: Array, last: float = 0.0) -> Array:
-        return np.append(row, last)
-
-    K, C = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
-    K[:n, :n], C[:n, :n] = fixed.K, fixed.C
-    K[n, n], C[n, n] = omega**2, 2 * base.damping_ratio * omega
-    return _Structure(
-        K,
-        C,
-        grown(fixed.drive),
-        grown(fixed.contact, -1 / np.sqrt(base.mass)),
-        grown(fixed.rotation),
-        np.array([grown(row) for row in fixed.stations]).reshape(-1, n + 1),
-        n,
-    )
-
-
-def _regime(rig: ImpactBeam, s: _Structure, contact: int, pivot: int, drives: int) -> Regime:
+def _regime(rig: ImpactBeam, s: Structure, contact: int, pivot: int, drives: int) -> Regime:
     n = len(s.K)
     K, C, force, residual = _contact_terms(rig, s, contact)
     if rig.pivot_friction > 0 and pivot != STUCK:
@@ -137,7 +57,7 @@ def _regime(rig: ImpactBeam, s: _Structure, contact: int, pivot: int, drives: in
 
 
 def _contact_terms(
-    rig: ImpactBeam, s: _Structure, contact: int
+    rig: ImpactBeam, s: Structure, contact: int
 ) -> tuple[Array, Array, Array, Residual | None]:
     """K, C and constant force of the structure with the stop's spring and damper in, if it touches."""
     n = len(s.K)
@@ -166,19 +86,19 @@ def _side(rig: ImpactBeam, contact: int) -> tuple[float, float]:
     return -1.0, rig.clearance + rig.rest_offset
 
 
-def _penetration(rig: ImpactBeam, s: _Structure, contact: int) -> Row:
+def _penetration(rig: ImpactBeam, s: Structure, contact: int) -> Row:
     sign, gap = _side(rig, contact)
     return Row(np.concatenate([sign * s.contact, np.zeros(len(s.contact))]), -gap)
 
 
-def _contact_force(rig: ImpactBeam, s: _Structure, contact: int, factor: float = 1.0) -> Row:
+def _contact_force(rig: ImpactBeam, s: Structure, contact: int, factor: float = 1.0) -> Row:
     sign, gap = _side(rig, contact)
     k, c = _linear_stiffness(rig), rig.contact_damping
     row = factor * sign * np.concatenate([k * s.contact, c * s.contact])
     return Row(row, -factor * k * gap, residual=factor)
 
 
-def _contact_events(rig: ImpactBeam, s: _Structure, contact: int, pivot: int) -> tuple[Event, ...]:
+def _contact_events(rig: ImpactBeam, s: Structure, contact: int, pivot: int) -> tuple[Event, ...]:
     base = 3 * pivot
     if contact != FREE:
         return (Event(_contact_force(rig, s, contact, -1.0), base + FREE),)
@@ -187,7 +107,7 @@ def _contact_events(rig: ImpactBeam, s: _Structure, contact: int, pivot: int) ->
     )
 
 
-def _approach(rig: ImpactBeam, s: _Structure, side: int) -> Row:
+def _approach(rig: ImpactBeam, s: Structure, side: int) -> Row:
     """Positive where the stop would push: the linear law's force, or with Hertz's law the closing speed."""
     if rig.hertz is None:
         return _contact_force(rig, s, side)
@@ -197,7 +117,7 @@ def _approach(rig: ImpactBeam, s: _Structure, side: int) -> Row:
 
 def _pivot_events(
     rig: ImpactBeam,
-    s: _Structure,
+    s: Structure,
     contact: int,
     pivot: int,
     A: Array,
@@ -224,14 +144,12 @@ def _pivot_events(
     )
 
 
-def _outputs(rig: ImpactBeam, s: _Structure, contact: int) -> tuple[Output, ...]:
+def _outputs(rig: ImpactBeam, s: Structure, contact: int) -> tuple[Output, ...]:
     n = len(s.K)
     outputs = [] if contact == FREE else [Output(contact - 1, _contact_force(rig, s, contact))]
     still = np.zeros(2 * n)
-    if rig.base is not None and s.yoke is not None:
-        rate = np.zeros(2 * n)
-        rate[n + s.yoke] = 1 / np.sqrt(rig.base.mass)
-        outputs.append(Output(2, Row(still, rate=rate)))
+    if s.base is not None:
+        outputs.append(Output(2, Row(still, rate=np.concatenate([np.zeros(n), s.base]))))
     for index, station in enumerate(s.stations):
         outputs.append(Output(3 + index, Row(still, rate=np.concatenate([np.zeros(n), station]))))
     return tuple(outputs)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-from sim_twin.rigs.impact_beam.model import ImpactBeam
-
 STATION = re.compile(r"beam\.acceleration_([0-9]{2}|100)")
 _UNITS = {
     "drive.force": "N",
@@ -16,9 +14,9 @@ _UNITS = {
 }
 
 
-def channel_names(rig: ImpactBeam) -> tuple[str, ...]:
-    """Channels that the twin of `rig` predicts; accelerometers on the beam by station in percent of L."""
-    return (*_UNITS, *(f"beam.acceleration_{percent:02d}" for percent in rig.stations))
+def channel_names(stations: tuple[int, ...]) -> tuple[str, ...]:
+    """Channels of a rig with accelerometers on the beam at `stations` (percent of L)."""
+    return (*_UNITS, *(f"beam.acceleration_{percent:02d}" for percent in stations))
 
 
 def channel_unit(name: str) -> str:

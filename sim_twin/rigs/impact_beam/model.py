@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.parts.beam import Beam
+from sim_twin.rigs.impact_beam.channels import channel_names
 
 FLEXURE_ROTATION = 0.16
 """N m/rad: EI/l of the flexure 4 x 19 x 0.127 mm as the source states it (Table 2)."""
@@ -53,6 +54,11 @@ class ImpactBeam:
     yoke_frequency: float = 700.0
     yoke_damping: float = 0.03
     stations: tuple[int, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that a twin of it predicts."""
+        return channel_names(self.stations)
 
     @property
     def modes(self) -> int:

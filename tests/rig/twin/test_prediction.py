@@ -8,13 +8,13 @@ import pytest
 from daq.block import sample_time_ns
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
-from sim_twin.healthy import nominal_sensors
+from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.twin import Twin
 
 RATE = 51_200.0
 START_NS = 1_790_000_000_000_000_000
-TWIN = BeamTwin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
+TWIN = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
 
 
 def aligned(onset: float | None = None, phase: float = 0.7) -> AlignedTwin:

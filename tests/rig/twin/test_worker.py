@@ -14,12 +14,12 @@ from daq.errors import LogError
 from rig.session.signals import Stopped
 from rig.twin.alignment import Alignment
 from rig.twin.worker import TwinFailed, TwinWorker
-from sim_twin.healthy import nominal_sensors
+from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.twin import Twin
 
 RATE = 51_200.0
-TWIN = BeamTwin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
+TWIN = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
 END = 30_000
 
 
@@ -87,7 +87,7 @@ def test_a_frozen_twin_holds_up_nobody_and_can_be_given_up() -> None:
 
 
 def test_a_twin_that_cannot_start_says_why() -> None:
-    broken = BeamTwin(nominal(), SineDrive(9.0, 20.0), {"drive.force": None})  # type: ignore[dict-item]
+    broken = Twin(nominal(), SineDrive(9.0, 20.0), {"drive.force": None})  # type: ignore[dict-item]
     with (
         TwinWorker(broken, RATE, 0.0, Delivered()) as worker,
         pytest.raises(TwinFailed, match=r"(?s)the twin did not start: .*Attribute"),

@@ -5,25 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from daq.signals import half_cycles
-from rig.files.scenario import Scenario
 from sim_twin.rigs.impact_beam.assembly import LOWER, UPPER, assemble
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.rigs.impact_beam.truth import BeamTwin
+from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.switched import Simulation, Trace
 
 RATE = 204_800.0
 _ORDERS = (0, 1, 2, 3)
 
 
-def solver_values(scenario: Scenario, twin: BeamTwin) -> dict[str, float | int | None]:
-    """First contact from rest, and mean and deviation of *first* and *max* per half cycle after `settle`.
+def solver_values(twin: BeamTwin, settle: float, duration: float) -> SolverValues:
+    """First contact from rest, and mean and deviation of *first* and *max* per half cycle.
 
-    Forces in N, times in s; None where there was no contact.
+    Over `duration` s after the first `settle` s. Forces in N, times in s; None where there was no contact.
     """
-    wanted = scenario.acquisition
     simulation = Simulation(assemble(twin.rig, _ORDERS), 1 / RATE)
     simulation.drive(twin.drive.phasors(), 2 * np.pi * twin.drive.frequency)
-    trace = simulation.advance(round((wanted.settle + wanted.duration) * RATE))
-    start = round(wanted.settle * RATE)
+    trace = simulation.advance(round((settle + duration) * RATE))
+    start = round(settle * RATE)
     cycles = half_cycles(trace.outputs[0, start:], trace.outputs[1, start:], RATE)
     contact_s, peak_n = _first_contact(trace)
     return {

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from sim_twin.effects.effect import Effect, Parameter, ParameterValues
+from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
+from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
-from sim_twin.rigs.impact_beam.twin import BeamTwin
+from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 _LEAST_DISTORTION = 0.04
+_FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
+_SENSED = ("drive.force", *_FORCES)
 
 
 def _number(values: ParameterValues, name: str) -> float:
@@ -50,15 +53,15 @@ def _distortion(twin: BeamTwin, values: ParameterValues) -> BeamTwin:
     return replace(twin, drive=drive)
 
 
-def _pinned(twin: BeamTwin) -> bool:
-    return not twin.rig.clamped
+def _not_if_clamped(twin: BeamTwin) -> str:
+    return "the beam is clamped" if twin.rig.clamped else ""
 
 
 def _scale_of(name: str, location: str, attribute: str, *intervals: tuple[float, float]) -> Effect:
     return Effect(name, location, (Parameter("scale", "", intervals),), partial(_scale, attribute=attribute))
 
 
-EFFECTS = (
+_EFFECTS = (
     _scale_of("clearance", "contact joint", "clearance", (0.5, 0.9), (1.1, 2.0)),
     _scale_of("contact_stiffness", "contact joint", "contact_stiffness", (0.2, 0.7), (1.4, 5.0)),
     _scale_of("contact_damping", "contact joint", "contact_damping", (3.0, 20.0)),
@@ -83,14 +86,14 @@ EFFECTS = (
         "pivot",
         (Parameter("torque_nm", "N m", ((0.02, 0.3),)),),
         partial(_set, fields=(("pivot_friction", "torque_nm"),)),
-        applies=_pinned,
+        refusal=_not_if_clamped,
     ),
     Effect(
         "pivot_compliance",
         "pivot",
         (Parameter("stiffness_n_per_m", "N/m", ((1e5, 5e7),)),),
         partial(_set, fields=(("pivot_stiffness", "stiffness_n_per_m"),)),
-        applies=_pinned,
+        refusal=_not_if_clamped,
     ),
     Effect("structural_damping", "beam", (Parameter("scale", "", ((2.0, 8.0),)),), _damping),
     Effect(
@@ -117,4 +120,9 @@ EFFECTS = (
         (Parameter("second", "", ((0.0, 0.2),)), Parameter("third", "", ((0.0, 0.2),))),
         _distortion,
     ),
+    sensor_gain(_SENSED),
+    sensor_droop(_SENSED),
+    sensor_bandwidth(_FORCES),
+    time_skew(_SENSED),
 )
+EFFECTS = catalogue_of(_EFFECTS)

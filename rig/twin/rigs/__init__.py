@@ -1,0 +1,17 @@
+"""The rigs whose twin a scenario can name; a new rig is a file here and one line in the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rig.twin.rigs import impact_beam
+from rig.twin.rigs.kind import TwinKind
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.twin import AnyTwin
+
+KINDS: Mapping[str, TwinKind] = {kind.model.name: kind for kind in (impact_beam.KIND,)}
+
+
+def kind_of(twin: AnyTwin) -> TwinKind:
+    """The kind that `twin` is of."""
+    return KINDS[model_of(twin).name]

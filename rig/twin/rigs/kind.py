@@ -1,0 +1,33 @@
+"""What joins a scenario with the twin of its rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from rig.twin.alignment import Alignment
+from sim_twin.rigs.rig_model import RigModel
+from sim_twin.twin import AnyTwin
+
+Align = Callable[[NDArray[Any], float, int, Any], Alignment]
+
+
+@dataclass(frozen=True, slots=True)
+class TwinKind:
+    """A rig's twin from a scenario, and in step with a measurement.
+
+    `build(model section, drive section, channel names)` makes the nominal twin. `reference` is the channel
+    that phase and mean frequency are taken from, by `align(values, sample rate, first sample, drive)`.
+    `in_step(drive, alignment)` is the drive at the measured frequency; `untouched(drive)` the alignment where
+    nothing was measured.
+    """
+
+    model: RigModel
+    build: Callable[[Any, Any, tuple[str, ...]], AnyTwin]
+    reference: str
+    align: Align
+    in_step: Callable[[Any, Alignment], Any]
+    untouched: Callable[[Any], Alignment]

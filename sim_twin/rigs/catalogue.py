@@ -1,0 +1,16 @@
+"""The rigs that have a twin; adding one means adding its folder and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sim_twin.rigs.impact_beam.rig import MODEL as IMPACT_BEAM
+from sim_twin.rigs.rig_model import RigModel
+from sim_twin.twin import AnyTwin
+
+RIGS: Mapping[str, RigModel] = {model.name: model for model in (IMPACT_BEAM,)}
+
+
+def model_of(twin: AnyTwin) -> RigModel:
+    """The rig that `twin` is of."""
+    return next(model for model in RIGS.values() if isinstance(twin.rig, model.parameters))

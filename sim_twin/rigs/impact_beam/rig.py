@@ -1,0 +1,22 @@
+"""The impact beam as one of the rigs."""
+
+from __future__ import annotations
+
+from sim_twin.rigs.impact_beam.channels import channel_unit
+from sim_twin.rigs.impact_beam.effects import EFFECTS
+from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors
+from sim_twin.rigs.impact_beam.model import ImpactBeam
+from sim_twin.rigs.impact_beam.solver_values import solver_values
+from sim_twin.rigs.impact_beam.truth import BeamTruth
+from sim_twin.rigs.rig_model import RigModel
+
+MODEL = RigModel(
+    name="impact_beam",
+    parameters=ImpactBeam,
+    effects=EFFECTS,
+    channel_unit=channel_unit,
+    nominal_sensors=nominal_sensors,
+    draw_healthy=draw_healthy,
+    truth=BeamTruth,
+    solver_values=solver_values,
+)

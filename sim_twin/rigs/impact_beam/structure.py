@@ -1,0 +1,98 @@
+"""The linear structure of the impact beam, in mass-normalised coordinates: everything but stops and pivot friction.
+
+Coordinates q: modes of beam with flexure, moving shaker mass and suspension, then (with a base that gives) those
+of the base.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.parts.modal import Modes, lowest_modes
+from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """q'' + C q' + K q = sum of rows times forces, M = I; K, C of shape (n, n).
+
+    Rows of shape (n,): deflection at the `drive` point, `contact` (tip minus yoke), `rotation` at the pivot, and
+    each of `stations` (stations, n). `base` is the row of the accelerometer on the base, None where it is rigid.
+    """
+
+    K: Array
+    C: Array
+    drive: Array
+    contact: Array
+    rotation: Array
+    stations: Array
+    base: Array | None
+
+
+def structure_of(rig: ImpactBeam) -> Structure:
+    modes, kept = _modes(rig), _kept_dofs(rig)
+
+    def row(fraction: float) -> Array:
+        return np.asarray(rig.beam.deflection_row(fraction)[kept] @ modes.shapes)
+
+    drive = row(rig.drive_position)
+    K = np.diag(modes.omega**2)
+    C = np.diag(2 * np.array(rig.modal_damping) * modes.omega)
+    C += rig.shaker_damping * np.outer(drive, drive)
+    rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
+    stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
+    structure = Structure(K, C, drive, row(1.0), rotation, stations, None)
+    return structure if rig.base is None else _with_yoke(rig.base, structure)
+
+
+def deflection_shapes(rig: ImpactBeam, fractions: Array) -> Array:
+    """Deflection rows at `fractions` of L, shape (len(fractions), 2 n), m per unit of state."""
+    shapes = _modes(rig).shapes
+    kept = _kept_dofs(rig)
+    rows = np.array([rig.beam.deflection_row(fraction)[kept] @ shapes for fraction in fractions])
+    extra = 1 if rig.base is not None else 0
+    padding = np.zeros((len(fractions), rig.modes + 2 * extra))
+    return np.hstack([rows, padding])
+
+
+def _kept_dofs(rig: ImpactBeam) -> NDArray[np.int64]:
+    fixed = 2 if rig.clamped else (1 if rig.pivot_stiffness is None else 0)
+    return np.arange(fixed, 2 * (rig.beam.elements + 1))
+
+
+def _modes(rig: ImpactBeam) -> Modes:
+    M, K = rig.beam.matrices()
+    drive = rig.beam.deflection_row(rig.drive_position)
+    M += rig.shaker_mass * np.outer(drive, drive)
+    K += rig.shaker_stiffness * np.outer(drive, drive)
+    if not rig.clamped:
+        K[1, 1] += rig.rotation_stiffness
+        K[0, 0] += rig.pivot_stiffness or 0.0
+    kept = _kept_dofs(rig)
+    return lowest_modes(M[np.ix_(kept, kept)], K[np.ix_(kept, kept)], rig.modes)
+
+
+def _with_yoke(base: BaseMass, fixed: Structure) -> Structure:
+    omega = 2 * np.pi * base.frequency
+    n = len(fixed.K)
+
+    def grown(row: Array, last: float = 0.0) -> Array:
+        return np.append(row, last)
+
+    K, C = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
+    K[:n, :n], C[:n, :n] = fixed.K, fixed.C
+    K[n, n], C[n, n] = omega**2, 2 * base.damping_ratio * omega
+    return Structure(
+        K,
+        C,
+        grown(fixed.drive),
+        grown(fixed.contact, -1 / np.sqrt(base.mass)),
+        grown(fixed.rotation),
+        np.array([grown(row) for row in fixed.stations]).reshape(-1, n + 1),
+        grown(np.zeros(n), 1 / np.sqrt(base.mass)),
+    )

@@ -1,0 +1,79 @@
+"""The true motion of the impact beam at its channels."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.rigs.impact_beam.assembly import assemble
+from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
+from sim_twin.rigs.impact_beam.structure import deflection_shapes
+from sim_twin.sensors import resonance
+from sim_twin.status import Status
+from sim_twin.switched import Simulation
+from sim_twin.twin import Twin
+
+Array = NDArray[np.float64]
+BeamTwin: TypeAlias = Twin[ImpactBeam, SineDrive]
+_ORDERS = (0, 1, 2, 3)
+_SHAPE_POINTS = 29
+
+
+class BeamTruth:
+    """From rest; `drive_changes` makes room for a drive that gets an offset or harmonics later on."""
+
+    def __init__(self, twin: BeamTwin, rate: float, drive_changes: bool = False) -> None:
+        self._orders = _ORDERS if drive_changes or _needs_all(twin.drive) else _ORDERS[1:2]
+        self._simulation = Simulation(assemble(twin.rig, self._orders), 1 / rate)
+        self._yoke = resonance(twin.rig.yoke_frequency, twin.rig.yoke_damping, rate)
+        self._shapes = deflection_shapes(twin.rig, np.linspace(0, 1, _SHAPE_POINTS))
+        self._force = _DriveForce()
+        self._finite = True
+
+    def change_drive(self, drive: SineDrive, phase: float, reference: float) -> None:
+        """Drive like this from now on, at `phase` rad of the sine at `reference` s."""
+        if len(self._orders) == 1 and _needs_all(drive):
+            raise ValueError("this motion was set up for a pure sine")
+        omega = 2 * np.pi * drive.frequency
+        self._simulation.drive(drive.phasors()[list(self._orders)], omega, phase, reference)
+        self._force.change(drive, phase, reference)
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (channels, steps)."""
+        trace = self._simulation.advance(steps)
+        upper, lower, *accelerations = trace.outputs
+        drive = self._force(np.asarray(trace.start + np.arange(steps) * trace.step))
+        self._finite = self._finite and bool(np.isfinite(self._simulation.state).all())
+        return np.array([drive, upper, lower, self._yoke(upper - lower), *accelerations])
+
+    def shape(self) -> Array:
+        """Deflection of the beam in m at 29 points from pivot to tip."""
+        return np.asarray(self._shapes @ self._simulation.state)
+
+    @property
+    def status(self) -> Status:
+        """Diverged as soon as the state is not finite."""
+        return Status.COMPLETED if self._finite else Status.DIVERGED
+
+
+class _DriveForce:
+    """The coil's force over time; zero before the first change."""
+
+    def __init__(self) -> None:
+        self._drive: SineDrive | None = None
+        self._phase = self._reference = 0.0
+
+    def change(self, drive: SineDrive, phase: float, reference: float) -> None:
+        self._drive, self._phase, self._reference = drive, phase, reference
+
+    def __call__(self, times: Array) -> Array:
+        if self._drive is None:
+            return np.zeros_like(times)
+        omega = 2 * np.pi * self._drive.frequency
+        return self._drive.force(omega * (times - self._reference) + self._phase)
+
+
+def _needs_all(drive: SineDrive) -> bool:
+    return bool(drive.offset or drive.second or drive.third)

@@ -1,0 +1,55 @@
+"""What every rig gives to the rest: channels, effects, healthy spread, motion, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
+from sim_twin.sensors import Sensor, oversampling
+from sim_twin.stream import Truth, TwinStream
+from sim_twin.twin import AnyTwin
+
+SolverValues: TypeAlias = dict[str, float | int | None]
+
+
+@dataclass(frozen=True, slots=True)
+class RigModel:
+    """One rig, as functions of its twin; `parameters` is the class of `twin.rig`.
+
+    - `channel_unit(name)`: unit; KeyError for a channel that the rig cannot have.
+    - `nominal_sensors(rig, drive)`: the chains without tolerances, noise in place.
+    - `draw_healthy(twin, rng, run_rng)`: the twin as a healthy rig may really be; `rng` draws what belongs to
+      the rig, `run_rng` what is set anew for each run.
+    - `truth(twin, rate, drive_changes)`: its motion on a grid of `rate` Hz; `drive_changes` where the drive
+      will get an offset or harmonics later on.
+    - `solver_values(twin, settle, duration)`: figures of the motion from rest, before any sensor, in the
+      units that their names say; None where there is nothing to tell.
+    """
+
+    name: str
+    parameters: type[Any]
+    effects: Catalogue
+    channel_unit: Callable[[str], str]
+    nominal_sensors: Callable[[Any, Any], dict[str, Sensor]]
+    draw_healthy: Callable[[Any, np.random.Generator, np.random.Generator], Any]
+    truth: Callable[[Any, float, bool], Truth]
+    solver_values: Callable[[Any, float, float], SolverValues]
+
+    def stream(
+        self,
+        twin: AnyTwin,
+        sample_rate: float,
+        rng: np.random.Generator | None = None,
+        drive_changes: bool = False,
+    ) -> TwinStream:
+        """Samples of `twin` as they come; with `rng` they carry noise and quantisation."""
+        truth = self.truth(twin, sample_rate * oversampling(sample_rate), drive_changes)
+        return TwinStream(twin, truth, sample_rate, rng)
+
+    def with_effects(self, twin: AnyTwin, effects: Iterable[tuple[str, ParameterValues]]) -> AnyTwin:
+        """Return `twin` with effects in; raises ValueError for what the rig cannot have."""
+        return apply_effects(self.effects, twin, effects)
