@@ -1,4 +1,4 @@
-"""Compilation of kernels, with a cache on disk that notices a change in any source of the twin.
+"""Compilation of kernels, cached on disk until any source that a kernel is built from changes.
 
 numba's own cache looks at the file of the outermost function only, and a kernel is built from several files.
 """
@@ -6,10 +6,10 @@ numba's own cache looks at the file of the outermost function only, and a kernel
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from typing import Any, ParamSpec, TypeVar, cast
 
 from numba import njit
@@ -22,44 +22,56 @@ _OPTIONS: dict[str, Any] = {"cache": True, "fastmath": True}
 _UNCOUNTED: dict[str, Any] = {**_OPTIONS, "_nrt": False}
 
 
+_IMPORT = re.compile(r"^\s*(?:from|import) (sim_twin[\w.]*)", re.MULTILINE)
+
+
 @cache
-def _sources_digest() -> str:
-    digest = hashlib.sha256()
-    for source in _python_files(files("sim_twin")):
-        digest.update(source.read_bytes())
+def _digest_of(module: str) -> str:
+    """Digest of a module of the twin and of all the modules of the twin that it builds on."""
+    digest, seen, waiting = hashlib.sha256(), set[str](), [module]
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        source = _source_of(name)
+        digest.update(source.encode())
+        waiting += sorted(_IMPORT.findall(source), reverse=True)
     return digest.hexdigest()
 
 
-def _python_files(folder: Traversable) -> list[Traversable]:
-    found: list[Traversable] = []
-    for entry in sorted(folder.iterdir(), key=lambda each: each.name):
-        if entry.is_dir():
-            found += _python_files(entry)
-        elif entry.name.endswith(".py"):
-            found.append(entry)
-    return found
+def _source_of(module: str) -> str:
+    *folders, name = module.split(".")[1:] or ["__init__"]
+    place = files("sim_twin").joinpath(*folders)
+    package = place.joinpath(name)
+    return (package / "__init__.py" if package.is_dir() else place / f"{name}.py").read_text("utf-8")
 
 
-class _StampedByAllSources:
+class _StampedByItsSources:
+    _module: str
+
     def get_source_stamp(self) -> str:
-        return _sources_digest()
+        return _digest_of(self._module)
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Any:
         if not py_func.__module__.startswith("sim_twin."):
             return None
-        return super().from_function(py_func, py_file)  # type: ignore[misc]
+        locator = super().from_function(py_func, py_file)  # type: ignore[misc]
+        if locator is not None:
+            locator._module = py_func.__module__
+        return locator
 
 
-class InAGivenFolder(_StampedByAllSources, UserProvidedCacheLocator):
+class InAGivenFolder(_StampedByItsSources, UserProvidedCacheLocator):
     """Keeps the machine code where NUMBA_CACHE_DIR says."""
 
 
-class BesideTheSource(_StampedByAllSources, InTreeCacheLocator):
+class BesideTheSource(_StampedByItsSources, InTreeCacheLocator):
     """Keeps the machine code in __pycache__."""
 
 
-class InTheUsersCache(_StampedByAllSources, UserWideCacheLocator):
+class InTheUsersCache(_StampedByItsSources, UserWideCacheLocator):
     """Keeps the machine code in the user's cache folder, where the sources may not be written to."""
 
 

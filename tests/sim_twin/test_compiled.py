@@ -1,0 +1,30 @@
+"""The cache of compiled kernels: stamped by every source that a kernel is built from."""
+
+from __future__ import annotations
+
+import sim_twin.compiled as compiled_module
+from sim_twin.switched import kernel
+
+
+def stamp() -> str:
+    compiled_module._digest_of.cache_clear()
+    return compiled_module._digest_of("sim_twin.switched.kernel")
+
+
+def test_a_change_in_a_source_below_the_kernel_changes_its_stamp(monkeypatch) -> None:
+    before, read = stamp(), compiled_module._source_of
+    changed = {"sim_twin.compiled": "\n# another option\n"}
+    monkeypatch.setattr(compiled_module, "_source_of", lambda name: read(name) + changed.get(name, ""))
+    assert stamp() != before
+
+
+def test_a_change_in_a_source_beside_it_does_not(monkeypatch) -> None:
+    before, read = stamp(), compiled_module._source_of
+    changed = {"sim_twin.sensors": "\n# another filter\n"}
+    monkeypatch.setattr(compiled_module, "_source_of", lambda name: read(name) + changed.get(name, ""))
+    assert stamp() == before
+
+
+def test_the_kernels_are_stamped_so() -> None:
+    locator = kernel._run._cache._impl.locator  # numba keeps it there
+    assert locator.get_source_stamp() == stamp()
