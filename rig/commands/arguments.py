@@ -10,6 +10,7 @@ import typer
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench, embedded_bench, load_bench
+from rig.files.pairing import check_drivable
 from rig.files.scenario import Scenario, load_scenario
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
@@ -31,13 +32,14 @@ def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, B
     scenario = bench = None
     try:
         scenario = load_scenario(scenario_file)
+        check_drivable(scenario)
     except ConfigurationError as error:
         errors.append(error)
     try:
         bench = embedded_bench() if bench_file is None else load_bench(bench_file)
     except ConfigurationError as error:
         errors.append(error)
-    if scenario is None or bench is None:
+    if errors or scenario is None or bench is None:
         raise _joined(errors)
     return scenario, bench
 

@@ -38,7 +38,8 @@ def report_and_name(log: Path, screen: Screen) -> None:
 
 def _channels(summary: RunSummary) -> Table:
     table = Table(box=None, pad_edge=False)
-    table.add_column("channel")
+    longest = max((len(channel.name) for channel in summary.channels), default=0)
+    table.add_column("channel", min_width=longest, no_wrap=True)
     for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
         table.add_column(column, justify="left" if column == "unit" else "right")
     for channel in summary.channels:
@@ -55,6 +56,8 @@ def _number(trace: TraceSummary | None, what: str) -> str:
 
 
 def _say_peaks(summary: RunSummary, screen: Screen) -> None:
+    if not any(channel.name.startswith("contact.") for channel in summary.channels):
+        return
     for origin, peaks in (("measured", summary.measured_peaks), ("predicted", summary.predicted_peaks)):
         if peaks is None:
             screen.say(f"{origin:<10} no contact")

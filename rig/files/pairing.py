@@ -15,6 +15,14 @@ SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
 
 
+def check_drivable(scenario: Scenario) -> None:
+    """Raise ConfigurationError for a rig whose actuator this version cannot drive."""
+    kind = RIGS[scenario.rig]
+    if kind.actuator != "signal_generator":
+        allowed = f"impact_beam (this version cannot drive an {kind.actuator}; predict and overlay work)"
+        raise ConfigurationError(f"scenario {scenario.name!r}", [Problem("rig", scenario.rig, allowed)])
+
+
 def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 

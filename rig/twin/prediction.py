@@ -36,6 +36,11 @@ def skip(stream: TwinStream, count: int) -> None:
         stream.advance(min(most, count - first))
 
 
+def as_logged(channel: str, values: NDArray[np.float64]) -> NDArray[np.floating]:
+    """Values as wide as a log keeps them: an unwrapped angle is too long for 32 bits."""
+    return values if channel.endswith(".angle") else values.astype(np.float32)
+
+
 class AlignedTwin:
     """Predicted samples of every channel on the sample grid of a run.
 
@@ -57,10 +62,10 @@ class AlignedTwin:
         self._stream.drive(drive, alignment.phase - 2 * np.pi * cycles_per_sample * before, 0.0)
         skip(self._stream, before)
 
-    def advance(self, count: int) -> NDArray[np.float32]:
+    def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count)."""
         self.samples += count
-        return self._stream.advance(count).astype(np.float32)
+        return self._stream.advance(count)
 
     def blocks(self, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
         """Blocks of at most 0.1 s of every channel up to `end_sample`; `start_ns` is the time of sample 0."""
@@ -70,7 +75,7 @@ class AlignedTwin:
             values = self.advance(min(most, end_sample - first))
             time_ns = sample_time_ns(start_ns, first, self.sample_rate)
             for name, row in zip(self._stream.channels, values, strict=True):
-                yield SampleBlock(name, first, time_ns, self.sample_rate, row)
+                yield SampleBlock(name, first, time_ns, self.sample_rate, as_logged(name, row))
 
     def shape(self) -> NDArray[np.float64]:
         """Deflection of the beam now, in m, at equal steps from pivot to tip."""

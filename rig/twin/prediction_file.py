@@ -9,7 +9,8 @@ import numpy as np
 from daq.block import SampleBlock, sample_time_ns
 from daq.log import LogWriter
 from rig.files.scenario import Scenario
-from rig.twin.prediction import BLOCK_S, settling_s, skip
+from rig.twin.prediction import BLOCK_S, as_logged, settling_s, skip
+from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.stream import TwinStream
@@ -31,7 +32,7 @@ def write_prediction(scenario: Scenario, twin: AnyTwin, seed: int | None, path: 
         phase = float(rng.uniform(0, 2 * np.pi))
         before = settling_s(twin, before)
     stream = model.stream(twin, rate, noise)
-    stream.drive(twin.drive, phase)
+    stream.drive(twin.drive, phase - _whole_turns(twin, phase, before))
     skip(stream, round(before * rate))
     with LogWriter(path) as log:
         log.add_metadata("scenario", {"toml": scenario.text})
@@ -42,11 +43,17 @@ def write_prediction(scenario: Scenario, twin: AnyTwin, seed: int | None, path: 
     return twin
 
 
+def _whole_turns(twin: AnyTwin, phase: float, before_s: float) -> float:
+    """What the phase has in whole turns by sample 0, rad: a crank's angle begins below one revolution."""
+    cycles = phase / (2 * np.pi) + kind_of(twin).untouched(twin.drive).frequency * before_s
+    return float(2 * np.pi * np.floor(cycles))
+
+
 def _write(log: LogWriter, stream: TwinStream, count: int, rate: float) -> None:
     most = max(1, round(BLOCK_S * rate))
     for first in range(0, count, most):
-        values = stream.advance(min(most, count - first)).astype(np.float32)
+        values = stream.advance(min(most, count - first))
         time_ns = sample_time_ns(0, first, rate)
         host_ns = sample_time_ns(0, first + values.shape[1], rate)
         for name, row in zip(stream.channels, values, strict=True):
-            log.add_block("predicted", SampleBlock(name, first, time_ns, rate, row), host_ns)
+            log.add_block("predicted", SampleBlock(name, first, time_ns, rate, as_logged(name, row)), host_ns)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sim_twin.rigs.impact_beam.rig import MODEL as IMPACT_BEAM
+from sim_twin.rigs.planar_slider_crank.rig import MODEL as PLANAR_SLIDER_CRANK
 from sim_twin.rigs.rig_model import RigModel
 from sim_twin.twin import AnyTwin
 
-RIGS: Mapping[str, RigModel] = {model.name: model for model in (IMPACT_BEAM,)}
+RIGS: Mapping[str, RigModel] = {model.name: model for model in (IMPACT_BEAM, PLANAR_SLIDER_CRANK)}
 
 
 def model_of(twin: AnyTwin) -> RigModel:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
+from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import Sensor, oversampling
 from sim_twin.stream import Truth, TwinStream
 from sim_twin.twin import AnyTwin
@@ -28,6 +29,7 @@ class RigModel:
       will get an offset or harmonics later on.
     - `solver_values(twin, settle, duration)`: figures of the motion from rest, before any sensor, in the
       units that their names say; None where there is nothing to tell.
+    - `side_by_side`: the same for many runs at once, where the rig has a faster way.
     """
 
     name: str
@@ -38,6 +40,7 @@ class RigModel:
     draw_healthy: Callable[[Any, np.random.Generator, np.random.Generator], Any]
     truth: Callable[[Any, float, bool], Truth]
     solver_values: Callable[[Any, float, float], SolverValues]
+    side_by_side: SideBySide | None = None
 
     def stream(
         self,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.switched.modes import complex_modes
 from sim_twin.switched.system import Regime, Row, SwitchedSystem
 
 DIGIT = 7
@@ -22,7 +23,6 @@ A contact then begins at most 0.2 nm late, which is 1e-9 of the energy of a typi
 _LONGEST_LEVEL = 6
 _AHEAD = 4
 _LANES = 16
-_WORST_CONDITION = 1e10
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -140,10 +140,7 @@ def _step_lengths() -> Index:
 
 
 def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeModes:
-    lam, V = np.linalg.eig(_well_conditioned(regime.A))
-    left = np.linalg.inv(V)
-    keep = np.flatnonzero(lam.imag >= 0)
-    lam, V, left = lam[keep], V[:, keep] * np.where(lam[keep].imag > 0, 2.0, 1.0), left[keep]
+    lam, V, left = complex_modes(regime.A)
     orders = [excitation.order for excitation in system.excitations]
     identity = np.eye(len(regime.A))
     P = np.array(
@@ -154,9 +151,7 @@ def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeM
     drive_lam = np.array([1j * k * omega for k in orders], dtype=complex)
     held = regime.constraint
     if held is None:
-        return _RegimeModes(
-            np.concatenate([lam, drive_lam]), np.hstack([V, P]), rest, left.astype(complex), len(lam)
-        )
+        return _RegimeModes(np.concatenate([lam, drive_lam]), np.hstack([V, P]), rest, left, len(lam))
     follow = -np.linalg.solve(regime.A, held.coupling)
     return _RegimeModes(
         np.concatenate([lam, [0.0], drive_lam]),
@@ -165,17 +160,6 @@ def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeM
         np.vstack([left @ (held.basis.T - np.outer(follow, held.captured)), held.captured]),
         len(lam) + 1,
     )
-
-
-def _well_conditioned(A: Real) -> Real:
-    """Return A, its damping moved by 1e-7 where a critically damped pair makes its modes coincide."""
-    _, V = np.linalg.eig(A)
-    if np.linalg.cond(V / np.linalg.norm(V, axis=0)) < _WORST_CONDITION * np.linalg.norm(A):
-        return A
-    n = len(A) // 2
-    moved = A.copy()
-    moved[n:, n:] *= 1 + 1e-7
-    return moved
 
 
 def _pad(modes: _RegimeModes, widest: int, drives: int, slots: int) -> _RegimeModes:

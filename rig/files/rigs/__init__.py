@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from rig.files.rigs import impact_beam
+from rig.files.rigs import impact_beam, planar_slider_crank
 from rig.files.rigs.kind import RigKind
 
-RIGS: Mapping[str, RigKind] = MappingProxyType({kind.name: kind for kind in (impact_beam.KIND,)})
-LATER_RIGS: Mapping[str, str] = MappingProxyType(
-    {
-        "planar_slider_crank": "the planar slider-crank is not in this version",
-        "spatial_slider_crank": "the spatial slider-crank is not in this version",
-    }
+RIGS: Mapping[str, RigKind] = MappingProxyType(
+    {kind.name: kind for kind in (impact_beam.KIND, planar_slider_crank.KIND)}
 )
 
 

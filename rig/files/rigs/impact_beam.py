@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
 from pydantic.dataclasses import dataclass
 
 from rig.files.fields import Measured, Switch, Whole, Word
-from rig.files.rigs.kind import RigKind
+from rig.files.rigs.kind import RigKind, unit_or_none
 from rig.files.section import SECTION, Check
+from sim_twin.rigs.impact_beam.channels import channel_names, channel_unit
 
 DEFAULT_CLEARANCE_M: Final = 0.127e-3
 DEFAULT_ELEMENTS: Final = 37
 DEFAULT_MODES: Final = 15
 _LARGEST_FORCE_N: Final = 100.0
-
-CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
-    {
-        "drive.force": "N",
-        "contact.force_upper": "N",
-        "contact.force_lower": "N",
-        "yoke.force": "N",
-        "base.acceleration": "m/s2",
-    }
-)
-_STATION: Final = re.compile(r"beam\.acceleration_(\d{2}|100)")
 
 
 @dataclass(frozen=True, slots=True, config=SECTION)
@@ -39,12 +27,9 @@ class ImpactBeamSection:
     """
 
     beam: Annotated[Literal["steel", "aluminium"] | None, Word(("steel", "aluminium"))] = None
-    base: Annotated[
-        Literal["rigid"] | None, Word(("rigid",), {"flexible": "this version has the rigid base only"})
-    ] = None
+    base: Annotated[Literal["rigid", "flexible"] | None, Word(("rigid", "flexible"))] = None
     cover: Annotated[
-        Literal["none"] | None,
-        Word(("none",), dict.fromkeys(("aluminium", "fibreglass"), "this version has no covers")),
+        Literal["none", "aluminium", "fibreglass"] | None, Word(("none", "aluminium", "fibreglass"))
     ] = None
     clearance: Annotated[float | None, Measured("mm", 0.001, 10)] = None
     rest_offset: Annotated[float | None, Measured("mm", -10, 10)] = None
@@ -67,21 +52,6 @@ class DriveSection:
     frequency: Annotated[float, Measured("Hz", 0.1, 2000)]
     amplitude: Annotated[float, Measured("N", 0, _LARGEST_FORCE_N)] = 9.0
     offset: Annotated[float, Measured("N", -_LARGEST_FORCE_N, _LARGEST_FORCE_N)] = 0.0
-
-
-def beam_station(channel: str) -> float | None:
-    """Place of an accelerometer on the beam as a fraction of its length; None for any other channel.
-
-    `beam.acceleration_25` sits at a quarter of the length from the pivot; 01 to 100.
-    """
-    match = _STATION.fullmatch(channel)
-    percent = int(match[1]) if match else 0
-    return percent / 100 if percent else None
-
-
-def channel_unit(channel: str) -> str | None:
-    """Unit of a channel of the impact beam; None if it has no such channel."""
-    return CHANNEL_UNITS.get(channel) or (None if beam_station(channel) is None else "m/s2")
 
 
 def drive_peak(drive: DriveSection) -> float:
@@ -119,6 +89,7 @@ def _peak_in_range(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 KIND: Final = RigKind(
     name="impact_beam",
+    actuator="signal_generator",
     model=ImpactBeamSection,
     model_checks=(
         Check(("beam", "modes", "elements"), _mesh_has_modes),
@@ -127,8 +98,8 @@ KIND: Final = RigKind(
     ),
     drive=DriveSection,
     drive_checks=(Check(("amplitude", "offset"), _peak_in_range),),
-    channels=(*CHANNEL_UNITS, "beam.acceleration_NN (NN: 01 to 100, percent of the length from the pivot)"),
-    channel_unit=channel_unit,
+    channels=(*channel_names(()), "beam.acceleration_NN (NN: 01 to 100, percent of the length)"),
+    channel_unit=unit_or_none(channel_unit),
     drive_frequency=lambda drive: drive.get("frequency"),
     drive_peak=drive_peak,
 )

@@ -13,12 +13,14 @@ from rig.files.section import Check
 class RigKind:
     """A rig: the sections of its scenario with the checks over several of their keys, and its channels.
 
-    `channels` names what a bench or a limit may name, for messages; `channel_unit` gives a channel's unit or
-    None. `drive_frequency` is the highest frequency in Hz that the drive holds, from the sound values of
-    [drive], or None; `drive_peak` the largest absolute value that the drive asks of its actuator, in SI.
+    `actuator` is the table of the bench that drives it. `channels` is what a bench or a limit may name, for
+    messages; `channel_unit` gives a channel's unit or None. `drive_frequency` is the highest frequency in Hz
+    that the drive holds, from the sound values of [drive], or None; `drive_peak` the largest value that
+    the drive asks of its actuator, in SI.
     """
 
     name: str
+    actuator: str
     model: type[Any]
     model_checks: tuple[Check, ...]
     drive: type[Any]
@@ -27,3 +29,15 @@ class RigKind:
     channel_unit: Callable[[str], str | None]
     drive_frequency: Callable[[Mapping[str, Any]], float | None]
     drive_peak: Callable[[Any], float]
+
+
+def unit_or_none(channel_unit: Callable[[str], str]) -> Callable[[str], str | None]:
+    """The unit of a channel by the twin's own table; None instead of a KeyError."""
+
+    def unit(channel: str) -> str | None:
+        try:
+            return channel_unit(channel)
+        except KeyError:
+            return None
+
+    return unit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from numpy.typing import NDArray
@@ -31,3 +31,9 @@ class TwinKind:
     align: Align
     in_step: Callable[[Any, Alignment], Any]
     untouched: Callable[[Any], Alignment]
+
+
+def given(section: Any) -> dict[str, Any]:
+    """The keys of a scenario's section that the operator has set."""
+    values = {field.name: getattr(section, field.name) for field in fields(section)}
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,6 +1,6 @@
 """Assembles the impact beam: free or touching a stop, slipping or stuck at the pivot.
 
-Outputs: upper force, lower force, base acceleration, stations.
+Outputs: upper force, lower force, base acceleration, stations, accelerometers of the cover.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def assemble(rig: ImpactBeam, drive_orders: tuple[int, ...] = (1,)) -> SwitchedS
         states=2 * len(structure.K),
         excitations=tuple(Excitation(order) for order in drive_orders),
         regimes=regimes,
-        outputs=3 + len(rig.stations),
+        outputs=3 + len(structure.stations) + len(structure.cover),
         rest_regime=3 * pivots.index(pivots[-1]),
     )
 
@@ -150,8 +150,8 @@ def _outputs(rig: ImpactBeam, s: Structure, contact: int) -> tuple[Output, ...]:
     still = np.zeros(2 * n)
     if s.base is not None:
         outputs.append(Output(2, Row(still, rate=np.concatenate([np.zeros(n), s.base]))))
-    for index, station in enumerate(s.stations):
-        outputs.append(Output(3 + index, Row(still, rate=np.concatenate([np.zeros(n), station]))))
+    for index, row in enumerate((*s.stations, *s.cover)):
+        outputs.append(Output(3 + index, Row(still, rate=np.concatenate([np.zeros(n), row]))))
     return tuple(outputs)
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.parts.beam import Beam
+from sim_twin.ranges import require
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.channels import channel_names
 
 FLEXURE_ROTATION = 0.16
@@ -23,6 +25,11 @@ class BaseMass:
     frequency: float
     mass: float
     damping_ratio: float
+
+    def __post_init__(self) -> None:
+        require("BaseMass", "frequency", self.frequency, 0.0, unit="Hz", above=True)
+        require("BaseMass", "mass", self.mass, 0.0, unit="kg", above=True)
+        require("BaseMass", "damping_ratio", self.damping_ratio, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +57,28 @@ class ImpactBeam:
     shaker_damping: float = 0.0
     hertz: float | None = None
     pivot_friction: float = 0.0
-    base: BaseMass | None = None
+    base: BaseMass | FlexibleBase | None = None
     yoke_frequency: float = 700.0
     yoke_damping: float = 0.03
     stations: tuple[int, ...] = ()
 
+    def __post_init__(self) -> None:
+        for name, unit in _NOT_NEGATIVE.items():
+            require("ImpactBeam", name, getattr(self, name), 0.0, unit=unit)
+        for ratio in self.modal_damping:
+            require("ImpactBeam", "modal_damping", ratio, 0.0, 1.0)
+        fixed = 2 if self.clamped else int(self.pivot_stiffness is None)
+        require("ImpactBeam", "modes", self.modes, 1, 2 * (self.beam.elements + 1) - fixed)
+        require("ImpactBeam", "drive_position", self.drive_position, 0.0, 1.0, "L")
+        for name, unit in (("hertz", "N/m^1.5"), ("pivot_stiffness", "N/m")):
+            if getattr(self, name) is not None:
+                require("ImpactBeam", name, getattr(self, name), 0.0, unit=unit, above=True)
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that a twin of it predicts."""
-        return channel_names(self.stations)
+        covered = isinstance(self.base, FlexibleBase) and self.base.cover is not None
+        return channel_names(self.stations, covered)
 
     @property
     def modes(self) -> int:
@@ -66,6 +86,18 @@ class ImpactBeam:
         return len(self.modal_damping)
 
 
+_NOT_NEGATIVE = {
+    "contact_stiffness": "N/m",
+    "contact_damping": "N s/m",
+    "clearance": "m",
+    "rotation_stiffness": "N m/rad",
+    "shaker_mass": "kg",
+    "shaker_stiffness": "N/m",
+    "shaker_damping": "N s/m",
+    "pivot_friction": "N m",
+    "yoke_frequency": "Hz",
+    "yoke_damping": "",
+}
 _BEAMS = {
     "steel": (Beam(207e9, 7800.0, 0.28, 0.019, 0.00635, 37), False, 1.5e7, 20.0),
     "aluminium": (Beam(70e9, 2700.0, 0.28, 0.019, 0.00318, 37), True, 9.6e6, 7.0),

@@ -6,6 +6,7 @@ from sim_twin.rigs.impact_beam.channels import channel_unit
 from sim_twin.rigs.impact_beam.effects import EFFECTS
 from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors
 from sim_twin.rigs.impact_beam.model import ImpactBeam
+from sim_twin.rigs.impact_beam.side_by_side import SIDE_BY_SIDE
 from sim_twin.rigs.impact_beam.solver_values import solver_values
 from sim_twin.rigs.impact_beam.truth import BeamTruth
 from sim_twin.rigs.rig_model import RigModel
@@ -19,4 +20,5 @@ MODEL = RigModel(
     draw_healthy=draw_healthy,
     truth=BeamTruth,
     solver_values=solver_values,
+    side_by_side=SIDE_BY_SIDE,
 )

@@ -1,17 +1,19 @@
 """The linear structure of the impact beam, in mass-normalised coordinates: everything but stops and pivot friction.
 
-Coordinates q: modes of beam with flexure, moving shaker mass and suspension, then (with a base that gives) those
-of the base.
+Coordinates q: modes of beam with flexure, moving shaker mass and suspension, and of the yoke on a `BaseMass`; with a
+`FlexibleBase` the modes of beam, connecting rod and base together.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.parts.modal import Modes, lowest_modes
+from sim_twin.rigs.impact_beam.base.coupling import couple
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
 
 Array = NDArray[np.float64]
@@ -21,8 +23,10 @@ Array = NDArray[np.float64]
 class Structure:
     """q'' + C q' + K q = sum of rows times forces, M = I; K, C of shape (n, n).
 
-    Rows of shape (n,): deflection at the `drive` point, `contact` (tip minus yoke), `rotation` at the pivot, and
-    each of `stations` (stations, n). `base` is the row of the accelerometer on the base, None where it is rigid.
+    Rows of shape (n,): motion at which the `drive` works (of the drive point; on a flexible base of the coil minus
+    the shaker), `contact` (tip minus yoke), `rotation` at the pivot (beam minus post), and each of `stations`
+    (stations, n). `base` is the row of the accelerometer on the base, None where it is rigid; `cover` has those of
+    the accelerometers in the middle and near a corner of the cover, (2, n), or none.
     """
 
     K: Array
@@ -32,9 +36,25 @@ class Structure:
     rotation: Array
     stations: Array
     base: Array | None
+    cover: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def structure_of(rig: ImpactBeam) -> Structure:
+    """Return the structure of `rig`; raises UnphysicalParameter for more modes than the meshes have."""
+    if isinstance(rig.base, FlexibleBase):
+        return _on_flexible_base(rig, rig.base)
+    structure = _on_rigid_post(rig)
+    return structure if rig.base is None else _with_yoke(rig.base, structure)
+
+
+def _on_flexible_base(rig: ImpactBeam, base: FlexibleBase) -> Structure:
+    s = couple(rig, base)
+    tip = rig.beam.deflection_row(1.0) @ s.beam - s.contact_point
+    stations = _deflection_rows(rig, np.array(rig.stations) / 100) @ s.beam
+    return Structure(s.K, s.C, s.drive, tip, s.rotation, stations, s.accelerometer, s.cover)
+
+
+def _on_rigid_post(rig: ImpactBeam) -> Structure:
     modes, kept = _modes(rig), _kept_dofs(rig)
 
     def row(fraction: float) -> Array:
@@ -46,18 +66,23 @@ def structure_of(rig: ImpactBeam) -> Structure:
     C += rig.shaker_damping * np.outer(drive, drive)
     rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
     stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
-    structure = Structure(K, C, drive, row(1.0), rotation, stations, None)
-    return structure if rig.base is None else _with_yoke(rig.base, structure)
+    return Structure(K, C, drive, row(1.0), rotation, stations, None)
 
 
 def deflection_shapes(rig: ImpactBeam, fractions: Array) -> Array:
     """Deflection rows at `fractions` of L, shape (len(fractions), 2 n), m per unit of state."""
-    shapes = _modes(rig).shapes
-    kept = _kept_dofs(rig)
-    rows = np.array([rig.beam.deflection_row(fraction)[kept] @ shapes for fraction in fractions])
-    extra = 1 if rig.base is not None else 0
-    padding = np.zeros((len(fractions), rig.modes + 2 * extra))
-    return np.hstack([rows, padding])
+    rows = _deflection_rows(rig, fractions)
+    if isinstance(rig.base, FlexibleBase):
+        shapes = rows @ couple(rig, rig.base).beam
+    else:
+        shapes = rows[:, _kept_dofs(rig)] @ _modes(rig).shapes
+        shapes = np.pad(shapes, ((0, 0), (0, int(rig.base is not None))))
+    return np.hstack([shapes, np.zeros_like(shapes)])
+
+
+def _deflection_rows(rig: ImpactBeam, fractions: Array) -> Array:
+    rows = [rig.beam.deflection_row(float(fraction)) for fraction in fractions]
+    return np.array(rows).reshape(len(fractions), 2 * (rig.beam.elements + 1))
 
 
 def _kept_dofs(rig: ImpactBeam) -> NDArray[np.int64]:

@@ -112,3 +112,58 @@ def test_an_existing_file_is_not_overwritten(call: Call, tmp_path: Path) -> None
     assert answer.code == 1
     assert "p.mcap" in answer.err
     assert (tmp_path / "p.mcap").read_bytes() == b"mine"
+
+
+CRANK = """\
+rig = "planar_slider_crank"
+[model]
+clearance_1 = "1 mm"
+clearance_2 = "1 mm"
+[drive]
+speed = "200 rpm"
+[acquisition]
+sample_rate = "25.6 kHz"
+settle = "{settle} s"
+duration = "0.4 s"
+"""
+
+
+def crank(folder: Path, settle: float = 0.0, text: str = CRANK) -> Path:
+    path = folder / "crank.toml"
+    path.write_text(text.format(settle=settle))
+    return path
+
+
+def test_the_planar_crank_gives_its_reference_peaks(call: Call, tmp_path: Path) -> None:
+    answer = call("predict", crank(tmp_path), "--json", "--out", tmp_path / "p.mcap")
+    assert answer.code == 0, answer.err
+    values = json.loads(answer.out)
+    # physics.md section 2, 200 rpm and 1 mm
+    assert values["first_peak_crank_pin_n"] == pytest.approx(9079.3, rel=0.005)
+    assert values["first_peak_piston_pin_n"] == pytest.approx(14918.8, rel=0.005)
+
+
+def test_a_cranks_angle_begins_below_one_turn_and_is_kept_in_full(call: Call, tmp_path: Path) -> None:
+    path = crank(tmp_path, settle=0.7)
+    assert call("predict", path, "--out", tmp_path / "p.mcap").code == 0
+    with LogReader(tmp_path / "p.mcap") as log:
+        angle, marker = log.series("predicted", "crank.angle"), log.series("predicted", "crank.marker")
+    assert angle.values.dtype == np.float64
+    count = 2 * np.pi / 4096
+    turned = 2 * np.pi * ((200 / 60 * (0.7 + np.arange(len(angle)) / 25_600)) - 2)
+    assert 0 <= angle.values[0] < 2 * np.pi
+    assert angle.values == pytest.approx(turned, abs=1.001 * count)
+    assert angle.values / count == pytest.approx(np.round(angle.values / count), abs=1e-6)
+    # 5 V from 0 to 5 degrees; the anti-alias filter rings for a few samples at its edges
+    high = np.degrees(turned) % 360 < 5
+    edges = np.flatnonzero(np.diff(high.astype(int)))
+    clear = np.array([np.abs(edges - k).min() > 40 for k in range(len(high))])
+    assert marker.values[clear & ~high] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_crank_that_cannot_be_is_refused_with_name_value_and_range(call: Call, tmp_path: Path) -> None:
+    short = CRANK.replace("[drive]", 'crank_length = "0.563 m"\n[drive]')
+    answer = call("predict", crank(tmp_path, text=short), "--out", tmp_path / "p.mcap")
+    assert answer.code == 2
+    assert "model.rod_length = 0.564: above 0.565 m" in answer.err
+    assert not (tmp_path / "p.mcap").exists()

@@ -12,6 +12,8 @@ from drivers.emulator_process import GeneratorSetup, start_function_generator
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 
+CRANK = Path(__file__).parents[3] / "scenarios" / "planar_slider_crank.toml"
+
 
 @pytest.fixture
 def nobody() -> Iterator[int]:
@@ -92,3 +94,11 @@ def test_one_present_and_one_absent_names_the_absent_alone(call: Call, tmp_path:
     assert answer.code == 1
     assert "signal generator" not in answer.err
     assert f"127.0.0.1:{nobody}" in answer.err
+
+
+@pytest.mark.parametrize("command", ["run", "emulate"])
+def test_a_crank_cannot_be_driven_yet(call: Call, tmp_path: Path, command: str) -> None:
+    answer = call(command, CRANK, *(["--out", tmp_path / "runs"] if command == "run" else []))
+    assert answer.code == 2
+    assert "rig = planar_slider_crank: impact_beam (this version cannot drive an inverter" in answer.err
+    assert "starting" not in answer.out

@@ -11,8 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigurationError
-from rig.files.rigs.impact_beam import beam_station
+from rig.files.rigs import unit_of
 from rig.files.scenario import Limit, Scenario, load_scenario, parse_scenario
+from sim_twin.rigs.impact_beam.channels import stations_of
 from tests.rig.files.faulty import only_problem, problems_of
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -98,8 +99,8 @@ def test_every_model_key_is_read() -> None:
         (with_model("modes = 7.5"), "model.modes", "7.5", "a whole number from 1 to 400"),
         (with_model("modes = true"), "model.modes", "true", "a whole number"),
         (with_model("flexure_translation = 1"), "model.flexure_translation", "1", "true or false"),
-        (with_model('base = "flexible"'), "model.base", '"flexible"', "this version has the rigid base only"),
-        (with_model('cover = "fibreglass"'), "model.cover", '"fibreglass"', "this version has no covers"),
+        (with_model('base = "soft"'), "model.base", '"soft"', '"rigid" or "flexible"'),
+        (with_model('cover = "steel"'), "model.cover", '"steel"', '"none" or "aluminium" or "fibreglass"'),
         (
             with_model('rest_offset = "0.127 mm"'),
             "model.rest_offset",
@@ -117,12 +118,7 @@ def test_every_model_key_is_read() -> None:
         (changed('"51.2 kHz"', "1e999"), "acquisition.sample_rate", "inf", "1000 Hz to 204800 Hz"),
         (changed('"5 s"', '"0 s"'), "acquisition.duration", '"0 s"', "0.001 s to 86400 s"),
         (changed('"1 s"', '"-1 s"'), "acquisition.settle", '"-1 s"', "0 s to 3600 s"),
-        (
-            changed('"impact_beam"', '"planar_slider_crank"'),
-            "rig",
-            '"planar_slider_crank"',
-            "not in this version",
-        ),
+        (changed('"impact_beam"', '"slider_crank"'), "rig", '"slider_crank"', '"planar_slider_crank"'),
         (changed('rig = "impact_beam"', ""), "rig", "(missing)", '"impact_beam"'),
         (changed("[drive]", "[drvie]"), "drvie", "{...}", "did you mean drive?"),
         (changed('"steel beam, 20 Hz"', "20"), "name", "20", "a text of one line"),
@@ -160,7 +156,7 @@ def test_every_fault_is_told_at_once() -> None:
         rig = "impact_beam"
         speed = 3
         [model]
-        base = "flexible"
+        base = "soft"
         clearance = "-1 mm"
         modes = 80
         [drive]
@@ -222,17 +218,18 @@ def test_faulty_limit_is_told(lines: str, key: str, allowed: str) -> None:
 @pytest.mark.parametrize(
     ("channel", "station"),
     [
-        ("beam.acceleration_01", 0.01),
-        ("beam.acceleration_69", 0.69),
-        ("beam.acceleration_100", 1.0),
-        ("beam.acceleration_00", None),
-        ("beam.acceleration_101", None),
-        ("beam.acceleration_5", None),
-        ("yoke.force", None),
+        ("beam.acceleration_01", (1,)),
+        ("beam.acceleration_69", (69,)),
+        ("beam.acceleration_100", (100,)),
+        ("beam.acceleration_00", ()),
+        ("beam.acceleration_101", ()),
+        ("beam.acceleration_5", ()),
+        ("yoke.force", ()),
     ],
 )
-def test_beam_accelerometer_is_named_by_its_place(channel: str, station: float | None) -> None:
-    assert beam_station(channel) == station
+def test_beam_accelerometer_is_named_by_its_place(channel: str, station: tuple[int, ...]) -> None:
+    assert stations_of((channel,)) == station
+    assert (unit_of(channel) is None) == (station == () and channel != "yoke.force")
 
 
 def test_syntax_error_is_told_with_its_line() -> None:

@@ -1,0 +1,38 @@
+"""The planar slider-crank's twin from its scenario, in step with the measured crank angle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+
+from rig.files.rigs.planar_slider_crank import PlanarSliderCrankSection
+from rig.files.rigs.speed import SpeedSection
+from rig.twin.alignment import Alignment
+from rig.twin.crank_alignment import align_angle, untouched
+from rig.twin.rigs.kind import TwinKind, given
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive, nominal
+from sim_twin.rigs.planar_slider_crank.rig import MODEL
+from sim_twin.twin import Twin
+
+
+def _build(
+    section: PlanarSliderCrankSection, drive: SpeedSection, channels: tuple[str, ...]
+) -> Twin[PlanarSliderCrank, SpeedDrive]:
+    changes = given(section)
+    rig = replace(nominal(changes.pop("material", "steel")), **changes)
+    speed = SpeedDrive(drive.speed)
+    return Twin(rig, speed, MODEL.nominal_sensors(rig, speed))
+
+
+def _in_step(drive: SpeedDrive, alignment: Alignment) -> SpeedDrive:
+    return replace(drive, speed=2 * pi * alignment.frequency)
+
+
+KIND = TwinKind(
+    model=MODEL,
+    build=_build,
+    reference="crank.angle",
+    align=align_angle,
+    in_step=_in_step,
+    untouched=untouched,
+)

@@ -1,0 +1,98 @@
+"""Runs an ensemble on any executor; the results do not depend on which, nor on its number of workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import closing
+from itertools import groupby, islice
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from sim_twin.ensembles.variant import Outcome, Variant
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.status import Status
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+Progress = Callable[[int, int], None]
+
+
+class Observation(Protocol[T_co]):
+    """What is wanted of every run; picklable where the executor has processes."""
+
+    @property
+    def together(self) -> int:
+        """How many runs are simulated in one piece of work, at most."""
+
+    def observe(self, variants: Sequence[Variant]) -> Sequence[Outcome[T_co]]:
+        """Simulate some runs of one rig; the bits of a run do not depend on the others."""
+
+
+def simulate(
+    variants: Sequence[Variant],
+    observation: Observation[T],
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    in_flight: int = 64,
+) -> tuple[Outcome[T], ...]:
+    """Observe every run, in the order of `variants`; a failed one has a status and takes no other along.
+
+    Pieces of work depend on the list alone; `executor` None does them in this thread, else at most
+    `in_flight` of them are with it at a time. `progress(done, all)` counts runs, in this thread. Whatever is
+    raised, here or in a worker, cancels the rest and is raised.
+    """
+    pieces = list(_pieces(variants, observation.together))
+    found: list[Sequence[Outcome[T]]] = [()] * len(pieces)
+    done = 0
+    with closing(_finished(pieces, observation, executor, in_flight)) as finished:
+        for number, outcomes in finished:
+            found[number] = outcomes
+            done += len(outcomes)
+            if progress is not None:
+                progress(done, len(variants))
+    return tuple(outcome for outcomes in found for outcome in outcomes)
+
+
+def _pieces(variants: Sequence[Variant], together: int) -> Iterator[Sequence[Variant]]:
+    """Neighbours of one rig, at most `together` of them."""
+    for _, group in groupby(variants, key=lambda variant: model_of(variant.twin).name):
+        while piece := tuple(islice(group, together)):
+            yield piece
+
+
+def _finished(
+    pieces: Sequence[Sequence[Variant]],
+    observation: Observation[T],
+    executor: Executor | None,
+    in_flight: int,
+) -> Generator[tuple[int, Sequence[Outcome[T]]], None, None]:
+    """Number and outcomes of each piece, as they come."""
+    if executor is None:
+        yield from ((number, observed(observation, piece)) for number, piece in enumerate(pieces))
+        return
+    waiting = iter(enumerate(pieces))
+    running: dict[Future[Sequence[Outcome[T]]], int] = {}
+    try:
+        while True:
+            for number, piece in islice(waiting, in_flight - len(running)):
+                running[executor.submit(observed, observation, piece)] = number
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def observed(observation: Observation[T], piece: Sequence[Variant]) -> Sequence[Outcome[T]]:
+    """One piece of work. If it fails as a whole, its runs are done one by one and those that fail, marked."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return observation.observe(piece)
+    except (ArithmeticError, np.linalg.LinAlgError):
+        if len(piece) == 1:
+            return [Outcome(Status.DIVERGED)]
+        return [outcome for variant in piece for outcome in observed(observation, (variant,))]

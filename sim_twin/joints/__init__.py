@@ -1,0 +1,1 @@
+"""Joints with clearance: their geometry and the forces in them, for kernels."""

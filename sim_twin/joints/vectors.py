@@ -1,0 +1,106 @@
+"""Vectors in space for kernels: three floats that stay in registers."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from sim_twin.compiled import allocation_free
+
+Vector = tuple[float, float, float]
+Rotation = tuple[Vector, Vector, Vector]
+"""A rotation matrix by its rows: components in the outer frame from components in the body's."""
+
+
+@allocation_free
+def added(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@allocation_free
+def subtracted(a: Vector, b: Vector) -> Vector:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@allocation_free
+def scaled(s: float, a: Vector) -> Vector:
+    """s a."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@allocation_free
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@allocation_free
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@allocation_free
+def norm(a: Vector) -> float:
+    """Length of a."""
+    return sqrt(dot(a, a))
+
+
+@allocation_free
+def outward(R: Rotation, a: Vector) -> Vector:
+    """R a: from the body's frame to the outer one."""
+    return dot(R[0], a), dot(R[1], a), dot(R[2], a)
+
+
+@allocation_free
+def inward(R: Rotation, a: Vector) -> Vector:
+    """R^T a: from the outer frame to the body's."""
+    return (
+        R[0][0] * a[0] + R[1][0] * a[1] + R[2][0] * a[2],
+        R[0][1] * a[0] + R[1][1] * a[1] + R[2][1] * a[2],
+        R[0][2] * a[0] + R[1][2] * a[1] + R[2][2] * a[2],
+    )
+
+
+@allocation_free
+def column(R: Rotation, j: int) -> Vector:
+    """Axis j of the body in the outer frame."""
+    return R[0][j], R[1][j], R[2][j]
+
+
+@allocation_free
+def product(A: Rotation, B: Rotation) -> Rotation:
+    """A B."""
+    a, b, c = column(B, 0), column(B, 1), column(B, 2)
+    return (
+        (dot(A[0], a), dot(A[0], b), dot(A[0], c)),
+        (dot(A[1], a), dot(A[1], b), dot(A[1], c)),
+        (dot(A[2], a), dot(A[2], b), dot(A[2], c)),
+    )
+
+
+@allocation_free
+def gibbs_rotation(g: Vector) -> Rotation:
+    """Rotation by the angle 2 atan |g| about g (Rodrigues parameters: exact, without trigonometry)."""
+    x, y, z = g
+    s = 1.0 / (1.0 + x * x + y * y + z * z)
+    t = 2.0 * s
+    d = t - 1.0
+    return (
+        (d + t * x * x, t * (x * y - z), t * (x * z + y)),
+        (t * (y * x + z), d + t * y * y, t * (y * z - x)),
+        (t * (z * x - y), t * (z * y + x), d + t * z * z),
+    )
+
+
+@allocation_free
+def gibbs_rate(g: Vector, omega: Vector) -> Vector:
+    """Time derivative of g at the angular velocity `omega` (components in the body's frame, rad/s)."""
+    turned = cross(g, omega)
+    along = dot(g, omega)
+    return (
+        0.5 * (omega[0] + turned[0] + g[0] * along),
+        0.5 * (omega[1] + turned[1] + g[1] * along),
+        0.5 * (omega[2] + turned[2] + g[2] * along),
+    )

@@ -1,0 +1,1 @@
+"""Mechanisms with intermittent contacts: one adaptive integrator for all of them."""

@@ -1,0 +1,100 @@
+"""Component-mode synthesis: a structure by the motions of its boundary and a few of its own modes.
+
+Method: fixed-interface modes with static constraint modes, Craig and Bampton 1968 (10.2514/3.4741); the boundary
+may be any linear combinations of degrees of freedom (a mean over a foot, a relative motion).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, eigh, qr, solve
+
+from sim_twin.ranges import require
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_UNMOVED = 1e-9
+"""Share of the boundary's effective mass below which a mode counts as out of the boundary's reach (symmetry)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A structure reduced to x = `basis` z, z = [boundary motions, interior modes]; `M`, `K` of shape (n, n).
+
+    `omega` (rad/s, ascending) are the interior modes kept; in them M is the identity and K is omega^2.
+    """
+
+    M: Array
+    K: Array
+    basis: Array
+    boundary: int
+    omega: Array
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates z."""
+        return len(self.M)
+
+
+@dataclass(frozen=True, slots=True)
+class Leading:
+    """Keep `modes` more of the interior modes: those that matter most where `row` of the boundary moves."""
+
+    row: int
+    modes: int
+
+
+def craig_bampton(
+    M: Array, K: Array, boundary: Array, modes: int, owner: str = "component", leading: Leading | None = None
+) -> Component:
+    """Reduce M x'' + K x = f to the `boundary` rows, shape (b, dofs), and the lowest `modes` interior modes.
+
+    Modes that the boundary cannot excite are passed over. K must hold what the boundary leaves free. Raises
+    UnphysicalParameter (of `owner`) where there are fewer modes than asked for.
+    """
+    free, unit = _split(boundary)
+    K_free = free.T @ K @ free
+    constraint = unit - free @ solve(K_free, free.T @ K @ unit, assume_a="pos")
+    squared, interior = eigh(K_free, free.T @ M @ free)
+    shapes = free @ interior
+    shares = _effective_shares(shapes.T @ M @ constraint, constraint.T @ M @ constraint)
+    reached = np.flatnonzero(shares.sum(axis=1) > _UNMOVED)
+    require(owner, "modes", modes + (leading.modes if leading else 0), 0, len(reached))
+    kept = _kept(shares[reached] / squared[reached, None], modes, leading)
+    omega = np.sqrt(squared[reached[kept]])
+    basis = np.hstack([constraint, shapes[:, reached[kept]]])
+    reduced_K = block_diag(constraint.T @ K @ constraint, np.diag(omega**2))
+    return Component(basis.T @ M @ basis, reduced_K, basis, len(boundary), omega)
+
+
+def _kept(weights: Array, modes: int, leading: Leading | None) -> Index:
+    """Share of the boundary's mass over omega^2 is what a mode adds to the boundary's stiffness when it moves."""
+    if leading is None:
+        return np.arange(modes)
+    ranked = modes + np.argsort(-weights[modes:, leading.row], kind="stable")
+    return np.sort(np.concatenate([np.arange(modes), ranked[: leading.modes]]))
+
+
+def _split(boundary: Array) -> tuple[Array, Array]:
+    """Motions that keep the boundary at rest, and motions that move one row of it by one, as columns."""
+    count = len(boundary)
+    Q, R = qr(boundary.T)[:2]
+    return np.asarray(Q[:, count:]), np.asarray(Q[:, :count] @ np.linalg.inv(R[:count].T))
+
+
+def _effective_shares(participation: Array, boundary_mass: Array) -> Array:
+    """Effective mass of every mode for every boundary motion, as a share of what moves with that, (modes, b)."""
+    diagonal = np.diag(boundary_mass)
+    return np.asarray(participation**2 / np.where(diagonal > 0, diagonal, np.inf))
+
+
+def modal_damping(M: Array, K: Array, ratio: float) -> Array:
+    """Damping matrix that gives every mode of (M, K) the damping `ratio`; rigid-body modes get none."""
+    squared, shapes = eigh(K, M)
+    omega = np.sqrt(np.maximum(squared, 0.0))
+    weighted = M @ shapes
+    return np.asarray((weighted * (2 * ratio * omega)) @ weighted.T)
+

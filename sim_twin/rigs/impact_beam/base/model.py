@@ -1,0 +1,139 @@
+"""Parameters of the flexible base, with the source's Table 1 and else assumed values as defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from sim_twin.parts.frame import Bar
+from sim_twin.parts.plate import Sheet
+from sim_twin.ranges import require
+
+ALUMINIUM_E, ALUMINIUM_RHO = 70e9, 2700.0
+_WITHIN_PLATE = ("post_x", "yoke_x", "shaker_x", "accelerometer_x")
+
+
+def _positive(owner: Any, *names: str) -> None:
+    for name in names:
+        require(type(owner).__name__, name, getattr(owner, name), 0.0, above=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Yoke:
+    """Frame around the beam's end, across the beam: foot bar, two legs, bridge with both force sensors.
+
+    `bar` has its width along the beam. `span` between the legs and `foot_height` (m) of the foot bar above the
+    plate's mid-plane; `sensor_mass` (kg) in the bridge's middle; `head_stiffness` (N/m) of the impedance head
+    between plate and foot bar. All assumed.
+    """
+
+    bar: Bar = Bar(ALUMINIUM_E, ALUMINIUM_RHO, 0.01905, 0.0127)
+    span: float = 0.0635
+    foot_height: float = 0.020
+    sensor_mass: float = 0.10
+    head_stiffness: float = 1e8
+
+    def __post_init__(self) -> None:
+        _positive(self, "span", "foot_height", "head_stiffness")
+        require("Yoke", "sensor_mass", self.sensor_mass, 0.0, unit="kg")
+
+
+@dataclass(frozen=True, slots=True)
+class Shaker:
+    """Shaker on the plate: `body_mass` kg, `height` and `diameter` m; its connecting rod, steel, m. All assumed.
+
+    `share` of the coil's reaction (and of its suspension's) that the plate takes: 1 for a shaker on the plate, 0
+    for one on its own ground.
+    """
+
+    body_mass: float = 1.1
+    height: float = 0.075
+    diameter: float = 0.076
+    share: float = 1.0
+    rod_length: float = 0.050
+    rod_diameter: float = 0.002
+    rod_E: float = 207e9
+    rod_rho: float = 7800.0
+
+    def __post_init__(self) -> None:
+        _positive(self, "height", "diameter", "rod_length", "rod_diameter", "rod_E", "rod_rho")
+        require("Shaker", "body_mass", self.body_mass, 0.0, unit="kg")
+        require("Shaker", "share", self.share, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Cover:
+    """Box over the plate: outer `length` (x), `width` (y), `height` in m (Table 1), walls of one `sheet`.
+
+    `frame_mass` kg/m on all twelve edges. The walls are stiff in their own planes and joined so that neighbours
+    turn together along their edge. `fixing_stiffness` (N/m) holds it to the plate at the middle of each of its
+    edges. Its lowest `modes` are kept. Sheet, frame and fixing are assumed.
+    """
+
+    sheet: Sheet
+    frame_mass: float
+    length: float = 0.401
+    width: float = 0.320
+    height: float = 0.259
+    fixing_stiffness: float = 1e7
+    modes: int = 14
+
+    def __post_init__(self) -> None:
+        _positive(self, "length", "width", "height", "fixing_stiffness")
+        require("Cover", "frame_mass", self.frame_mass, 0.0, unit="kg/m")
+
+
+COVERS = {
+    "none": None,
+    "aluminium": Cover(Sheet(ALUMINIUM_E, ALUMINIUM_RHO, 0.33, 0.0016), frame_mass=0.3),
+    "fibreglass": Cover(Sheet(15e9, 1800.0, 0.2, 0.003), frame_mass=0.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FlexibleBase:
+    """Plate, post, yoke, shaker and cover, in SI.
+
+    The plate (`sheet`, `length` x, `width` y: Table 1) is clamped on square patches of side `clamp` in its
+    corners. Everything stands on its centre line, at `post_x` (pivot), `yoke_x` (beam's end), `shaker_x`, with the
+    beam at `beam_height` above the mid-plane. `damping_ratio` holds for every mode of the base. Beside its static
+    shapes the base keeps the `modes` own modes that matter most at the yoke. `elements` along the plate's length.
+    """
+
+    sheet: Sheet = Sheet(ALUMINIUM_E, ALUMINIUM_RHO, 0.33, 0.0127)
+    length: float = 0.390
+    width: float = 0.305
+    clamp: float = 0.0254
+    damping_ratio: float = 0.02
+    post: Bar = Bar(ALUMINIUM_E, ALUMINIUM_RHO, 0.0381, 0.0254)
+    post_x: float = 0.055
+    yoke_x: float = 0.335
+    shaker_x: float = 0.248
+    beam_height: float = 0.130
+    yoke: Yoke = Yoke()
+    shaker: Shaker = Shaker()
+    accelerometer_x: float = 0.195
+    accelerometer_y: float = 0.2025
+    cover: Cover | None = None
+    modes: int = 10
+    elements: int = 14
+
+    def __post_init__(self) -> None:
+        _positive(self, "length", "width")
+        require("FlexibleBase", "clamp", self.clamp, 0.0, min(self.length, self.width) / 2, "m", above=True)
+        require("FlexibleBase", "damping_ratio", self.damping_ratio, 0.0, 1.0)
+        for name in _WITHIN_PLATE:
+            require("FlexibleBase", name, getattr(self, name), 0.0, self.length, "m")
+        require("FlexibleBase", "accelerometer_y", self.accelerometer_y, 0.0, self.width, "m")
+        require("FlexibleBase", "beam_height", self.beam_height, self.yoke.foot_height, unit="m", above=True)
+        require("FlexibleBase", "elements", self.elements, 4)
+
+
+def flexible_base(cover: str = "none", **changes: Any) -> FlexibleBase:
+    """Return the base with its `cover` ("none", "aluminium", "fibreglass"); `changes` are fields of FlexibleBase.
+
+    Raises KeyError for another cover, TypeError for another field.
+    """
+    return FlexibleBase(**{"cover": COVERS[cover], **changes})
+
+

@@ -1,0 +1,91 @@
+"""Beam, connecting rod and coil as one component.
+
+Its boundary, all of it motions of the base: deflection, slope and motion along x at the pivot, rise of the shaker.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.parts.beam import bending_matrices
+from sim_twin.parts.synthesis import Component, craig_bampton
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase, Shaker
+from sim_twin.rigs.impact_beam.model import ImpactBeam
+
+Array = NDArray[np.float64]
+_COIL, _PIVOT_Z, _PIVOT_SLOPE, _PIVOT_X, _SHAKER = range(5)
+"""What follows the beam's degrees of freedom."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """The reduced parts that move; `C` damps them. Rows (n,): coil minus shaker, beam minus post at the pivot.
+
+    `beam` gives the beam's degrees of freedom, shape (dofs, n).
+    """
+
+    component: Component
+    C: Array
+    drive: Array
+    rotation: Array
+    beam: Array
+
+
+def moving_on(rig: ImpactBeam, base: FlexibleBase) -> Moving:
+    """Reduce beam, rod and coil to `rig.modes` modes and one more for the rod, damped like the last."""
+    M, K = rig.beam.matrices()
+    dofs = len(M)
+    M, K = np.pad(M, (0, 5)), np.pad(K, (0, 5))
+    M[dofs + _PIVOT_X, dofs + _PIVOT_X] += rig.beam.mass_per_length * rig.beam.length
+    _add_rod(rig, base.shaker, M, K)
+    coil = _unit(dofs, _COIL) - base.shaker.share * _unit(dofs, _SHAKER)
+    M[dofs + _COIL, dofs + _COIL] += rig.shaker_mass
+    K += rig.shaker_stiffness * np.outer(coil, coil)
+    rotation = np.eye(dofs + 5)[1] - _unit(dofs, _PIVOT_SLOPE)
+    rise = np.eye(dofs + 5)[0] - _unit(dofs, _PIVOT_Z)
+    if not rig.clamped:
+        K += rig.rotation_stiffness * np.outer(rotation, rotation)
+        K += (rig.pivot_stiffness or 0.0) * np.outer(rise, rise)
+    tie = _tie(rig, dofs)
+    boundary = tie[dofs + np.array([_PIVOT_Z, _PIVOT_SLOPE, _PIVOT_X, _SHAKER])]
+    component = craig_bampton(tie.T @ M @ tie, tie.T @ K @ tie, boundary, rig.modes + 1, "ImpactBeam")
+    motion = tie @ component.basis
+    drive = coil @ motion
+    C = rig.shaker_damping * np.outer(drive, drive)
+    ratios = np.array([*rig.modal_damping, rig.modal_damping[-1]])
+    interior = component.boundary + np.arange(rig.modes + 1)
+    C[interior, interior] += 2 * ratios * component.omega
+    return Moving(component, C, drive, rotation @ motion, motion[:dofs])
+
+
+def _unit(dofs: int, which: int) -> Array:
+    row = np.zeros(dofs + 5)
+    row[dofs + which] = 1.0
+    return row
+
+
+def _tie(rig: ImpactBeam, dofs: int) -> Array:
+    """Degrees of freedom with what the mount ties to the post: the pin its deflection, the clamp its slope too."""
+    tie = np.eye(dofs + 5)
+    tied = 2 if rig.clamped else int(rig.pivot_stiffness is None)
+    tie[0, dofs + _PIVOT_Z], tie[1, dofs + _PIVOT_SLOPE] = float(tied > 0), float(tied > 1)
+    return tie[:, tied:]
+
+
+def _add_rod(rig: ImpactBeam, shaker: Shaker, M: Array, K: Array) -> None:
+    """One element from the coil, which only rises, up to the beam: it stretches, and bends with the beam's slope.
+
+    Its upper end goes along x with the pivot; against the slope dz/dx, a rod along z turns the other way.
+    """
+    dofs, length, d = len(M) - 5, shaker.rod_length, shaker.rod_diameter
+    area, EI = np.pi * d**2 / 4, shaker.rod_E * np.pi * d**4 / 64
+    along = np.array([_unit(dofs, _COIL), np.pad(rig.beam.deflection_row(rig.drive_position), (0, 5))])
+    across = np.array([_unit(dofs, _PIVOT_X), -np.pad(rig.beam.slope_row(rig.drive_position), (0, 5))])
+    mass, stiffness = bending_matrices(EI, shaker.rod_rho * area, length)
+    M += along.T @ (shaker.rod_rho * area * length / 6 * np.array([[2, 1], [1, 2]])) @ along
+    K += along.T @ (shaker.rod_E * area / length * np.array([[1, -1], [-1, 1]])) @ along
+    M += across.T @ mass[2:, 2:] @ across
+    K += across.T @ stiffness[2:, 2:] @ across

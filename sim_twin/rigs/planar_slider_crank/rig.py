@@ -1,0 +1,22 @@
+"""The planar slider-crank as one of the rigs."""
+
+from __future__ import annotations
+
+from sim_twin.rigs.planar_slider_crank.channels import channel_unit
+from sim_twin.rigs.planar_slider_crank.effects import EFFECTS
+from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy, nominal_sensors
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
+from sim_twin.rigs.planar_slider_crank.solver_values import solver_values
+from sim_twin.rigs.planar_slider_crank.truth import CrankTruth
+from sim_twin.rigs.rig_model import RigModel
+
+MODEL = RigModel(
+    name="planar_slider_crank",
+    parameters=PlanarSliderCrank,
+    effects=EFFECTS,
+    channel_unit=channel_unit,
+    nominal_sensors=nominal_sensors,
+    draw_healthy=draw_healthy,
+    truth=CrankTruth,
+    solver_values=solver_values,
+)

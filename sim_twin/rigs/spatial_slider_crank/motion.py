@@ -1,0 +1,123 @@
+"""The mechanism set up for the integrator: tolerances, and states with the ball anywhere in its socket."""
+
+from __future__ import annotations
+
+from math import asin, atan2, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.mechanisms.run import StepLimits
+from sim_twin.mechanisms.simulation import Simulation
+from sim_twin.rigs.spatial_slider_crank import kernel
+from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, Constants, Layout, constants, layout
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.pose import crank_pin, crank_pin_velocity, pose
+
+Array = NDArray[np.float64]
+PRECISION = 1e-9
+"""m; error that a step may make in a place: first peaks within 0.1 %."""
+_RATE, _ENERGY = 1e4, 1e3
+_LONGEST, _SHORTEST, _AFTER_ONSET, _REACH = 1e-3, 1e-15, 4e-6, 1e-10
+_FLOOR = 1e-9
+"""m/s; the linear law has no use for the approach speed, which only marks that a contact touches."""
+STEP_BUDGET = 4_000_000
+"""Steps that a call may take for each simulated second; a healthy rig takes about 3e4."""
+_NEWTON = 8
+AT_REST = SpeedDrive(0.0)
+
+
+def simulation(
+    rig: SpatialSliderCrank, drive: SpeedDrive, angle: float, step: float, limits: StepLimits | None = None
+) -> Simulation[Constants]:
+    """From ideal joints at crank `angle` rad and t = 0 on, sampled every `step` s."""
+    p = constants(rig, drive)
+    y = ideal_state(p, angle)
+    limits = limits or step_limits(rig)
+    return Simulation(kernel.run, p, y, CONTACTS, kernel.OUTPUTS, limits, step)
+
+
+def step_limits(
+    rig: SpatialSliderCrank, precision: float = PRECISION, budget: int = STEP_BUDGET
+) -> StepLimits:
+    """Steps that err by `precision` m at every place alike, and by that in 0.1 ms of its speed."""
+    where, rod = _layout(constants(rig, AT_REST)), rig.rod
+    n = where.speeds
+    tolerance = np.full(where.size, precision)
+    tolerance[3:6] /= rig.contact_span
+    tolerance[6:8] /= rod.length
+    tolerance[8:n] *= sqrt(rod.mass) / 2
+    tolerance[n : 2 * n] = _RATE * tolerance[:n]
+    tolerance[n + 3 : n + 6] = _RATE * precision / rod.length
+    tolerance[where.theta] /= rig.crank_radius
+    tolerance[where.work : where.base] *= _ENERGY
+    tolerance[where.base + 2 :] *= _RATE
+    return StepLimits(tolerance, _LONGEST, _SHORTEST, _AFTER_ONSET, _FLOOR, _REACH, budget)
+
+
+def ideal_state(p: Constants, angle: float) -> Array:
+    """Slider and ball centred, nothing bent, the velocities of ideal joints at crank `angle` rad."""
+    where = _layout(p)
+    y = np.zeros(where.size)
+    across = np.array(crank_pin(p, angle)) - p.centre
+    along = sqrt(p.rod_length**2 - across[1] ** 2 - across[2] ** 2)
+    y[:3] = p.centre + [across[0] + along, 0.0, 0.0]
+    y[6], y[7] = atan2(across[2], along), asin(-across[1] / p.rod_length)
+    place(p, y, angle, np.zeros(3), np.zeros(3))
+    return y
+
+
+def eccentricity(p: Constants, y: Array) -> tuple[Array, Array]:
+    """The ball's centre less the socket's, m and m/s, shapes (3,)."""
+    at, angle = pose(p, y), float(y[_layout(p).theta])
+    offset = np.array(at.ball) - crank_pin(p, angle)
+    return offset, np.array(at.ball_velocity) - crank_pin_velocity(p, angle)
+
+
+def place(p: Constants, y: Array, angle: float, offset: Array, rate: Array) -> None:
+    """Put the crank to `angle` rad and the ball `offset` m off the socket's centre, at `rate` m/s there.
+
+    The slider goes along the guide and the joint turns; slider's other places and the bending stay.
+    """
+    where = _layout(p)
+    n = where.speeds
+    y[where.theta] = angle
+    for _ in range(_NEWTON):
+        miss = np.array(crank_pin(p, angle)) + offset - pose(p, y).ball
+        y[[0, 6, 7]] += np.linalg.solve(_ball_steps(p, y), miss)
+    y[n : n + 8] = 0.0
+    miss = np.array(crank_pin_velocity(p, angle)) + rate - pose(p, y).ball_velocity
+    along, alpha, beta = np.linalg.solve(_ball_steps(p, y), miss)
+    y[n], y[n + 6], y[n + 7] = along, alpha, beta
+    y[n + 3 : n + 6] = alpha * np.array(pose(p, y).axis) + [0.0, 0.0, beta]
+
+
+def crank_angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
+    """Crank angle in rad `elapsed` s (either sign) after it was `angle`.
+
+    For x = order theta + phase, x' = order omega_0 (1 + a sin x), whose flow is known: with the angle u given by
+    tan(x/2) = sqrt(1 - a^2) tan(u) - a, u' is constant.
+    """
+    a, order = drive.fluctuation, drive.order
+    if a == 0.0 or order == 0.0:
+        return angle + drive.speed * (1 + a * sin(drive.phase)) * elapsed
+    root = sqrt(1 - a**2)
+    x = order * angle + drive.phase
+    turns = np.round(x / (2 * np.pi))
+    u = np.arctan((np.tan(x / 2 - np.pi * turns) + a) / root) + np.pi * turns
+    u += 0.5 * order * drive.speed * root * elapsed
+    turns = np.round(u / np.pi)
+    x = 2 * np.arctan(root * np.tan(u - np.pi * turns) - a) + 2 * np.pi * turns
+    return float((x - drive.phase) / order)
+
+
+def _ball_steps(p: Constants, y: Array) -> Array:
+    """How the ball moves with pin along the guide, alpha and beta: columns, shape (3, 3)."""
+    at = pose(p, y)
+    arm = np.array(at.ball) - at.pin
+    about_y, about_z = np.array(at.slider)[:, 1], np.array(at.rod)[:, 2]
+    return np.column_stack([[1.0, 0.0, 0.0], np.cross(about_y, arm), np.cross(about_z, arm)])
+
+
+def _layout(p: Constants) -> Layout:
+    return layout(p.modes, bool(p.base[1] > 0.0))

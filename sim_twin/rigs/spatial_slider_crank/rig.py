@@ -1,0 +1,22 @@
+"""The spatial slider-crank as one of the rigs."""
+
+from __future__ import annotations
+
+from sim_twin.rigs.rig_model import RigModel
+from sim_twin.rigs.spatial_slider_crank.channels import channel_unit
+from sim_twin.rigs.spatial_slider_crank.effects import EFFECTS
+from sim_twin.rigs.spatial_slider_crank.healthy import draw_healthy, nominal_sensors
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.solver_values import solver_values
+from sim_twin.rigs.spatial_slider_crank.truth import SpatialTruth
+
+MODEL = RigModel(
+    name="spatial_slider_crank",
+    parameters=SpatialSliderCrank,
+    effects=EFFECTS,
+    channel_unit=channel_unit,
+    nominal_sensors=nominal_sensors,
+    draw_healthy=draw_healthy,
+    truth=SpatialTruth,
+    solver_values=solver_values,
+)
