@@ -59,6 +59,8 @@ def _say_peaks(summary: RunSummary, screen: Screen) -> None:
     if not any(channel.name.startswith("contact.") for channel in summary.channels):
         return
     for origin, peaks in (("measured", summary.measured_peaks), ("predicted", summary.predicted_peaks)):
+        if not any(getattr(channel, origin) for channel in summary.channels):
+            continue
         if peaks is None:
             screen.say(f"{origin:<10} no contact")
         else:

@@ -1,9 +1,10 @@
 """Equal steps over lanes: the linear motion exact, the contact force implicit at the middle of the step.
 
-Step k spans t_k - h/2 ... t_k + h/2. The slots hold the motion at t_k as it would be without this step's force
-F_k, scaled so that the gap is the sum of their real parts. F_k comes from the contact law at t_k, what it does
-itself in half a step included, and is held over the step (exponential midpoint rule, second order: Hochbruck and
-Ostermann 2010, 10.1017/S0962492910000048). The drive's steady response is one more slot for each harmonic.
+Step k spans t_k - h/2 ... t_k + h/2. The slots hold the motion at t_k as it would be without this step's
+force F_k, scaled so that the gap is the sum of their real parts. F_k comes from the contact law at t_k, what
+it does itself in half a step included, and is held over the step (exponential midpoint rule, second order:
+Hochbruck and Ostermann 2010, 10.1017/S0962492910000048). The drive's steady response is one more slot for
+each harmonic.
 """
 
 from __future__ import annotations

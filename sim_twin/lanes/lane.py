@@ -39,8 +39,8 @@ class Lane:
     """q'' + C q' + K q = drive u - contact F - rotation T, with K, C of shape (n, n).
 
     Rows of shape (n,): `drive`; `contact`, which gives w = contact . q; `rotation` of the pivot, where the
-    Coulomb torque T of at most `friction` N m acts. `accelerations` (rows, n) are recorded: row . q''. `start`
-    is [q, q'] at t = 0, out of contact; default: rest.
+    Coulomb torque T of at most `friction` N m acts. `accelerations` (rows, n) are recorded: row . q''.
+    `start` is [q, q'] at t = 0, out of contact; default: rest.
     """
 
     K: Array

@@ -30,7 +30,7 @@ class VectorType(types.Type):
         super().__init__(name="vector")
 
 
-VECTOR = VectorType()  # type: ignore[no-untyped-call]
+VECTOR = VectorType()
 Vector: TypeAlias = Any
 """A vector in the annotations of kernels; their compiler infers types by itself."""
 
@@ -38,7 +38,7 @@ Vector: TypeAlias = Any
 @register_model(VectorType)
 class _Model(models.PrimitiveModel):
     def __init__(self, manager: Any, of: Any) -> None:
-        super().__init__(manager, of, _FORM)
+        super().__init__(manager, of, _FORM)  # type: ignore[no-untyped-call]
 
 
 def _add_operator(operation: Callable[[Any, Any], Any], instruction: str) -> None:

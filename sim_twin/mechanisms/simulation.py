@@ -25,7 +25,7 @@ from sim_twin.status import Status
 P = TypeVar("P")
 Entry = Callable[[P, Run, StepLimits, float, Real, Real], int]
 """run(p, state, limits, dt, out, episodes): a rig's compiled call of `integrate`."""
-_EPISODES_A_SAMPLE = 0.1
+_EPISODES_A_SECOND = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class Simulation(Generic[P]):
         if self._status is not Status.COMPLETED:
             return Trace(start, self.step, out[:, :0], np.zeros((0, 5)), self._status)
         before = int(self._run.counts[SAMPLES])
-        episodes = np.zeros((1000 + int(count * _EPISODES_A_SAMPLE), 5))
+        episodes = np.zeros((1000 + int(count * self.step * _EPISODES_A_SECOND), 5))
         code = self._entry(self.parameters, self._run, self.limits, self.step, out, episodes)
         self._status = Status(code)
         reached = int(self._run.counts[SAMPLES]) - before

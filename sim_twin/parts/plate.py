@@ -83,19 +83,28 @@ class Plate:
         rows = np.zeros((3, points.shape[1], basis.N))
         for k in range(basis.Nbfun):
             field = basis.elem.gbasis(basis.mapping, local, k, tind=cells)[0]
-            values = np.array([field.value[:, 0], *field.grad[:, :, 0]])
+            values = np.array([np.asarray(field)[:, 0], *field.grad[:, :, 0]])
             rows[:, np.arange(points.shape[1]), basis.element_dofs[k, cells]] = values
         return rows
 
     def foot_rows(self, x: float, y: float, width: float, depth: float) -> Array:
         """Rows of the mean w, dw/dx, dw/dy under a foot of `width` (x) and `depth` (y) around a point.
 
-        Shape (3, dofs). A couple on a point would turn a Kirchhoff plate without end; on an area it does not.
+        Shape (3, dofs). A couple on a point would turn a Kirchhoff plate without end, so the mean slopes are taken
+        from the deflections along the foot's edges, which is the same by Gauss's theorem.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_FOOT_POINTS)
-        X, Y = np.meshgrid(x + nodes * width / 2, y + nodes * depth / 2)
-        share = np.outer(weights, weights).ravel() / 4
-        return np.asarray(np.einsum("p,rpd->rd", share, self.rows(X.ravel(), Y.ravel())))
+        along_x, along_y, ones = x + nodes * width / 2, y + nodes * depth / 2, np.ones(_FOOT_POINTS)
+        X, Y = np.meshgrid(along_x, along_y)
+        share = weights / 2
+
+        def edge(X: Array, Y: Array) -> Array:
+            return np.asarray(share @ self.rows(X, Y)[0])
+
+        mean = np.outer(share, share).ravel() @ self.rows(X.ravel(), Y.ravel())[0]
+        right, left = (edge((x + side * width / 2) * ones, along_y) for side in (1, -1))
+        far, near = (edge(along_x, (y + side * depth / 2) * ones) for side in (1, -1))
+        return np.array([mean, (right - left) / width, (far - near) / depth])
 
     def dofs(self, where: NDArray[np.bool_]) -> Index:
         """Degrees of freedom of the nodes `where`, shape (4, nodes): w, w_x, w_y, w_xy."""

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from sim_twin.rigs.impact_beam.rig import MODEL as IMPACT_BEAM
 from sim_twin.rigs.planar_slider_crank.rig import MODEL as PLANAR_SLIDER_CRANK
 from sim_twin.rigs.rig_model import RigModel
+from sim_twin.rigs.spatial_slider_crank.rig import MODEL as SPATIAL_SLIDER_CRANK
 from sim_twin.twin import AnyTwin
 
-RIGS: Mapping[str, RigModel] = {model.name: model for model in (IMPACT_BEAM, PLANAR_SLIDER_CRANK)}
+_MODELS = (IMPACT_BEAM, PLANAR_SLIDER_CRANK, SPATIAL_SLIDER_CRANK)
+RIGS: Mapping[str, RigModel] = {model.name: model for model in _MODELS}
 
 
 def model_of(twin: AnyTwin) -> RigModel:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from rig.files.rigs import impact_beam, planar_slider_crank
+from rig.files.rigs import impact_beam, planar_slider_crank, spatial_slider_crank
 from rig.files.rigs.kind import RigKind
 
 RIGS: Mapping[str, RigKind] = MappingProxyType(
-    {kind.name: kind for kind in (impact_beam.KIND, planar_slider_crank.KIND)}
+    {kind.name: kind for kind in (impact_beam.KIND, planar_slider_crank.KIND, spatial_slider_crank.KIND)}
 )
 
 

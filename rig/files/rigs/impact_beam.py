@@ -76,6 +76,11 @@ def _rests_inside(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "rest_offset", f"less than the clearance, {clearance * 1e3:g} mm, to either side"
 
 
+def _covers_a_base(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if model["cover"] not in (None, "none") and model["base"] != "flexible":
+        yield "cover", '"none", or with base = "flexible", which is what a cover acts on'
+
+
 def _clamp_does_not_move(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if model["beam"] == "aluminium" and model["flexure_translation"]:
         yield "flexure_translation", "false (the aluminium beam is clamped)"
@@ -94,11 +99,12 @@ KIND: Final = RigKind(
     model_checks=(
         Check(("beam", "modes", "elements"), _mesh_has_modes),
         Check(("clearance", "rest_offset"), _rests_inside),
+        Check(("base", "cover"), _covers_a_base),
         Check(("beam", "flexure_translation"), _clamp_does_not_move),
     ),
     drive=DriveSection,
     drive_checks=(Check(("amplitude", "offset"), _peak_in_range),),
-    channels=(*channel_names(()), "beam.acceleration_NN (NN: 01 to 100, percent of the length)"),
+    channels=(*channel_names((), covered=True), "beam.acceleration_NN (NN: 01 to 100, % of the length)"),
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=lambda drive: drive.get("frequency"),
     drive_peak=drive_peak,

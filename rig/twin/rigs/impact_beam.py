@@ -8,6 +8,7 @@ from typing import Any
 from rig.files.rigs.impact_beam import DriveSection, ImpactBeamSection
 from rig.twin.alignment import Alignment, align
 from rig.twin.rigs.kind import TwinKind
+from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.channels import stations_of
 from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, ImpactBeam, SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL
@@ -30,6 +31,8 @@ def _build(section: ImpactBeamSection, drive: DriveSection, channels: tuple[str,
     """The nominal twin, with an accelerometer for each station among `channels`."""
     given = {name: getattr(section, name) for name in _TAKEN_AS_THEY_ARE}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if section.base == "flexible":
+        changes["base"] = flexible_base(section.cover or "none")
     if section.flexure_translation:
         changes["pivot_stiffness"] = FLEXURE_TRANSLATION
     rig: ImpactBeam = replace(_beam(section), stations=stations_of(channels), **changes)

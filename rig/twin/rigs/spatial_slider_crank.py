@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from math import pi
 
-from sim_twin.rigs.spatial_slider_crank.rig import MODEL
-
 from rig.files.rigs.spatial_slider_crank import SpatialSliderCrankSection
 from rig.files.rigs.speed import SpeedSection
 from rig.twin.alignment import Alignment
 from rig.twin.crank_alignment import align_marker, untouched
 from rig.twin.rigs.kind import TwinKind, given
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.rig import MODEL
 from sim_twin.twin import Twin
 
 

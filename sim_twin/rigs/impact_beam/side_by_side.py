@@ -55,9 +55,10 @@ class _Contacts:
     def figures(self, begin: int) -> RunFigures:
         """The figures of all samples from `begin` on, and of the first contact of all."""
         index, force = np.concatenate(self._indices), np.concatenate(self._forces)
-        first = force[: 1 + int(np.argmax(np.append(np.diff(index) > 1, True)))]
-        counted = index >= begin
-        apart = _apart(index[counted], force[counted])
+        ended = np.append(np.diff(index) > 1, True)
+        first = force[: 1 + int(np.argmax(ended))]
+        counted = slice(int(np.searchsorted(index, begin)), None)
+        apart = _apart(force[counted], ended[counted])
         cycles = half_cycles(np.maximum(apart, 0), np.maximum(-apart, 0), OVERSAMPLED_RATE)
         values = {
             "first_peak_n": _peak(np.abs(first)),
@@ -71,12 +72,11 @@ class _Contacts:
         return RunFigures(Status.COMPLETED, values, {"first_n": cycles.first_n, "max_n": cycles.max_n})
 
 
-def _apart(index: NDArray[np.intp], force: Array) -> Array:
-    """The forces in order, one zero between contacts: all that peaks need of the time in between."""
-    if not len(index):
-        return np.zeros(0)
-    place = np.arange(len(index)) + np.concatenate([[0], np.cumsum(np.diff(index) > 1)])
-    apart = np.zeros(place[-1] + 1)
+def _apart(force: Array, ended: NDArray[np.bool_]) -> Array:
+    """The forces in order, one zero after each contact: all that peaks need of the time in between."""
+    place = np.arange(len(force))
+    place[1:] += np.cumsum(ended[: len(force) - 1])
+    apart = np.zeros(len(force) + int(np.count_nonzero(ended)))
     apart[place] = force
     return apart
 

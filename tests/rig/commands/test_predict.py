@@ -167,3 +167,70 @@ def test_a_crank_that_cannot_be_is_refused_with_name_value_and_range(call: Call,
     assert answer.code == 2
     assert "model.rod_length = 0.564: above 0.565 m" in answer.err
     assert not (tmp_path / "p.mcap").exists()
+
+
+SPATIAL = """\
+rig = "spatial_slider_crank"
+[model]
+axis_angle = "{angle} deg"
+[drive]
+speed = "230 rpm"
+[acquisition]
+sample_rate = "25.6 kHz"
+settle = "0.5 s"
+duration = "0.6 s"
+"""
+
+
+@pytest.mark.parametrize("angle", [90, 65])
+def test_the_spatial_crank_predicts_every_channel(call: Call, tmp_path: Path, angle: float) -> None:
+    path = tmp_path / "spatial.toml"
+    path.write_text(SPATIAL.format(angle=angle))
+    answer = call("predict", path, "--json", "--out", tmp_path / "p.mcap")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["first_peak_socket_n"] > 0
+    with LogReader(tmp_path / "p.mcap") as log:
+        rows = log.table("predicted")
+    forces = {f"slider.force_{point}" for point in range(1, 9)} | {"socket.force"}
+    assert rows.keys() == forces | {"motor.tachometer", "flywheel.marker"}
+    assert rows["motor.tachometer"].values[100:] == pytest.approx(230 * 2 * np.pi / 60, rel=1e-5)
+    for name in forces:
+        # never a pull; the anti-alias filter rings below zero after an impact
+        assert rows[name].values.min() > -0.1 * rows[name].values.max() - 1e-6
+    # somebody carries the slider: 0.35 kg and its share of the rod rest on the guide or hang on the socket
+    assert sum(rows[f"slider.force_{point}"].values.mean() for point in (3, 4, 7, 8)) > 1.0
+
+
+def test_a_rod_with_too_many_modes_is_refused_with_name_value_and_range(call: Call, tmp_path: Path) -> None:
+    path = tmp_path / "spatial.toml"
+    path.write_text(SPATIAL.format(angle=90).replace("[drive]", "rod_modes = 40\n[drive]"))
+    answer = call("predict", path, "--out", tmp_path / "p.mcap")
+    assert answer.code == 2
+    assert "model.rod_modes = 40: at least 0, at most" in answer.err
+
+
+BASE = """\
+rig = "impact_beam"
+[model]
+base = "flexible"
+cover = "{cover}"
+[drive]
+frequency = "20 Hz"
+[acquisition]
+sample_rate = "51.2 kHz"
+settle = "0 s"
+duration = "0.1 s"
+"""
+
+
+@pytest.mark.parametrize("cover", ["none", "aluminium", "fibreglass"])
+def test_a_flexible_base_moves_and_its_cover_with_it(call: Call, tmp_path: Path, cover: str) -> None:
+    path = tmp_path / "base.toml"
+    path.write_text(BASE.format(cover=cover))
+    assert call("predict", path, "--out", tmp_path / "p.mcap").code == 0
+    with LogReader(tmp_path / "p.mcap") as log:
+        rows = log.table("predicted")
+    assert np.abs(rows["base.acceleration"].values).max() > 1.0
+    on_cover = {"cover.acceleration_center", "cover.acceleration_corner"}
+    assert rows.keys() & on_cover == (set() if cover == "none" else on_cover)
+    assert all(np.abs(rows[name].values).max() > 0.1 for name in rows.keys() & on_cover)

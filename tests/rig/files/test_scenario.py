@@ -100,6 +100,7 @@ def test_every_model_key_is_read() -> None:
         (with_model("modes = true"), "model.modes", "true", "a whole number"),
         (with_model("flexure_translation = 1"), "model.flexure_translation", "1", "true or false"),
         (with_model('base = "soft"'), "model.base", '"soft"', '"rigid" or "flexible"'),
+        (with_model('cover = "aluminium"'), "model.cover", '"aluminium"', 'with base = "flexible"'),
         (with_model('cover = "steel"'), "model.cover", '"steel"', '"none" or "aluminium" or "fibreglass"'),
         (
             with_model('rest_offset = "0.127 mm"'),
