@@ -6,9 +6,13 @@ the whole application.
 
 from __future__ import annotations
 
+import os
+
 
 def main() -> None:
     """Run the command line."""
+    # gRPC would tell the terminal of every connection that ends; whatever runs here inherits this.
+    os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
     from rig.app import main as rattle
 
     rattle()
