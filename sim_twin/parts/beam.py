@@ -48,9 +48,7 @@ class Beam:
 
     def matrices(self) -> tuple[Matrix, Matrix]:
         """Mass and stiffness of the free beam, each of shape (2 (elements + 1), 2 (elements + 1)), SI."""
-        me, ke = bending_matrices(
-            self.bending_stiffness, self.mass_per_length, self.length / self.elements
-        )
+        me, ke = bending_matrices(self.bending_stiffness, self.mass_per_length, self.length / self.elements)
         size = 2 * (self.elements + 1)
         M, K = np.zeros((size, size)), np.zeros((size, size))
         for element in range(self.elements):

@@ -1,7 +1,8 @@
 """Frames of straight members in space by finite elements.
 
-Members stretch, twist and bend (Euler-Bernoulli, consistent mass); degrees of freedom u, v, w and the rotations about
-x, y, z at each node. Source: Przemieniecki, Theory of Matrix Structural Analysis (1968), sections 5.6 and 11.5.
+Members stretch, twist and bend (Euler-Bernoulli, consistent mass); degrees of freedom u, v, w and the
+rotations about x, y, z at each node. Source: Przemieniecki, Theory of Matrix Structural Analysis (1968),
+sections 5.6 and 11.5.
 """
 
 from __future__ import annotations
@@ -89,7 +90,8 @@ def _element(bar: Bar, length: float) -> tuple[Array, Array]:
         pair = np.ix_([dof, dof + DOFS], [dof, dof + DOFS])
         M[pair] += mass * length / 6 * np.array([[2, 1], [1, 2]])
         K[pair] += stiffness / length * np.array([[1, -1], [-1, 1]])
-    # Bending across the width turns about the third axis; along the third axis it turns about minus the second.
+    # Bending across the width turns about the third axis; along the third axis it turns about minus the
+    # second.
     for deflection, rotation, sign, height, base in (
         (1, 5, 1.0, bar.width, bar.depth),
         (2, 4, -1.0, bar.depth, bar.width),

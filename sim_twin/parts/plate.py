@@ -1,7 +1,7 @@
 """Thin rectangular plates in bending by finite elements.
 
-Kirchhoff's theory, Bogner-Fox-Schmit rectangles (conforming, bicubic); degrees of freedom w, w_x, w_y, w_xy at
-each node. Source: Bogner, Fox and Schmit, Proc. Conf. Matrix Methods in Structural Mechanics (1965), 397.
+Kirchhoff's theory, Bogner-Fox-Schmit rectangles (conforming, bicubic); degrees of freedom w, w_x, w_y, w_xy
+at each node. Source: Bogner, Fox and Schmit, Proc. Conf. Matrix Methods in Structural Mechanics (1965), 397.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ class Plate:
     def foot_rows(self, x: float, y: float, width: float, depth: float) -> Array:
         """Rows of the mean w, dw/dx, dw/dy under a foot of `width` (x) and `depth` (y) around a point.
 
-        Shape (3, dofs). A couple on a point would turn a Kirchhoff plate without end, so the mean slopes are taken
-        from the deflections along the foot's edges, which is the same by Gauss's theorem.
+        Shape (3, dofs). A couple on a point would turn a Kirchhoff plate without end, so the mean slopes are
+        taken from the deflections along the foot's edges, which is the same by Gauss's theorem.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_FOOT_POINTS)
         along_x, along_y, ones = x + nodes * width / 2, y + nodes * depth / 2, np.ones(_FOOT_POINTS)

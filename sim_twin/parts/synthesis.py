@@ -1,7 +1,7 @@
 """Component-mode synthesis: a structure by the motions of its boundary and a few of its own modes.
 
-Method: fixed-interface modes with static constraint modes, Craig and Bampton 1968 (10.2514/3.4741); the boundary
-may be any linear combinations of degrees of freedom (a mean over a foot, a relative motion).
+Method: fixed-interface modes with static constraint modes, Craig and Bampton 1968 (10.2514/3.4741); the
+boundary may be any linear combinations of degrees of freedom (a mean over a foot, a relative motion).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sim_twin.ranges import require
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _UNMOVED = 1e-9
-"""Share of the boundary's effective mass below which a mode counts as out of the boundary's reach (symmetry)."""
+"""Share of the boundary's mass below which a mode counts as out of its reach (by symmetry)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def craig_bampton(
 
 
 def _kept(weights: Array, modes: int, leading: Leading | None) -> Index:
-    """Share of the boundary's mass over omega^2 is what a mode adds to the boundary's stiffness when it moves."""
+    """Share of mass over omega^2: what a mode adds to the stiffness of the boundary when that moves."""
     if leading is None:
         return np.arange(modes)
     ranked = modes + np.argsort(-weights[modes:, leading.row], kind="stable")
@@ -86,7 +86,7 @@ def _split(boundary: Array) -> tuple[Array, Array]:
 
 
 def _effective_shares(participation: Array, boundary_mass: Array) -> Array:
-    """Effective mass of every mode for every boundary motion, as a share of what moves with that, (modes, b)."""
+    """Effective mass of each mode for each boundary motion, as a share of what moves with it, (modes, b)."""
     diagonal = np.diag(boundary_mass)
     return np.asarray(participation**2 / np.where(diagonal > 0, diagonal, np.inf))
 
@@ -97,4 +97,3 @@ def modal_damping(M: Array, K: Array, ratio: float) -> Array:
     omega = np.sqrt(np.maximum(squared, 0.0))
     weighted = M @ shapes
     return np.asarray((weighted * (2 * ratio * omega)) @ weighted.T)
-

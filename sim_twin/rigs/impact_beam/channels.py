@@ -16,7 +16,7 @@ _COVER_UNITS = {"cover.acceleration_center": "m/s2", "cover.acceleration_corner"
 
 
 def channel_names(stations: tuple[int, ...], covered: bool = False) -> tuple[str, ...]:
-    """Channels of a rig with accelerometers on the beam at `stations` (percent of L), and on its cover if any."""
+    """Channels of a rig with accelerometers on the beam at `stations` (percent of L), and maybe a cover."""
     on_beam = (f"beam.acceleration_{percent:02d}" for percent in stations)
     return (*_UNITS, *on_beam, *(_COVER_UNITS if covered else ()))
 

@@ -7,6 +7,7 @@ from functools import partial
 
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 
@@ -57,6 +58,10 @@ def _not_if_clamped(twin: BeamTwin) -> str:
     return "the beam is clamped" if twin.rig.clamped else ""
 
 
+def _not_on_a_flexible_base(twin: BeamTwin) -> str:
+    return "its base is flexible already" if isinstance(twin.rig.base, FlexibleBase) else ""
+
+
 def _scale_of(name: str, location: str, attribute: str, *intervals: tuple[float, float]) -> Effect:
     return Effect(name, location, (Parameter("scale", "", intervals),), partial(_scale, attribute=attribute))
 
@@ -80,6 +85,7 @@ _EFFECTS = (
             Parameter("damping_ratio", "", ((0.003, 0.05),)),
         ),
         _base,
+        refusal=_not_on_a_flexible_base,
     ),
     Effect(
         "pivot_friction",

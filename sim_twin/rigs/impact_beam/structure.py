@@ -1,7 +1,8 @@
-"""The linear structure of the impact beam, in mass-normalised coordinates: everything but stops and pivot friction.
+"""The linear structure of the impact beam, in mass-normalised coordinates: everything but stops and pivot
+friction.
 
-Coordinates q: modes of beam with flexure, moving shaker mass and suspension, and of the yoke on a `BaseMass`; with a
-`FlexibleBase` the modes of beam, connecting rod and base together.
+Coordinates q: modes of beam with flexure, moving shaker mass and suspension, and of the yoke on a `BaseMass`;
+with a `FlexibleBase` the modes of beam, connecting rod and base together.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ Array = NDArray[np.float64]
 class Structure:
     """q'' + C q' + K q = sum of rows times forces, M = I; K, C of shape (n, n).
 
-    Rows of shape (n,): motion at which the `drive` works (of the drive point; on a flexible base of the coil minus
-    the shaker), `contact` (tip minus yoke), `rotation` at the pivot (beam minus post), and each of `stations`
-    (stations, n). `base` is the row of the accelerometer on the base, None where it is rigid; `cover` has those of
-    the accelerometers in the middle and near a corner of the cover, (2, n), or none.
+    Rows of shape (n,): motion at which the `drive` works (of the drive point; on a flexible base of the coil
+    minus the shaker), `contact` (tip minus yoke), `rotation` at the pivot (beam minus post), and each of
+    `stations` (stations, n). `base` is the row of the accelerometer on the base, None where it is rigid;
+    `cover` has those of the accelerometers in the middle and near a corner of the cover, (2, n), or none.
     """
 
     K: Array

@@ -1,13 +1,14 @@
 """The cover: a box of five plates whose edges stay straight and turn together.
 
-Origin in the middle of the base plate. Coordinates: rigid motion of the box (rise, rotations about x and y), then
-the bending of its walls. A wall deflects along its normal axis n and lies along two others, s and t.
+Origin in the middle of the base plate. Coordinates: rigid motion of the box (rise, rotations about x and y),
+then the bending of its walls. A wall deflects along its normal axis n and lies along two others, s and t.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,7 @@ class Box:
     accelerometers: Array
 
 
+@lru_cache(maxsize=16)
 def box_of(cover: Cover) -> Box:
     """Reduce the cover; its accelerometers sit in the middle of the top and near a corner of it."""
     walls = walls_of(cover)
@@ -86,7 +88,7 @@ def walls_of(cover: Cover) -> tuple[Wall, ...]:
 
 def wall_motions(walls: tuple[Wall, ...]) -> list[Array]:
     """Degrees of freedom of every wall by the rigid motion and the bending of the box, shape (dofs, box)."""
-    shares = [list(_free_dofs(wall, walls[0].place)) for wall in walls]
+    shares = [list(_free_dofs(wall)) for wall in walls]
     keys = {key: RIGID + i for i, key in enumerate(dict.fromkeys(k for each in shares for _, k, _ in each))}
     motions = []
     for wall, own in zip(walls, shares, strict=True):
@@ -98,11 +100,11 @@ def wall_motions(walls: tuple[Wall, ...]) -> list[Array]:
     return motions
 
 
-def _free_dofs(wall: Wall, top: float) -> Iterator[tuple[int, Key, float]]:
+def _free_dofs(wall: Wall) -> Iterator[tuple[int, Key, float]]:
     """Degree of freedom, what it is called in the box, and sign, for all of a wall that can move.
 
-    On an edge to another wall the turning about the edge (and its change along it) is what both have. The bottom
-    edge turns freely. Where three walls meet nothing moves.
+    On an edge to another wall the turning about the edge (and its change along it) is what both have. The
+    bottom edge turns freely. Where three walls meet nothing moves.
     """
     dofs = wall.plate.dofs(np.full(wall.plate.nodes.shape[1], True))
     low, high = wall.plate.nodes.min(axis=1), wall.plate.nodes.max(axis=1)
@@ -125,7 +127,7 @@ def _free_dofs(wall: Wall, top: float) -> Iterator[tuple[int, Key, float]]:
 
 
 def _turning(about: int, along: int, normal: int) -> float:
-    """Slope of the deflection along an axis where the wall turns by one about another: the permutation's sign."""
+    """Slope of the deflection where the wall turns by one about an axis: the sign of the permutation."""
     return float(np.linalg.det(np.eye(3)[[about, along, normal]]))
 
 
@@ -151,9 +153,8 @@ def _mass_in_planes(cover: Cover) -> Array:
         for motion in np.delete(_motion_at(points), wall.n, axis=0):
             M += np.einsum("p,pi,pj->ij", weights * cover.sheet.mass_per_area, motion, motion)
     points, weights = _edges(cover)
-    return M + cover.frame_mass * np.einsum(
-        "p,kpi,kpj->ij", weights, _motion_at(points), _motion_at(points)
-    )
+    frame = np.einsum("p,kpi,kpj->ij", weights, _motion_at(points), _motion_at(points))
+    return np.asarray(M + cover.frame_mass * frame)
 
 
 def _motion_at(points: Array) -> Array:

@@ -9,7 +9,10 @@ from sim_twin.parts.frame import Bar
 from sim_twin.parts.plate import Sheet
 from sim_twin.ranges import require
 
-ALUMINIUM_E, ALUMINIUM_RHO = 70e9, 2700.0
+_ALUMINIUM = 70e9, 2700.0  # Pa, kg/m3
+_PLATE = Sheet(*_ALUMINIUM, nu=0.33, thickness=0.0127)
+_POST = Bar(*_ALUMINIUM, width=0.0381, depth=0.0254)
+_YOKE_BAR = Bar(*_ALUMINIUM, width=0.01905, depth=0.0127)
 _WITHIN_PLATE = ("post_x", "yoke_x", "shaker_x", "accelerometer_x")
 
 
@@ -22,12 +25,12 @@ def _positive(owner: Any, *names: str) -> None:
 class Yoke:
     """Frame around the beam's end, across the beam: foot bar, two legs, bridge with both force sensors.
 
-    `bar` has its width along the beam. `span` between the legs and `foot_height` (m) of the foot bar above the
-    plate's mid-plane; `sensor_mass` (kg) in the bridge's middle; `head_stiffness` (N/m) of the impedance head
-    between plate and foot bar. All assumed.
+    `bar` has its width along the beam. `span` between the legs and `foot_height` (m) of the foot bar above
+    the plate's mid-plane; `sensor_mass` (kg) in the bridge's middle; `head_stiffness` (N/m) of the impedance
+    head between plate and foot bar. All assumed.
     """
 
-    bar: Bar = Bar(ALUMINIUM_E, ALUMINIUM_RHO, 0.01905, 0.0127)
+    bar: Bar = _YOKE_BAR
     span: float = 0.0635
     foot_height: float = 0.020
     sensor_mass: float = 0.10
@@ -40,10 +43,10 @@ class Yoke:
 
 @dataclass(frozen=True, slots=True)
 class Shaker:
-    """Shaker on the plate: `body_mass` kg, `height` and `diameter` m; its connecting rod, steel, m. All assumed.
+    """Shaker on the plate: `body_mass` kg, `height`, `diameter` m; its connecting rod, steel. All assumed.
 
-    `share` of the coil's reaction (and of its suspension's) that the plate takes: 1 for a shaker on the plate, 0
-    for one on its own ground.
+    `share` of the coil's reaction (and of its suspension's) that the plate takes: 1 for a shaker on the
+    plate, 0 for one on its own ground.
     """
 
     body_mass: float = 1.1
@@ -52,11 +55,11 @@ class Shaker:
     share: float = 1.0
     rod_length: float = 0.050
     rod_diameter: float = 0.002
-    rod_E: float = 207e9
-    rod_rho: float = 7800.0
+    rod_modulus: float = 207e9
+    rod_density: float = 7800.0
 
     def __post_init__(self) -> None:
-        _positive(self, "height", "diameter", "rod_length", "rod_diameter", "rod_E", "rod_rho")
+        _positive(self, "height", "diameter", "rod_length", "rod_diameter", "rod_modulus", "rod_density")
         require("Shaker", "body_mass", self.body_mass, 0.0, unit="kg")
         require("Shaker", "share", self.share, 0.0, 1.0)
 
@@ -65,9 +68,9 @@ class Shaker:
 class Cover:
     """Box over the plate: outer `length` (x), `width` (y), `height` in m (Table 1), walls of one `sheet`.
 
-    `frame_mass` kg/m on all twelve edges. The walls are stiff in their own planes and joined so that neighbours
-    turn together along their edge. `fixing_stiffness` (N/m) holds it to the plate at the middle of each of its
-    edges. Its lowest `modes` are kept. Sheet, frame and fixing are assumed.
+    `frame_mass` kg/m on all twelve edges. The walls are stiff in their own planes and joined so that
+    neighbours turn together along their edge. `fixing_stiffness` (N/m) holds it to the plate at the middle of
+    each of its edges. Its lowest `modes` are kept. Sheet, frame and fixing are assumed.
     """
 
     sheet: Sheet
@@ -85,7 +88,7 @@ class Cover:
 
 COVERS = {
     "none": None,
-    "aluminium": Cover(Sheet(ALUMINIUM_E, ALUMINIUM_RHO, 0.33, 0.0016), frame_mass=0.3),
+    "aluminium": Cover(Sheet(*_ALUMINIUM, nu=0.33, thickness=0.0016), frame_mass=0.3),
     "fibreglass": Cover(Sheet(15e9, 1800.0, 0.2, 0.003), frame_mass=0.0),
 }
 
@@ -95,17 +98,18 @@ class FlexibleBase:
     """Plate, post, yoke, shaker and cover, in SI.
 
     The plate (`sheet`, `length` x, `width` y: Table 1) is clamped on square patches of side `clamp` in its
-    corners. Everything stands on its centre line, at `post_x` (pivot), `yoke_x` (beam's end), `shaker_x`, with the
-    beam at `beam_height` above the mid-plane. `damping_ratio` holds for every mode of the base. Beside its static
-    shapes the base keeps the `modes` own modes that matter most at the yoke. `elements` along the plate's length.
+    corners. Everything stands on its centre line, at `post_x` (pivot), `yoke_x` (beam's end), `shaker_x`,
+    with the beam at `beam_height` above the mid-plane. `damping_ratio` holds for every mode of the base.
+    Beside its static shapes the base keeps the `modes` own modes that matter most at the yoke. `elements`
+    along the plate's length.
     """
 
-    sheet: Sheet = Sheet(ALUMINIUM_E, ALUMINIUM_RHO, 0.33, 0.0127)
+    sheet: Sheet = _PLATE
     length: float = 0.390
     width: float = 0.305
     clamp: float = 0.0254
     damping_ratio: float = 0.02
-    post: Bar = Bar(ALUMINIUM_E, ALUMINIUM_RHO, 0.0381, 0.0254)
+    post: Bar = _POST
     post_x: float = 0.055
     yoke_x: float = 0.335
     shaker_x: float = 0.248
@@ -130,10 +134,8 @@ class FlexibleBase:
 
 
 def flexible_base(cover: str = "none", **changes: Any) -> FlexibleBase:
-    """Return the base with its `cover` ("none", "aluminium", "fibreglass"); `changes` are fields of FlexibleBase.
+    """Return the base with a `cover` ("none", "aluminium", "fibreglass") and `changes` of its other fields.
 
     Raises KeyError for another cover, TypeError for another field.
     """
     return FlexibleBase(**{"cover": COVERS[cover], **changes})
-
-

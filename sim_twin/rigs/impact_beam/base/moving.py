@@ -1,6 +1,7 @@
 """Beam, connecting rod and coil as one component.
 
-Its boundary, all of it motions of the base: deflection, slope and motion along x at the pivot, rise of the shaker.
+Its boundary, all of it motions of the base: deflection, slope and motion along x at the pivot, rise of the
+shaker.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _COIL, _PIVOT_Z, _PIVOT_SLOPE, _PIVOT_X, _SHAKER = range(5)
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """The reduced parts that move; `C` damps them. Rows (n,): coil minus shaker, beam minus post at the pivot.
+    """The reduced parts that move, damped by `C`. Rows (n,): coil minus shaker; beam minus post at the pivot.
 
     `beam` gives the beam's degrees of freedom, shape (dofs, n).
     """
@@ -68,7 +69,7 @@ def _unit(dofs: int, which: int) -> Array:
 
 
 def _tie(rig: ImpactBeam, dofs: int) -> Array:
-    """Degrees of freedom with what the mount ties to the post: the pin its deflection, the clamp its slope too."""
+    """What the mount ties to the post: the pin the beam's deflection, the clamp its slope too."""
     tie = np.eye(dofs + 5)
     tied = 2 if rig.clamped else int(rig.pivot_stiffness is None)
     tie[0, dofs + _PIVOT_Z], tie[1, dofs + _PIVOT_SLOPE] = float(tied > 0), float(tied > 1)
@@ -76,16 +77,16 @@ def _tie(rig: ImpactBeam, dofs: int) -> Array:
 
 
 def _add_rod(rig: ImpactBeam, shaker: Shaker, M: Array, K: Array) -> None:
-    """One element from the coil, which only rises, up to the beam: it stretches, and bends with the beam's slope.
+    """One element from the coil, which only rises, up to the beam: it stretches, and bends with its slope.
 
     Its upper end goes along x with the pivot; against the slope dz/dx, a rod along z turns the other way.
     """
     dofs, length, d = len(M) - 5, shaker.rod_length, shaker.rod_diameter
-    area, EI = np.pi * d**2 / 4, shaker.rod_E * np.pi * d**4 / 64
+    area, EI = np.pi * d**2 / 4, shaker.rod_modulus * np.pi * d**4 / 64
     along = np.array([_unit(dofs, _COIL), np.pad(rig.beam.deflection_row(rig.drive_position), (0, 5))])
     across = np.array([_unit(dofs, _PIVOT_X), -np.pad(rig.beam.slope_row(rig.drive_position), (0, 5))])
-    mass, stiffness = bending_matrices(EI, shaker.rod_rho * area, length)
-    M += along.T @ (shaker.rod_rho * area * length / 6 * np.array([[2, 1], [1, 2]])) @ along
-    K += along.T @ (shaker.rod_E * area / length * np.array([[1, -1], [-1, 1]])) @ along
+    mass, stiffness = bending_matrices(EI, shaker.rod_density * area, length)
+    M += along.T @ (shaker.rod_density * area * length / 6 * np.array([[2, 1], [1, 2]])) @ along
+    K += along.T @ (shaker.rod_modulus * area / length * np.array([[1, -1], [-1, 1]])) @ along
     M += across.T @ mass[2:, 2:] @ across
     K += across.T @ stiffness[2:, 2:] @ across

@@ -1,7 +1,7 @@
 """Post, yoke, shaker and cover standing on the plate, as one component.
 
-Its boundary: at the pivot deflection (z), slope (dz/dx) and motion along the beam (x), the contact point of the
-yoke (z), the shaker's foot (z).
+Its boundary: at the pivot deflection (z), slope (dz/dx) and motion along the beam (x), the contact point of
+the yoke (z), the shaker's foot (z).
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ class Standing:
 
 
 @dataclass(frozen=True, slots=True)
-class _Whole:
+class Unreduced:
+    """The base with all its degrees of freedom, clamped; boundary (5, dofs) and accelerometers as rows."""
+
     M: Array
     K: Array
     boundary: Array
@@ -46,12 +48,17 @@ class _Whole:
 
 @lru_cache(maxsize=16)
 def standing_on(base: FlexibleBase) -> Standing:
-    """Reduce the base to its boundary and modes; raises UnphysicalParameter for more modes than the mesh has."""
-    whole = _with_cover(base, _with_frame(base))
+    """Reduce the base to its boundary and modes; raises UnphysicalParameter for more than the mesh has."""
+    whole = unreduced(base)
     lowest, leading = base.cover.modes if base.cover else 0, Leading(CONTACT, base.modes)
     component = craig_bampton(whole.M, whole.K, whole.boundary, lowest, "FlexibleBase", leading)
     C = modal_damping(component.M, component.K, base.damping_ratio)
     return Standing(component, C, whole.accelerometer @ component.basis, whole.cover @ component.basis)
+
+
+def unreduced(base: FlexibleBase) -> Unreduced:
+    """Put the base together from its elements."""
+    return _with_cover(base, _with_frame(base))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +88,7 @@ def _clamped_plate(base: FlexibleBase) -> _ClampedPlate:
     return _ClampedPlate(plate, np.setdiff1d(np.arange(4 * len(x)), plate.dofs(held)))
 
 
-def _with_frame(base: FlexibleBase) -> _Whole:
+def _with_frame(base: FlexibleBase) -> Unreduced:
     plate = _clamped_plate(base)
     M, K = plate.matrices()
     shaker = _shaker_foot(base, plate)
@@ -99,7 +106,7 @@ def _with_frame(base: FlexibleBase) -> _Whole:
     boundary = np.array([tie[pivot + _W], -tie[pivot + _RY], tie[pivot + _U], tie[contact + _W],
                          np.append(shaker[0], np.zeros(pad[0][1]))])  # fmt: skip
     accelerometer = np.append(plate.rows(base.accelerometer_x, base.accelerometer_y)[0], np.zeros(pad[0][1]))
-    return _Whole(
+    return Unreduced(
         np.pad(M, pad) + tie.T @ frame_M @ tie,
         np.pad(K, pad) + tie.T @ frame_K @ tie + base.yoke.head_stiffness * np.outer(head, head),
         boundary,
@@ -125,11 +132,15 @@ def _yoke_foot(base: FlexibleBase) -> tuple[float, float, float, float]:
 
 
 def _frame(base: FlexibleBase) -> tuple[Array, tuple[Member, ...], tuple[int, int]]:
-    """Nodes relative to the plate's mid-plane and centre line, members, and the two nodes that stand on it."""
+    """Nodes (m, from the plate's mid-plane and centre line), members, the two nodes that stand on it."""
     post = [(base.post_x, 0.0, z) for z in np.linspace(0.0, base.beam_height, _POST_ELEMENTS + 1)]
     half, low, high, x = base.yoke.span / 2, base.yoke.foot_height, base.beam_height, base.yoke_x
     middle = (low + high) / 2
-    yoke = [(x, 0.0, low), *((x, side * half, z) for side in (-1, 1) for z in (low, middle, high)), (x, 0.0, high)]
+    yoke = [
+        (x, 0.0, low),
+        *((x, side * half, z) for side in (-1, 1) for z in (low, middle, high)),
+        (x, 0.0, high),
+    ]
     up_the_post = [Member(base.post, i, i + 1, (0.0, 1.0, 0.0)) for i in range(_POST_ELEMENTS)]
     foot = len(post)
     around = [(0, 1), (1, 2), (2, 3), (3, 7), (0, 4), (4, 5), (5, 6), (6, 7)]
@@ -140,8 +151,8 @@ def _frame(base: FlexibleBase) -> tuple[Array, tuple[Member, ...], tuple[int, in
 def _tie(base: FlexibleBase, plate: _ClampedPlate, nodes: int, feet: tuple[int, int]) -> Array:
     """Frame's degrees of freedom by those of the plate and the frame's free ones.
 
-    The plate does not stretch, so a foot moves by rise and slopes; the yoke's foot may rise by itself (impedance
-    head), and its slope moves it sideways because it stands higher.
+    The plate does not stretch, so a foot moves by rise and slopes; the yoke's foot may rise by itself
+    (impedance head), and its slope moves it sideways because it stands higher.
     """
     post_foot, yoke_foot = (DOFS * foot for foot in feet)
     slaves = np.concatenate([post_foot + np.arange(DOFS), np.delete(yoke_foot + np.arange(DOFS), _W)])
@@ -153,11 +164,13 @@ def _tie(base: FlexibleBase, plate: _ClampedPlate, nodes: int, feet: tuple[int, 
     tie[post_foot + _W, :own], tie[post_foot + _RX, :own], tie[post_foot + _RY, :own] = w, w_y, -w_x
     _, w_x, w_y = plate.foot(*_yoke_foot(base))
     tie[yoke_foot + _RX, :own], tie[yoke_foot + _RY, :own] = w_y, -w_x
-    tie[yoke_foot + _U, :own], tie[yoke_foot + _V, :own] = (-base.yoke.foot_height * row for row in (w_x, w_y))
+    tie[yoke_foot + _U, :own], tie[yoke_foot + _V, :own] = (
+        -base.yoke.foot_height * row for row in (w_x, w_y)
+    )
     return tie
 
 
-def _with_cover(base: FlexibleBase, bare: _Whole) -> _Whole:
+def _with_cover(base: FlexibleBase, bare: Unreduced) -> Unreduced:
     if base.cover is None:
         return bare
     box, plate = box_of(base.cover), _clamped_plate(base)
@@ -168,7 +181,7 @@ def _with_cover(base: FlexibleBase, bare: _Whole) -> _Whole:
         gap[: len(plate.kept)] = plate.rows(x, y)[0]
         gap[own : own + RIGID] = -rigid_rise(x - base.length / 2, y - base.width / 2)
         K += base.cover.fixing_stiffness * np.outer(gap, gap)
-    return _Whole(
+    return Unreduced(
         block_diag(bare.M, box.component.M),
         K,
         np.pad(bare.boundary, ((0, 0), (0, more))),
