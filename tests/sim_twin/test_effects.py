@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sim_twin.effects import ParameterValues
-from sim_twin.rigs.impact_beam.effects import EFFECTS as IMPACT_BEAM
 from sim_twin.rigs.impact_beam.base.model import flexible_base
+from sim_twin.rigs.impact_beam.effects import EFFECTS as IMPACT_BEAM
 from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.sensors import SensorChain
@@ -185,7 +185,5 @@ def test_every_other_effect_exists_on_the_clamped_beam(name: str) -> None:
 
 def test_a_flexible_base_cannot_get_the_flexible_yoke_too() -> None:
     flexible = replace(TWIN, rig=replace(TWIN.rig, base=flexible_base()))
-    with pytest.raises(
-        ValueError, match="base_flexibility does not exist on this rig .its base is flexible already"
-    ):
+    with pytest.raises(ValueError, match="does not exist on this rig"):
         apply_effects(flexible, [("base_flexibility", CHANGES["base_flexibility"][0])])
