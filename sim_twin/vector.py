@@ -90,6 +90,17 @@ def load(typing: Any, array: Any, index: Any) -> Any:
 
 
 @_emitted
+def repeated(typing: Any, array: Any, index: Any) -> Any:
+    """Element `index` in every lane."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return _in_all_lanes(builder, builder.load(builder.gep(data, [args[1]])))
+
+    return VECTOR(array, types.intp), generate
+
+
+@_emitted
 def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
     """Put `value` at elements index ... index + 7."""
 
@@ -105,11 +116,15 @@ def spread(typing: Any, number: Any) -> Any:
     """The same number in every lane."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        one = builder.insert_element(ir.Constant(_FORM, ir.Undefined), args[0], ir.IntType(32)(0))
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-        return builder.shuffle_vector(one, ir.Constant(_FORM, ir.Undefined), zeros)
+        return _in_all_lanes(builder, args[0])
 
     return VECTOR(types.float64), generate
+
+
+def _in_all_lanes(builder: Any, number: Any) -> Any:
+    one = builder.insert_element(ir.Constant(_FORM, ir.Undefined), number, ir.IntType(32)(0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(one, ir.Constant(_FORM, ir.Undefined), zeros)
 
 
 def _function(name: str, arguments: int) -> Any:
@@ -196,3 +211,25 @@ def _exchanged(builder: Any, rows: list[Any], half: int) -> list[Any]:
             mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), lanes)
             made[to] = builder.shuffle_vector(rows[k], rows[k + half], mask)
     return made
+
+
+@_emitted
+def pick(typing: Any, a: Any, lane: Any) -> Any:
+    """The number in lane `lane`."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.extract_element(*args)
+
+    return types.float64(VECTOR, types.intp), generate
+
+
+@_emitted
+def first_positive(typing: Any, a: Any) -> Any:
+    """The first lane with a positive number; 8 where there is none."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        mask = builder.fcmp_ordered(">", args[0], ir.Constant(_FORM, [0.0] * LANES))
+        bits = builder.zext(builder.bitcast(mask, ir.IntType(LANES)), ir.IntType(64))
+        return builder.cttz(builder.or_(bits, ir.IntType(64)(1 << LANES)), ir.IntType(1)(1))
+
+    return types.int64(VECTOR), generate

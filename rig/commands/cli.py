@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import typer
 
 from daq.errors import ConfigurationError, InterlockTripped, RattleError
-from rig.commands import check, emulate, ensemble, logs, overlay, predict, replay, run
+from rig.commands import check, emulate, ensemble, logs, overlay, predict, replay, reproduce, run
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
@@ -38,7 +38,7 @@ def build(connect: Connect) -> Callable[[], None]:
         pretty_exceptions_enable=False,
     )
     run.add_to(app, connect)
-    for module in (emulate, predict, ensemble, overlay, replay, check, logs):
+    for module in (emulate, predict, ensemble, reproduce, overlay, replay, check, logs):
         module.add_to(app)
     return lambda: sys.exit(_guarded(app))
 

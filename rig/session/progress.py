@@ -40,10 +40,10 @@ class Screen:
             yield
 
     @contextmanager
-    def bar(self, text: str, total: float) -> Iterator[Bar]:
-        """A progress bar up to `total` seconds."""
+    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Bar]:
+        """A progress bar up to `total` seconds, or what `unit` says."""
         if not self.console.is_terminal:
-            self.say(f"{text} ({total:g} s) ...")
+            self.say(f"{text} ({total:g} {unit}) ...")
             yield Bar(None, 0)
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
@@ -58,6 +58,6 @@ class Bar:
         self._progress, self._task = progress, task
 
     def at(self, done: float) -> None:
-        """Show how far it is, in seconds."""
+        """Show how far it is, in the unit of the total."""
         if self._progress is not None:
             self._progress.update(self._task, completed=done)  # type: ignore[arg-type]

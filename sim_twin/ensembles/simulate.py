@@ -56,8 +56,8 @@ def simulate(
 
 
 def _pieces(variants: Sequence[Variant], together: int) -> Iterator[Sequence[Variant]]:
-    """Neighbours of one rig, at most `together` of them."""
-    for _, group in groupby(variants, key=lambda variant: model_of(variant.twin).name):
+    """Neighbours of one rig with the same channels, at most `together` of them."""
+    for _, group in groupby(variants, lambda each: (model_of(each.twin).name, each.twin.channels)):
         while piece := tuple(islice(group, together)):
             yield piece
 

@@ -24,8 +24,9 @@ class TranslationalClearance(NamedTuple):
 
 
 class CornerForce(NamedTuple):
-    """What the guide does to the slider at a corner: `x`, `y` in N, the `normal` part in N, the `moment` about
-    the slider's centre in N m, and the power `lost` in W.
+    """What the guide does to the slider at a corner: `x`, `y` and the `normal` part in N.
+
+    `moment` is about the slider's centre, in N m; `lost` the power in W that hysteresis and friction take.
     """
 
     x: float

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 import sim_twin.compiled  # noqa: F401 - sets how machine code is cached
-from sim_twin.lanes.vector import (
+from sim_twin.vector import (
     LANES,
     Vector,
     fused,
@@ -250,15 +250,15 @@ def _deliver(buffer: Array, place: Index, first: int, last: int, start: int, cou
 
 @_kernel
 def advance(
-    slot: Array, row: Array, row_gain: Array, number: Array, state: Array, scalar: Array, buffer: Array,
-    place: Index, hertzian: bool, out: Array,
+    slot: Array, row: Array | None, row_gain: Array | None, number: Array, state: Array, scalar: Array,
+    buffer: Array, place: Index, hertzian: bool, out: Array,
 ) -> None:  # fmt: skip
     """Advance all groups by out.shape[2] steps, as many at once as `buffer` has room for.
 
     Shapes, the last axis being the lane: slot (groups, slots, 6 or 10, 8), row (groups, rows, slots, 2, 8),
     row_gain (groups, rows, 2, 8), number (groups, NUMBERS, 8), state (groups, slots, 2, 8), scalar (groups,
-    SCALARS, 8), buffer (groups at once, 1 + rows, CHUNK, 8). `place` (groups 8,) is where each lane stands in
-    `out` (lanes, 1 + rows, steps), -1 for padding.
+    SCALARS, 8), buffer (groups at once, 1 + rows, CHUNK, 8). row and row_gain are None where only the force
+    is recorded. `place` (groups 8,) is where each lane stands in `out` (lanes, 1 + rows, steps), -1: padding.
     """
     groups, slots, friction = slot.shape[0], slot.shape[1], slot.shape[2] == WITH_FRICTION
     width, lines, steps = slot.shape[2] * LANES, buffer.shape[1], out.shape[2]
@@ -274,14 +274,16 @@ def advance(
                     if friction:
                         spin = load(scalar, sc + SPIN * LANES)
                         force, mean, torque = _contact_with_friction(number, n, gap, rate, spin, hertzian)
-                        _accelerations(row, row_gain, g, state, force, torque, buffer, column)
+                        if row is not None and row_gain is not None:
+                            _accelerations(row, row_gain, g, state, force, torque, buffer, column)
                         gap, rate, spin = _turn_with_friction(
                             slot, g * slots * width, state, y, slots, mean, torque
                         )
                         store(scalar, sc + SPIN * LANES, spin)
                     else:
                         force, mean = _contact(number, n, gap, rate, hertzian)
-                        _accelerations(row, row_gain, g, state, force, torque, buffer, column)
+                        if row is not None and row_gain is not None:
+                            _accelerations(row, row_gain, g, state, force, torque, buffer, column)
                         gap, rate = _turn(slot, g * slots * width, state, y, slots, mean)
                         gap = fused(_number(number, n, GAP_AFTER_FORCE), mean, gap)
                         rate = fused(_number(number, n, RATE_AFTER_FORCE), mean, rate)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sim_twin.lanes import kernel
 from sim_twin.lanes.coefficients import Coefficients, coefficients
 from sim_twin.lanes.lane import Lane
-from sim_twin.lanes.vector import LANES, aligned
 from sim_twin.status import Status
+from sim_twin.vector import LANES, aligned
 
 Array = NDArray[np.float64]
 _AT_ONCE = 16 * 1024
@@ -68,9 +68,11 @@ class _Block:
         self._buffer = aligned((min(at_once, groups), 1 + rows, kernel.CHUNK, LANES))
 
     def advance(self, out: Array) -> None:
+        # None, not an empty array: the kernel compiled without the recording is 10 % faster.
+        row, row_gain = (self._row, self._row_gain) if self._row.shape[1] else (None, None)
         kernel.advance(
-            self._slot, self._row, self._row_gain, self._number, self._state, self._scalar, self._buffer,
-            self._place, self._hertzian, out,
+            self._slot, row, row_gain, self._number, self._state, self._scalar, self._buffer, self._place,
+            self._hertzian, out,
         )  # fmt: skip
 
     def diverged(self) -> list[int]:

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sim_twin.compiled import allocation_free
-from sim_twin.mechanisms.generic import generic
+from sim_twin.mechanisms.generic import generic, mechanical
 from sim_twin.mechanisms.run import Real, Run
 
 Rates = Callable[..., None]
@@ -55,7 +54,7 @@ def attempt(rates: Rates, p: Any, run: Run, t: float, h: float) -> None:
     rates(p, t + h, trial, v0, k[6], force)
 
 
-@allocation_free
+@mechanical
 def squared_error(k: Real, h: float, tolerance: Real) -> float:
     """Mean square of the step's error over `tolerance`."""
     total = 0.0
@@ -66,7 +65,7 @@ def squared_error(k: Real, h: float, tolerance: Real) -> float:
     return total / tolerance.size
 
 
-@allocation_free
+@mechanical
 def set_dense(run: Run, h: float) -> None:
     """Work out the coefficients of the dense output of the step from `run.y` to `run.trial`."""
     y, trial, k, c = run.y, run.trial, run.slopes, run.dense
@@ -78,7 +77,7 @@ def set_dense(run: Run, h: float) -> None:
         c[3, i], c[4, i] = change - h * k[6, i] - bend, h * last
 
 
-@allocation_free
+@mechanical
 def dense(c: Real, x: float, y: Real) -> None:
     """Write the state at the fraction `x` of the step to `y` (n,)."""
     rest = 1.0 - x

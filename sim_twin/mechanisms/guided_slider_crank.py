@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sim_twin.compiled import allocation_free, compiled
 from sim_twin.contact.laws import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_translational import CORNERS, TranslationalClearance, corner_depth, corner_force
 from sim_twin.mechanisms.angles import sine_cosine
+from sim_twin.mechanisms.generic import mechanical
 from sim_twin.mechanisms.integrator import integrate
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 
@@ -36,14 +36,14 @@ class GuidedSliderCrank(NamedTuple):
 
 
 def flores_leine_glocker(stiffness: float = 1e8) -> GuidedSliderCrank:
-    """The paper's example; its rigid contact becomes one of `stiffness` N/m^1.5 (assumed) with its e and mu."""
+    """The paper's example; its rigid contact becomes one of `stiffness` N/m^1.5 (assumed), e and mu stay."""
     guide = TranslationalClearance(
         0.05, 0.025, 0.001, lankarani_nikravesh(stiffness, 0.4), Friction(0.01, 1e-4, 1e-3)
     )
     return GuidedSliderCrank(0.153, 0.306, 0.038, 0.038, 0.076, 7.4e-5, 5.9e-4, 2.7e-6, 9.81, guide)
 
 
-@allocation_free
+@mechanical
 def rates(p: GuidedSliderCrank, t: float, y: Real, v0: Real, dy: Real, force: Real) -> None:
     """Lagrange's equations in the three absolute angles."""
     s1, c1 = sine_cosine(y[0])
@@ -71,7 +71,7 @@ def rates(p: GuidedSliderCrank, t: float, y: Real, v0: Real, dy: Real, force: Re
     dy[5], dy[LOST] = moment / p.J_3, lost
 
 
-@allocation_free
+@mechanical
 def depths(p: GuidedSliderCrank, t: float, y: Real, d: Real, rate: Real) -> None:
     """Penetration of the four corners and its rate."""
     s1, c1 = sine_cosine(y[0])
@@ -82,14 +82,14 @@ def depths(p: GuidedSliderCrank, t: float, y: Real, d: Real, rate: Real) -> None
         d[corner], rate[corner] = corner_depth(p.guide, corner, height, vy, s3, c3, y[5])
 
 
-@allocation_free
+@mechanical
 def observe(p: GuidedSliderCrank, t: float, y: Real, v0: Real, out: Real, column: int) -> None:
     """The three angles (rad) and their rates (rad/s)."""
     for i in range(OUTPUTS):
         out[i, column] = y[i]
 
 
-@compiled
+@mechanical
 def run(
     p: GuidedSliderCrank, state: Run, limits: StepLimits, dt: float, out: Real, episodes: Real
 ) -> int:  # fmt: skip

@@ -18,13 +18,11 @@ output: so a run in blocks is, bit by bit, the run in one go.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
-import numpy as np
-
-from sim_twin.compiled import allocation_free
 from sim_twin.mechanisms.dormand_prince import Rates, attempt, dense, set_dense, squared_error
-from sim_twin.mechanisms.generic import generic
+from sim_twin.mechanisms.generic import generic, mechanical
 from sim_twin.mechanisms.onset import Depths, first_onset, may_touch, refine_onset
 from sim_twin.mechanisms.run import (
     BEFORE,
@@ -48,7 +46,6 @@ COMPLETED, DIVERGED, STEPS_EXHAUSTED = range(3)
 """Values of status.Status."""
 _SAFETY, _MOST_SHRINK, _MOST_GROWTH = 0.9, 0.2, 6.0
 _EXPONENT, _LEAST_ERROR, _FRESH_ERROR = 0.04, 1e-8, 1e-4
-_EXPONENT_BITS = 0x7FF0000000000000
 
 
 @generic
@@ -114,8 +111,7 @@ def _advance(
     t, h = clock[NOW], min(clock[STEP], limits.longest)
     attempt(rates, p, run, t, h)
     error = squared_error(run.slopes, h, limits.tolerance)
-    run.new_force[-1] = error
-    if not _is_finite(run):
+    if not isfinite(error):
         clock[STEP] = _MOST_SHRINK * h
         counts[REJECTED] += 1
         return bool(h > limits.shortest)
@@ -162,17 +158,10 @@ def _accept(
         rates(p, t + h, run.y, run.latched, run.slopes[0], run.force)
 
 
-@allocation_free
+@mechanical
 def _next_step(clock: Real, h: float, error: float) -> float:
     # PI control (Hairer, Norsett and Wanner II, IV.2) on the squared error: error^-0.08 error_before^0.02.
     error = max(error, _LEAST_ERROR)
     power = (clock[ERROR] / (error * error * error * error)) ** (0.5 * _EXPONENT)
     clock[ERROR] = error
     return float(h * min(_MOST_GROWTH, max(_MOST_SHRINK, _SAFETY * power)))
-
-
-@allocation_free
-def _is_finite(run: Run) -> bool:
-    # By its bits: fast arithmetic may take for granted that there are no infinities.
-    bits = run.new_force.view(np.int64)[-1]
-    return bool((bits & _EXPONENT_BITS) != _EXPONENT_BITS)

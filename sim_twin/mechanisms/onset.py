@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sim_twin.compiled import allocation_free
 from sim_twin.mechanisms.dormand_prince import Rates, attempt, dense
-from sim_twin.mechanisms.generic import generic
+from sim_twin.mechanisms.generic import generic, mechanical
 from sim_twin.mechanisms.run import Run
 
 Depths = Callable[..., None]
@@ -32,7 +31,7 @@ def first_onset(depths: Depths, p: Any, run: Run, reach: float, t: float, h: flo
     return first
 
 
-@allocation_free
+@mechanical
 def may_touch(run: Run, h: float) -> bool:
     """Whether any open contact overlaps at the end of the step of `h` s, or may do so within it."""
     for j in range(run.latched.size):
@@ -41,7 +40,7 @@ def may_touch(run: Run, h: float) -> bool:
     return False
 
 
-@allocation_free
+@mechanical
 def _may_overlap(run: Run, j: int, h: float) -> bool:
     # Near its summit the depth is concave, so it stays under both its tangents.
     d, rate, new_rate = run.penetration[j], run.rate[j], run.new_rate[j]

@@ -25,8 +25,8 @@ class Run(NamedTuple):
 
     Over the contacts: `latched` approach speed (0 where open) in m/s, `penetration` in m and its `rate`,
     normal `force` in N, all at the end of the step; `during` is `latched` within the step; `last` holds two
-    forces and their times. `open_episode` is ONSET ... END. `new_...` belong to the step in work (its squared
-    error stands behind `new_force`), `between` and `sought_...` to a search in it.
+    forces and their times. `open_episode` is ONSET ... END. `new_...` belong to the step in work, `between`
+    and `sought_...` to a search in it.
     """
 
     y: Real
@@ -82,7 +82,7 @@ def begin(y: Real, contacts: int, time: float = 0.0, step: float = 1e-6) -> Run:
         rate=np.zeros(contacts),
         new_penetration=np.zeros(contacts),
         new_rate=np.zeros(contacts),
-        new_force=np.zeros(contacts + 1),
+        new_force=np.zeros(contacts),
         between=np.zeros(n),
         sought_penetration=np.zeros(contacts),
         sought_rate=np.zeros(contacts),

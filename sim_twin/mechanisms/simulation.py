@@ -52,7 +52,7 @@ class Simulation(Generic[P]):
         self.parameters, self.limits, self.step = parameters, limits, step
         self._entry, self._outputs = entry, outputs
         self._run = begin(y, contacts)
-        self._status = Status.COMPLETED
+        self._status = _status_of(y)
 
     @property
     def time(self) -> float:
@@ -92,6 +92,8 @@ class Simulation(Generic[P]):
         run.clock[NOW] = run.clock[BEFORE] = self.time
         run.counts[STARTED] = 0
         self.parameters = parameters
+        if self._status is Status.COMPLETED:
+            self._status = _status_of(y)
 
     def advance(self, count: int) -> Trace:
         """Advance by `count` samples; after a failure there are no more."""
@@ -104,3 +106,7 @@ class Simulation(Generic[P]):
         self._status = Status(code)
         reached = int(self._run.counts[SAMPLES]) - before
         return Trace(start, self.step, out[:, :reached], episodes[: self._run.counts[EPISODES]], self._status)
+
+
+def _status_of(y: Real) -> Status:
+    return Status.COMPLETED if np.isfinite(y).all() else Status.DIVERGED

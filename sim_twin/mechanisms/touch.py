@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from sim_twin.compiled import allocation_free
+from sim_twin.mechanisms.generic import mechanical
 from sim_twin.mechanisms.run import APPROACH, CONTACT, END, EPISODES, ONSET, PEAK, Real, Run, StepLimits
 
 # Columns of Run.last: the forces at the ends of the last two steps and the times of these.
 _FORCE, _FORCE_BEFORE, _TIME, _TIME_BEFORE = range(4)
 
 
-@allocation_free
+@mechanical
 def latch_overlaps(run: Run, floor: float, t: float) -> bool:
     """Latch the approach speed (at least `floor`) of open contacts that overlap; True if there are any."""
     begun = False
@@ -26,7 +26,7 @@ def latch_overlaps(run: Run, floor: float, t: float) -> bool:
     return begun
 
 
-@allocation_free
+@mechanical
 def follow_contacts(run: Run, limits: StepLimits, t: float, episodes: Real) -> tuple[bool, bool]:
     """Open the contacts that have come apart, latch the new ones; whether any has begun and any ended."""
     ended = False
@@ -40,7 +40,7 @@ def follow_contacts(run: Run, limits: StepLimits, t: float, episodes: Real) -> t
     return latch_overlaps(run, limits.floor, t), ended
 
 
-@allocation_free
+@mechanical
 def _list_episode(run: Run, j: int, episodes: Real) -> None:
     row = run.counts[EPISODES]
     if row < episodes.shape[0]:
@@ -49,11 +49,12 @@ def _list_episode(run: Run, j: int, episodes: Real) -> None:
     run.counts[EPISODES] = row + 1
 
 
-@allocation_free
+@mechanical
 def follow_peaks(run: Run, t: float) -> None:
     """Raise the peaks of the open episodes to the summit of the parabola through the last three forces."""
     for j in range(run.latched.size):
-        if run.latched[j] == 0.0:
+        # A step has no length where two contacts begin at once.
+        if run.latched[j] == 0.0 or t <= run.last[j, _TIME]:
             continue
         last, f = run.last, run.force[j]
         peak = max(f, last[j, _FORCE])
@@ -67,7 +68,7 @@ def follow_peaks(run: Run, t: float) -> None:
         last[j, _FORCE], last[j, _TIME] = f, t
 
 
-@allocation_free
+@mechanical
 def _rise(x1: float, y1: float, x2: float, y2: float) -> float:
     """How far the parabola through the origin and two points rises above the origin."""
     slope = (y1 * x2 * x2 - y2 * x1 * x1) / (x1 * x2 * (x2 - x1))

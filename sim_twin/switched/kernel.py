@@ -17,6 +17,18 @@ from numpy.typing import NDArray
 
 from sim_twin.compiled import allocation_free, allocation_free_inlined
 from sim_twin.switched.tables import Tables
+from sim_twin.vector import (
+    LANES,
+    Vector,
+    first_positive,
+    fused,
+    load,
+    pick,
+    repeated,
+    spread,
+    store,
+    where_positive,
+)
 
 _MOST_SWITCHES_AT_ONCE = 8
 _SECANTS = 4
@@ -245,24 +257,43 @@ def _record(
 
 
 @allocation_free_inlined
-def _look_ahead(
-    ahead: Real, row: int, count: int, constant: float, s: Real, b: int, out: Real, line: int, column: int
-) -> tuple[int, float]:
-    """Record minus a condition, now negative, here and at the next fine steps as long as it stays negative.
+def _coming(ahead: Real, r: int, constant: float, s: Real, b: int) -> Vector:
+    """The first condition of regime r one to eight fine steps from now, if the regime lasts."""
+    size = ahead.shape[1]
+    at, y = r * size * LANES, b * size
+    one, two, three, four = spread(constant), spread(0.0), spread(0.0), spread(0.0)
+    for _ in range(0, size, 4):
+        one = fused(load(ahead, at), repeated(s, y), one)
+        two = fused(load(ahead, at + LANES), repeated(s, y + 1), two)
+        three = fused(load(ahead, at + 2 * LANES), repeated(s, y + 2), three)
+        four = fused(load(ahead, at + 3 * LANES), repeated(s, y + 3), four)
+        at, y = at + 4 * LANES, y + 4
+    return (one + two) + (three + four)
 
-    Returns how many of these steps (0, 1, 2 or 4) can be taken at once, and the condition after them.
+
+@allocation_free_inlined
+def _look_ahead(
+    ahead: Real, opposite: Real, r: int, constant: float, s: Real, b: int, out: Real, line: int, column: int
+) -> tuple[int, float]:
+    """Look for events at the next eight fine steps; record minus the first condition up to there.
+
+    Returns which step of 1, 2, 4 or 8 fine ones can be taken at once (its power of two; -1: none), and the
+    first condition after it.
     """
-    passed, condition = 0, 0.0
-    while passed < count:
-        value = constant + _product(ahead, row + passed, s, b)
-        if value > 0.0:
-            break
-        passed, condition = passed + 1, value
-        if passed < count:
-            out[line, column + passed] = -value
-    if passed == 3:
-        return 2, -out[line, column + 2]
-    return passed, condition
+    coming = _coming(ahead, r, constant, s, b)
+    other = fused(spread(opposite[r, 2]), coming, spread(opposite[r, 1]))
+    passed = first_positive(where_positive(coming - other, coming, other))
+    if passed == 0:
+        return -1, 0.0
+    if passed == LANES:
+        if line >= 0:
+            store(out, line * out.shape[1] + column + 1, spread(0.0) - coming)
+        return 3, pick(coming, LANES - 1)
+    power = (passed > 1) + (passed > 3)
+    if line >= 0:
+        for k in range((1 << power) - 1):
+            out[line, column + 1 + k] = -pick(coming, k)
+    return power, pick(coming, (1 << power) - 1)
 
 
 @allocation_free_inlined
@@ -328,11 +359,7 @@ def _run(  # noqa: C901 - what is split off is inlined again, and every further 
     change, offset, event_speed, ticks, ahead = t.change, t.offset, t.event_speed, t.ticks, t.ahead
     output, output_numbers, used, line = t.output, t.output_numbers, t.outputs_used, t.mirrored
     recorded, opposite = t.recorded, t.opposite
-    regimes, width, further = (
-        target.shape[0],
-        rows.shape[0] // target.shape[0],
-        ahead.shape[0] // target.shape[0],
-    )
+    regimes, width = target.shape[0], rows.shape[0] // target.shape[0]
     planes, bits, digits = step.shape[0] // (regimes * ticks.size), t.bits, t.digits
     r, b, switches, steps, position, total = regime, 0, 0, 0, 0, out.shape[1] << (2 * bits)
     first, second, fast, changed, fine = 0.0, 0.0, 0.0, True, 1 << (2 * bits)
@@ -346,24 +373,25 @@ def _run(  # noqa: C901 - what is split off is inlined again, and every further 
             _flush(s, b)
             fast = _fastest(event_speed, r, s, b)
         changed, steps = False, steps + 1
+        looking = opposite[r, 0] > 0.0 and used[r, 0] < 0 and left > LANES * fine
+        column = position >> (2 * bits)
         if recorded[r] > 0:
-            column, within = position >> (2 * bits), position & (fine - 1)
+            within = position & (fine - 1)
             if within == 0 and line[r] >= 0:
                 out[line[r], column] = -first
             if within == 0 and used[r, 0] >= 0:
                 force = _residual_force(residual, rows, numbers, r, s, b)
                 _record(output, output_numbers, used, force, r, s, b, out, column)
-            elif within == 0 and left >= further * fine:
-                jump, condition = _look_ahead(
-                    ahead, r * further, further, numbers[row, 0], s, b, out, line[r], column
-                )
-                if jump > 0:
-                    _turn(step, begin + (2 * digits - 1 + jump // 2) * planes, s, b, 1 - b)
-                    first, b, position = condition, 1 - b, position + jump * fine
-                    continue
-            left = fine - within
+            left, looking = fine - within, looking and within == 0
         longest = ticks.size - 1 if opposite[r, 0] > 0.0 else 2 * digits
         k = _longest_step(bits, digits, left, longest, max(first, second), fast)
+        if looking and k < 2 * digits + 2:
+            power, condition = _look_ahead(ahead, opposite, r, numbers[row, 0], s, b, out, line[r], column)
+            if power >= 0:
+                _turn(step, begin + (2 * digits - 1 + power) * planes, s, b, 1 - b)
+                first, b, position = condition, 1 - b, position + (fine << power)
+                second = opposite[r, 1] + opposite[r, 2] * first
+                continue
         at = begin + k * planes
         fired, first, second = _try(step, at, rows, numbers, target, residual, opposite, r, s, b)
         if fired < 0:

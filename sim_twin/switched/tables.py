@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sim_twin.switched.modes import complex_modes
 from sim_twin.switched.system import Regime, Row, SwitchedSystem
+from sim_twin.vector import LANES, aligned
 
 DIGIT = 7
 FINE_LEVEL = 2 * DIGIT
@@ -21,8 +22,7 @@ FINE_LEVEL = 2 * DIGIT
 A contact then begins at most 0.2 nm late, which is 1e-9 of the energy of a typical impact.
 """
 _LONGEST_LEVEL = 6
-_AHEAD = 4
-_LANES = 16
+_PADDING = 16
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -58,7 +58,7 @@ class Tables(NamedTuple):
         Real  # (regime, 3): 1 where the second event's condition is a + b times the first's (or there is
     )
     # one event only) and neither has a residual force in it, else 0; a; b
-    ahead: Real  # (regime fine step, 2, slot): the first condition's row one, two, ... fine steps ahead
+    ahead: Real  # (regime, re/im slot, 8): the first condition's row one to eight fine steps ahead, in lanes
     output: Real  # (regime output, 2, slot)
     output_numbers: Real  # (regime output, 2): constant, share of the residual force
     outputs_used: Index  # (regime, output): row in the trace; -1: none
@@ -80,7 +80,7 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
     modes = [_own_modes(regime, system, omega) for regime in system.regimes]
     widest = max(each.used for each in modes)
     drives = len(system.excitations)
-    slots = -(-(widest + drives) // _LANES) * _LANES
+    slots = -(-(widest + drives) // _PADDING) * _PADDING
     padded = [_pad(each, widest, drives, slots) for each in modes]
     ticks = _step_lengths()
     dt = np.asarray(fine_step * 0.5**FINE_LEVEL * ticks, dtype=np.float64)
@@ -105,7 +105,7 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
         target,
         fine_step * np.abs(rows[:, 0] * lam),
         np.array([_opposite(*each) for each in zip(system.regimes, rows, event_numbers, strict=True)]),
-        _rows(rows[:, :1] * np.exp(fine_step * np.arange(1, _AHEAD + 1)[:, None] * lam[:, None, :])),
+        _ahead(rows[:, 0], lam, fine_step),
         output,
         output_numbers,
         used,
@@ -113,6 +113,13 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
         recorded,
         np.array([_residual_law(regime) for regime in system.regimes]),
     )
+
+
+def _ahead(first: Complex, lam: Complex, fine_step: float) -> Real:
+    coming = _rows(first[:, None] * np.exp(fine_step * np.arange(1, LANES + 1)[:, None] * lam[:, None, :]))
+    made = aligned((len(lam), 2 * lam.shape[1], LANES))
+    made[:] = np.swapaxes(coming.reshape(len(lam), LANES, -1), 1, 2)
+    return made
 
 
 def _opposite(regime: Regime, rows: Complex, numbers: Real) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import pi, sin
 from typing import NamedTuple
 
-from sim_twin.compiled import allocation_free, compiled, inlined
+from sim_twin.compiled import inlined
 from sim_twin.contact.laws import Friction, friction_share
 from sim_twin.joints.planar_revolute import (
     NO_FORCE,
@@ -21,6 +21,7 @@ from sim_twin.joints.planar_revolute import (
     revolute_force,
 )
 from sim_twin.mechanisms.angles import sine_cosine
+from sim_twin.mechanisms.generic import mechanical
 from sim_twin.mechanisms.integrator import integrate
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 
@@ -107,7 +108,7 @@ def _joint_forces(
     return one, two
 
 
-@allocation_free
+@mechanical
 def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -> None:
     """Slopes of the state and the normal forces of both joints (Newton and Euler for rod and piston)."""
     speed = _crank_speed(p, y[THETA])
@@ -146,7 +147,7 @@ def _bend(p: CrankNumbers, y: Real, fx: float, fy: float, dy: Real) -> None:
     dy[LOST] += 0.5 * p.rod_mass * decay * y[VQ]
 
 
-@allocation_free
+@mechanical
 def depths(p: CrankNumbers, t: float, y: Real, d: Real, rate: Real) -> None:
     """Penetration of both joints and its rate."""
     speed = _crank_speed(p, y[THETA])
@@ -158,7 +159,7 @@ def depths(p: CrankNumbers, t: float, y: Real, d: Real, rate: Real) -> None:
     d[PISTON_PIN], rate[PISTON_PIN] = revolute_depth(p.joint_2.clearance, ex, ey, vx, vy)
 
 
-@allocation_free
+@mechanical
 def observe(p: CrankNumbers, t: float, y: Real, v0: Real, out: Real, column: int) -> None:
     """What the mechanism does to the frame (N), crank angle (rad) and piston acceleration (m/s2)."""
     sine, cosine = sine_cosine(y[THETA])
@@ -175,7 +176,7 @@ def observe(p: CrankNumbers, t: float, y: Real, v0: Real, out: Real, column: int
     out[ANGLE, column], out[PISTON_ACCELERATION, column] = y[THETA], push * p.piston_mobility
 
 
-@compiled
+@mechanical
 def run(p: CrankNumbers, state: Run, limits: StepLimits, dt: float, out: Real, episodes: Real) -> int:
     """`integrate` for this mechanism."""
     return integrate(rates, depths, observe, p, state, limits, dt, out, episodes)

@@ -22,8 +22,8 @@ RIGID = 8
 class Constants(NamedTuple):
     """Numbers of the rig and its drive, SI.
 
-    `modes` bending modes a plane with `omega`, `tip`, `sway` (modes,) as in BendingModes. `points` (8, 3) from
-    the pin in the slider's frame; `pin` (3,) from the slider's centre. The crank's circle is spanned by
+    `modes` bending modes a plane with `omega`, `tip`, `sway` (modes,) as in BendingModes. `points` (8, 3)
+    from the pin in the slider's frame; `pin` (3,) from the slider's centre. The crank's circle is spanned by
     `toward` and z around `centre`. `base` is frequency (rad/s), mass, damping ratio; mass 0 is a rigid base.
     `work` (9, 8) is scratch: the equations of motion, their right-hand side as the last row.
     """
@@ -94,9 +94,9 @@ def constants(rig: SpatialSliderCrank, drive: SpeedDrive) -> Constants:
 class Layout(NamedTuple):
     """Where things lie in a state vector of `size` entries.
 
-    Coordinates from 0, their speeds from `speeds`: pin velocity (world), rod's angular velocity (rod's frame),
-    joint rates; then crank angle `theta` (rad), motor's `work` and what is `lost` (J); the guide's place and
-    velocity in y and z from `base`, where it moves.
+    Coordinates from 0, their speeds from `speeds`: pin velocity (world), rod's angular velocity (rod's
+    frame), joint rates; then crank angle `theta` (rad), motor's `work` and what is `lost` (J); the guide's
+    place and velocity in y and z from `base`, where it moves.
     """
 
     speeds: int

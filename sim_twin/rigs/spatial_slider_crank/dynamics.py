@@ -41,7 +41,7 @@ def elastic_forces(p: Constants, y: Array, pose: Pose, ball_force: Vector, dy: A
 
 @allocation_free
 def set_rod(p: Constants, y: Array, pose: Pose, dy: Array, A: Array) -> None:
-    """Set `A` to the rod's mass matrix and, in its last row, minus its inertia forces at zero acceleration."""
+    """Set `A` to the rod's mass matrix and, in its last row, minus its inertia forces at no acceleration."""
     m = p.modes
     n = RIGID + 2 * m
     Au = Aw = vu = vw = fu = fw = sway2 = uu = ww = uw = spin = 0.0

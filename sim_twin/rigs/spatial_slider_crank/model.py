@@ -1,8 +1,8 @@
 """Parameters of the spatial slider-crank, with the values of its source as defaults.
 
 Seed 000 (Deck and Dubowsky), section 4, tables 4 and 5; what it leaves open is chosen in
-docs/decisions/0005-spatial-slider-crank.md. The guide lies along x, z is up; the slider stands on the positive
-side of the crank. At angle 90 degrees the crank's axis is y.
+docs/decisions/0005-spatial-slider-crank.md. The guide lies along x, z is its upper side; the slider stands on
+the positive side of the crank. At angle 90 degrees the crank's axis is y.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class SpatialSliderCrank:
     `crank_radius` in m; `axis_angle` between the crank's axis and the guide in rad; clearances in m, half the
     free motion. `rod_modes` counts as the source does, the rod's two rigid rotations included: 8 are three
     bending modes in each plane; 0 is a rigid rod. `modal_damping` is the ratio of every bending mode.
-    `gravity` in m/s2; the guide is inclined by `incline` rad, the crank at its upper end, so that gravity acts
-    along (sin, 0, -cos) of it.
+    `gravity` in m/s2; the guide is inclined by `incline` rad, the crank at its upper end, so that gravity
+    acts along (sin, 0, -cos) of it.
     """
 
     crank_radius: float = 0.05

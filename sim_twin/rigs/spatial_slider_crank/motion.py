@@ -15,8 +15,8 @@ from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDr
 from sim_twin.rigs.spatial_slider_crank.pose import crank_pin, crank_pin_velocity, pose
 
 Array = NDArray[np.float64]
-PRECISION = 1e-9
-"""m; error that a step may make in a place: first peaks within 0.1 %."""
+PRECISION = 1e-10
+"""m; error that a step may make in a place: first peaks within 0.2 %."""
 _RATE, _ENERGY = 1e4, 1e3
 _LONGEST, _SHORTEST, _AFTER_ONSET, _REACH = 1e-3, 1e-15, 4e-6, 1e-10
 _FLOOR = 1e-9
@@ -61,7 +61,7 @@ def ideal_state(p: Constants, angle: float) -> Array:
     y = np.zeros(where.size)
     across = np.array(crank_pin(p, angle)) - p.centre
     along = sqrt(p.rod_length**2 - across[1] ** 2 - across[2] ** 2)
-    y[:3] = p.centre + [across[0] + along, 0.0, 0.0]
+    y[0], y[1], y[2] = across[0] + along, p.centre[1], p.centre[2]
     y[6], y[7] = atan2(across[2], along), asin(-across[1] / p.rod_length)
     place(p, y, angle, np.zeros(3), np.zeros(3))
     return y
@@ -95,8 +95,8 @@ def place(p: Constants, y: Array, angle: float, offset: Array, rate: Array) -> N
 def crank_angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
     """Crank angle in rad `elapsed` s (either sign) after it was `angle`.
 
-    For x = order theta + phase, x' = order omega_0 (1 + a sin x), whose flow is known: with the angle u given by
-    tan(x/2) = sqrt(1 - a^2) tan(u) - a, u' is constant.
+    For x = order theta + phase, x' = order omega_0 (1 + a sin x), whose flow is known: with the angle u
+    given by tan(x/2) = sqrt(1 - a^2) tan(u) - a, u' is constant.
     """
     a, order = drive.fluctuation, drive.order
     if a == 0.0 or order == 0.0:

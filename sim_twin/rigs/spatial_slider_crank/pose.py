@@ -25,10 +25,11 @@ from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
 
 
 class Pose(NamedTuple):
-    """World frame unless said: `pin` the universal joint, `slider` and `rod` the rotations, `joint` the rod's in
-    the slider's frame. `axis` is the slider's y in the rod's frame; `Omega` (rod's frame) and `omega` (slider's)
-    are angular velocities in rad/s, `relative` their difference in the rod's frame. `tip` and `tip_rate` (rod's
-    frame) lie from the pin to the ball.
+    """World frame unless said: `pin` the universal joint, `slider` and `rod` the rotations.
+
+    `joint` is the rod's rotation in the slider's frame, `axis` the slider's y in the rod's. `Omega` (rod's
+    frame) and `omega` (slider's) are angular velocities in rad/s, `relative` their difference in the rod's
+    frame. `tip` (rod's frame) lies from the pin to the ball.
     """
 
     pin: Vector

@@ -25,8 +25,8 @@ def solver_values(twin: SpatialTwin, settle: float, duration: float) -> SolverVa
     """First peaks from the start on; the rest over `duration` s after the first `settle` s.
 
     Forces in N, rms slider acceleration (of its speed at 51.2 kHz) in m/s2. A cycle peak is the largest force
-    within a whole turn of the crank, at any of the guide's points or in the socket. None where there is nothing
-    to tell. Raises SimulationFailed.
+    within a whole turn of the crank, at any of the guide's points or in the socket. None where there is
+    nothing to tell. Raises SimulationFailed.
     """
     trace, episodes = motion(twin, settle + duration)
     return values_of(trace, episodes, settle)

@@ -40,8 +40,8 @@ class SpatialTruth:
     def change_drive(self, drive: SpeedDrive, phase: float, reference: float) -> None:
         """Drive like this from now on; the crank is at `phase` rad at `reference` s.
 
-        A crank that turns already is put to its new angle, and rod and slider with it: the ball stays where it
-        is in its socket, and as fast there.
+        A crank that turns already is put to its new angle, and rod and slider with it: the ball stays where
+        it is in its socket, and as fast there.
         """
         angle = crank_angle_after(drive, phase, self._steps / self._rate - reference)
         if self._simulation is None:

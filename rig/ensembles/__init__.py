@@ -1,0 +1,1 @@
+"""Where ensembles run: worker processes of this machine, or a Dask cluster."""

@@ -1,0 +1,1 @@
+"""The papers' figures and tables, computed anew and held against their text."""

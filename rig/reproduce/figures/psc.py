@@ -1,0 +1,176 @@
+"""PSC: accelerations of the frame at 150 and 200 rpm for the three clearance settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import SimulationFailed
+from rig.report import content
+from rig.reproduce.chart import OURS, OURS_LINE, SECOND, SECOND_LINE, Chart
+from rig.reproduce.claim import Claim, above
+from rig.reproduce.explanations import FRAME
+from rig.reproduce.figure import Effort, Figure, Outcome
+from rig.reproduce.sample import Sample, ratio
+from rig.reproduce.statement import Statement, of_ratio, of_sample
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive
+from sim_twin.rigs.planar_slider_crank.rig import MODEL
+from sim_twin.status import Status
+from sim_twin.twin import Twin
+
+Array = NDArray[np.float64]
+_PLACE = "5, Figs. 5-10"
+_CHANNELS = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
+_SETTINGS_MM = ((1.0, 1.0), (1.0, 2.0), (2.0, 2.0))
+_SPEEDS_RPM = (150.0, 200.0)
+_RATE = 51_200.0
+_SETTLE_TURNS = 3
+_MAINLY = 50.0
+_PIECES = 36
+_STYLES = (SECOND, OURS)
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """Accelerations of the frame in m/s2, shape (channels, turns, samples), turn by turn."""
+
+    accelerations: Array
+
+    def rms(self, channel: int) -> Sample:
+        """Rms of each turn."""
+        return Sample(np.sqrt(np.mean(self.accelerations[channel] ** 2, axis=1)))
+
+    def largest(self, channel: int) -> Sample:
+        """Largest magnitude of each turn."""
+        return Sample(np.abs(self.accelerations[channel]).max(axis=1))
+
+    def periodic_share(self, channel: int) -> float:
+        """Share of the mean square that repeats from turn to turn, in percent."""
+        return repeating(self.accelerations[channel])
+
+    def periodic_level(self, channel: int) -> float:
+        """Share of the variance of the level, rms over each 10 degrees, that repeats from turn to turn."""
+        rows = self.accelerations[channel]
+        pieces = rows[:, : rows.shape[1] // _PIECES * _PIECES].reshape(len(rows), _PIECES, -1)
+        level = np.sqrt(np.mean(pieces**2, axis=2))
+        return repeating(level - level.mean())
+
+
+def repeating(rows: Array) -> float:
+    """Share of the mean square of `rows`, shape (turns, n), that lies in their mean: unbiased, percent."""
+    whole, turns = float(np.mean(rows**2)), len(rows)
+    repeated = float(np.mean(rows.mean(axis=0) ** 2))
+    return 100 * (repeated - whole / turns) / (whole * (1 - 1 / turns))
+
+
+Runs = Mapping[tuple[float, tuple[float, float]], Turns]
+
+
+def turns(speed_rpm: float, clearances_mm: tuple[float, float], count: int) -> Turns:
+    """`count` turns after the first three; raises SimulationFailed."""
+    rig = PlanarSliderCrank(clearance_1=1e-3 * clearances_mm[0], clearance_2=1e-3 * clearances_mm[1])
+    drive = SpeedDrive(speed_rpm * 2 * np.pi / 60)
+    truth = MODEL.truth(Twin(rig, drive), _RATE, False)
+    truth.change_drive(drive, 0.0, 0.0)
+    samples = round(60 / speed_rpm * _RATE)
+    rows = truth.advance(samples * (_SETTLE_TURNS + count))
+    if truth.status is not Status.COMPLETED:
+        raise SimulationFailed(f"the crank stopped at {speed_rpm:g} rpm", truth.status.advice)
+    kept = [rows[rig.channels.index(name), samples * _SETTLE_TURNS :] for name in _CHANNELS]
+    return Turns(np.array(kept).reshape(len(_CHANNELS), count, samples))
+
+
+def _compute(effort: Effort) -> Outcome:
+    count = effort.of(60, 6)
+    runs = {(speed, g): turns(speed, g, count) for speed in _SPEEDS_RPM for g in _SETTINGS_MM}
+    channels = range(len(_CHANNELS))
+    waveform = Sample(
+        np.array([run.periodic_share(channel) for run in runs.values() for channel in channels])
+    )
+    level = Sample(np.array([run.periodic_level(channel) for run in runs.values() for channel in channels]))
+    periodic = above(_MAINLY, "mainly periodic, with some peaks of impacts", "5, below Fig. 4")
+    statements = [
+        *_per_channel(runs, "rms at 200 over rms at 150 rpm", _by_speed, "amplitudes increase with speed"),
+        *_per_channel(
+            runs,
+            "rms at 2 and 2 mm over rms at 1 and 1 mm",
+            _by_clearance,
+            "amplitudes increase with clearance",
+        ),
+        of_sample(
+            "share of the waveform's mean square that repeats each turn", periodic, waveform, "%", FRAME
+        ),
+        of_sample(
+            "share of the level's variance that repeats each turn",
+            periodic,
+            level,
+            "%",
+            "Level: rms over each 10 degrees of the crank. Mean over channels, speeds and settings.",
+        ),
+    ]
+    return Outcome(statements, [_bars(runs), _traces(runs)])
+
+
+def _per_channel(
+    runs: Runs, what: str, compare: Callable[[Runs, int], list[tuple[float, float]]], text: str
+) -> list[Statement]:
+    claim: Claim = above(1.0, text, "5, Figs. 7-10")
+    return [
+        of_ratio(
+            f"{name}: {what}, smallest",
+            claim,
+            min(compare(runs, channel), key=lambda pair: pair[0]),
+        )
+        for channel, name in enumerate(_CHANNELS)
+    ]
+
+
+def _by_speed(runs: Runs, channel: int) -> list[tuple[float, float]]:
+    slow, fast = _SPEEDS_RPM
+    return [ratio(runs[fast, g].rms(channel), runs[slow, g].rms(channel)) for g in _SETTINGS_MM]
+
+
+def _by_clearance(runs: Runs, channel: int) -> list[tuple[float, float]]:
+    small, _, large = _SETTINGS_MM
+    return [ratio(runs[speed, large].rms(channel), runs[speed, small].rms(channel)) for speed in _SPEEDS_RPM]
+
+
+def _label(setting: tuple[float, float]) -> str:
+    return f"{setting[0]:g} and {setting[1]:g} mm"
+
+
+def _bars(runs: Runs) -> content.Figure:
+    chart = Chart(rows=1, columns=3, row_px=240)
+    for cell, name in enumerate(_CHANNELS):
+        ticks = {"tickvals": [0, 1, 2], "ticktext": [_label(g) for g in _SETTINGS_MM], "range": [-0.3, 2.3]}
+        title = name.replace(".acceleration", "")
+        chart.axes(
+            cell, title, "clearance c₁ and c₂", "rms, m/s²", x_axis=ticks, y_axis={"rangemode": "tozero"}
+        )
+        for speed, style in zip(_SPEEDS_RPM, _STYLES, strict=True):
+            rms = [runs[speed, g].rms(cell) for g in _SETTINGS_MM]
+            means, deviations = [each.mean for each in rms], [each.deviation for each in rms]
+            chart.scattered(cell, f"ours, {speed:g} rpm", [0.0, 1.0, 2.0], means, deviations, style)
+    return chart.figure(
+        "psc-rms",
+        "Bars: ± one standard deviation from turn to turn. The text gives no numbers.",
+    )
+
+
+def _traces(runs: Runs) -> content.Figure:
+    chart = Chart(rows=len(_CHANNELS), columns=len(_SETTINGS_MM), row_px=150)
+    for row, name in enumerate(_CHANNELS):
+        for column, setting in enumerate(_SETTINGS_MM):
+            cell = row * len(_SETTINGS_MM) + column
+            title = f"{name.replace('.acceleration', '')}, {_label(setting)}"
+            chart.axes(cell, title, "crank angle, degrees", "m/s²", x_axis={"range": [0, 720], "dtick": 180})
+            for speed, style in ((200.0, OURS_LINE), (150.0, SECOND_LINE)):
+                trace = runs[speed, setting].accelerations[row, :2].ravel()
+                chart.outline(cell, f"ours, {speed:g} rpm", 720 / len(trace), trace, style)
+    return chart.figure("psc-traces", "Two turns of each setting.")
+
+
+FIGURE = Figure("psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute)

@@ -1,0 +1,79 @@
+"""Worker processes and a cluster: same bits, nothing left behind, one clear line when they are not there."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from concurrent.futures import Future
+
+import pytest
+
+from rig.ensembles.executors import WorkersAbsent, cluster, worker_processes
+from sim_twin.ensembles.figures import Figures
+from sim_twin.ensembles.population import Population
+from sim_twin.ensembles.samples import Samples
+from sim_twin.ensembles.simulate import simulate
+from sim_twin.ensembles.variant import Outcome
+from sim_twin.rigs.impact_beam.healthy import nominal_sensors
+from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.twin import Twin
+
+BEAM = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
+VARIANTS = Population(BEAM, (("clearance", {}),)).variants(40, 5)  # three pieces of work
+FIGURES = Figures(0.01, 0.05)
+SAMPLES = Samples(("yoke.force",), 51_200.0, 0.0, 0.02)
+
+
+def bits(outcome: Outcome[RunFigures]) -> tuple[object, ...]:
+    assert outcome.value is not None
+    return outcome.value.values, {name: each.tobytes() for name, each in outcome.value.series.items()}
+
+
+def environment() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name.endswith("_NUM_THREADS")}
+
+
+def test_two_workers_give_the_same_bits_as_this_thread() -> None:
+    figures = [bits(outcome) for outcome in simulate(VARIANTS, FIGURES)]
+    samples = [outcome.value.tobytes() for outcome in simulate(VARIANTS, SAMPLES)]
+    with worker_processes(2) as workers:
+        spread = simulate(VARIANTS, FIGURES, workers.executor, in_flight=2)
+        assert [bits(outcome) for outcome in spread] == figures
+        shown = simulate(VARIANTS, SAMPLES, workers.executor)
+        assert [outcome.value.tobytes() for outcome in shown] == samples
+
+
+def test_a_worker_has_one_thread_and_is_out_of_the_terminal_s_reach() -> None:
+    before = environment()
+    with worker_processes(1) as workers:
+        assert set(workers.executor.submit(environment).result().values()) == {"1"}
+        blocked = workers.executor.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+        assert {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT} <= blocked
+    assert environment() == before
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def _interrupt(_: Future[None]) -> None:
+    raise KeyboardInterrupt
+
+
+def test_workers_are_gone_at_once_when_whoever_uses_them_stops() -> None:
+    with pytest.raises(KeyboardInterrupt, match=r"^$"), worker_processes(1) as workers:
+        _interrupt(workers.executor.submit(signal.pause))  # would never end
+    assert not multiprocessing.active_children()
+
+
+def test_the_death_of_a_worker_is_told() -> None:
+    with pytest.raises(WorkersAbsent, match="a worker process died"), worker_processes(1) as workers:
+        workers.executor.submit(os.kill, workers.executor.submit(os.getpid).result(), signal.SIGKILL).result()
+
+
+def test_a_cluster_needs_a_package_and_an_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(WorkersAbsent, match=r"nowhere is no address of a scheduler, such as tcp://"):
+        cluster("nowhere").__enter__()
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(WorkersAbsent, match=r"pip install 'rattle\[cluster\]'"):
+        cluster("tcp://127.0.0.1:8786").__enter__()
