@@ -1,4 +1,4 @@
-"""Two worker processes against one: 1 000 healthy impact beams of 1 s each, best of several, alternated.
+"""Two worker processes against one: 1 000 healthy impact beams of 2 s each, best of several, alternated.
 
 Both pools stay open, so that the machine is the same for both. The memory is the largest sum of the resident
 memory of the command and the two workers that was seen; pages that they share count three times.
@@ -24,8 +24,8 @@ from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.twin import Twin
 
-RUNS, SECONDS = 1000, 1.0
-FIGURES = Figures(0.25, SECONDS - 0.25)
+RUNS, SECONDS = 1000, 2.0
+FIGURES = Figures(0.5, SECONDS - 0.5)
 RATIO_BAR, MEMORY_BAR_GB = 1.8, 2.0
 _QUEUED = 4
 

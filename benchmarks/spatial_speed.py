@@ -1,9 +1,9 @@
 """The rigid spatial slider-crank in MuJoCo and in this twin: first peaks and speed, alternately in one run.
 
-The same mechanism: free slider, universal joint as two hinges, crank kept at its speed by a huge inertia, socket as
-a limit on the distance between two sites, guide points as small spheres over planes. MuJoCo's contacts are made into
-F = k d + c v by negative `solref` scaled with its own inverse inertia, at impedance 0.001. Its step is the
-largest of those tried whose first peaks come within 0.5 % of the twin's at its finest.
+The same mechanism: free slider, universal joint as two hinges, crank kept at its speed by a huge inertia,
+socket as a limit on the distance between two sites, guide points as small spheres over planes. MuJoCo's
+contacts are made into F = k d + c v by negative `solref` scaled with its own inverse inertia, at impedance
+0.001. Its step is the largest of those tried whose first peaks come within 0.5 % of the twin's at its finest.
 
 Needs the optional extra `peers`. Usage: python -m benchmarks.spatial_speed
 """
@@ -59,11 +59,13 @@ def world(rig: SpatialSliderCrank, integrator: str, step: float) -> str:
       <option timestep="{step}" gravity="{g[0]} {g[1]} {g[2]}" integrator="{integrator}" cone="elliptic"/>
       <default><geom contype="0" conaffinity="0"/></default>
       <worldbody>{planes}
-        <body name="crank"><joint name="turn" type="hinge" axis="{-np.cos(a)} {-np.sin(a)} 0" armature="{DISC}"/>
+        <body name="crank">
+          <joint name="turn" type="hinge" axis="{-np.cos(a)} {-np.sin(a)} 0" armature="{DISC}"/>
           <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
           <site name="socket" pos="{rig.crank_radius * np.sin(a)} {-rig.crank_radius * np.cos(a)} 0"/></body>
         <body name="slider"><freejoint/>
-          <inertial pos="0 0 0" mass="{slider.mass}" diaginertia="{" ".join(map(str, slider.inertia))}"/>{spheres}
+          <inertial pos="0 0 0" mass="{slider.mass}"
+            diaginertia="{" ".join(map(str, slider.inertia))}"/>{spheres}
           <body name="rod" pos="{" ".join(map(str, slider.pin))}">
             <joint name="alpha" type="hinge" axis="0 1 0"/><joint name="beta" type="hinge" axis="0 0 1"/>
             <inertial pos="{-rod.length / 2} 0 0" mass="{rod.mass}"
@@ -169,7 +171,8 @@ def main() -> None:
     ratios = [row[0] / row[1] for row in rows]
     print("simulated seconds per second of processor time, one core, medians of alternating runs")
     print(
-        f"  twin, rigid rod             {twin:8.2f}\n  MuJoCo {integrator}, {1e6 * step:.0f} us {mujocos:9.2f}"
+        f"  twin, rigid rod             {twin:8.2f}\n"
+        f"  MuJoCo {integrator}, {1e6 * step:.0f} us {mujocos:9.2f}"
     )
     print(f"  ratio                       {np.median(ratios):8.1f}  ({min(ratios):.1f} to {max(ratios):.1f})")
     print(f"  twin, flexible rod, 8 modes {bending:8.2f}  (1 is real time)")

@@ -21,6 +21,7 @@ from sim_twin.ensembles.population import Population
 from sim_twin.ensembles.simulate import simulate
 from sim_twin.ensembles.summary import spread_of
 
+_A_GLANCE = Figures(0.0, 1e-3)
 _QUEUED = 4
 """Pieces of work with each worker, so that none waits for the next."""
 
@@ -74,14 +75,12 @@ def _simulated(
 ) -> Outcomes:
     wanted = scenario.acquisition
     variants, figures = population.variants(runs, seed), Figures(wanted.settle, wanted.duration)
-    with source as workers, screen.bar("simulating", runs, "runs") as bar:
-        return simulate(
-            variants,
-            figures,
-            workers.executor,
-            lambda done, _: bar.at(done),
-            _QUEUED * workers.count,
-        )
+    with source as workers:
+        with screen.busy("compiling"):  # by one worker; the others find the machine code on the disk
+            simulate(variants[:1], _A_GLANCE, workers.executor)
+        with screen.bar("simulating", runs, "runs") as bar:
+            queued = _QUEUED * workers.count
+            return simulate(variants, figures, workers.executor, lambda done, _: bar.at(done), queued)
 
 
 def _show(outcomes: Outcomes, seed: int, screen: Screen, machine: bool) -> None:

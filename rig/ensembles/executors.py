@@ -88,7 +88,8 @@ def _start_conditions() -> Iterator[None]:
 def cluster(address: str) -> Iterator[Workers]:
     """The workers of the Dask scheduler at `address` (tcp://HOST:PORT), which need rattle installed.
 
-    The bits of a result are those of this machine where the workers' processors are of its kind. Raises WorkersAbsent without the package `distributed`, a scheduler there, or a worker that can do it.
+    Where their processors are of this machine's kind they give the same bits. Raises WorkersAbsent without
+    the package `distributed`, a scheduler there, or a worker that can do it.
     """
     client, count = _connect(address)
     executor = client.get_executor(pure=False)

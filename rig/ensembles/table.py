@@ -22,7 +22,7 @@ _COLUMNS = ("runs", "mean", "deviation", "5 %", "50 %", "95 %")
 def spread_table(spreads: Mapping[str, Spread]) -> Table:
     """One row a figure; the end of its name is its unit."""
     table = Table(box=None, pad_edge=False)
-    table.add_column("figure")
+    table.add_column("figure", no_wrap=True)
     for column in _COLUMNS:
         table.add_column(column, justify="right")
     for name, spread in spreads.items():

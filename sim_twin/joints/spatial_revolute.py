@@ -1,8 +1,9 @@
 """Spatial revolute joint with clearance: a journal in a bearing of finite length.
 
 The SRCC that Deck and Dubowsky name (seed 000, section 2). The journal touches at one end of the bearing, at
-both on the same side or, tilted, on opposite sides, and its shoulders run against the bearing's faces. All in the bearing's frame, whose x is the bearing's axis; the tilt is small (its square is left out of the
-depth, as the journal's section there is an ellipse).
+both on the same side or, tilted, on opposite sides, and its shoulders run against the bearing's faces. All in
+the bearing's frame, whose x is the bearing's axis; the tilt is small (its square is left out of the depth, as
+the journal's section there is an ellipse).
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ STAGES, COEFFICIENTS = 7, 5
 # Entries of Run.clock, s (the last is dimensionless).
 NOW, BEFORE, STEP, STEP_BEFORE_ONSET, ERROR = range(5)
 # Entries of Run.counts.
-STEPS, REJECTED, SAMPLES, STATUS, STARTED, EPISODES = range(6)
+STEPS, REJECTED, SAMPLES, STARTED, EPISODES = range(5)
 # Columns of an episode, one row for each contact that has ended.
 ONSET, CONTACT, APPROACH, PEAK, END = range(5)
 
@@ -90,5 +90,5 @@ def begin(y: Real, contacts: int, time: float = 0.0, step: float = 1e-6) -> Run:
         last=np.zeros((contacts, 4)),
         open_episode=np.zeros((contacts, 5)),
         clock=clock,
-        counts=np.zeros(6, dtype=np.int64),
+        counts=np.zeros(5, dtype=np.int64),
     )

@@ -20,7 +20,9 @@ class ComplexModes(NamedTuple):
 
 def complex_modes(A: NDArray[np.float64]) -> ComplexModes:
     """Modes of A, shape (2 n, 2 n), which has the form [[0, 1], [-K, -C]] or is a projection of it."""
-    rates, V = np.linalg.eig(_well_conditioned(A))
+    rates, V = np.linalg.eig(A)
+    if np.linalg.cond(V) > _WORST_CONDITION * np.linalg.norm(A):
+        rates, V = np.linalg.eig(_moved(A))
     left = np.linalg.inv(V)
     keep = np.flatnonzero(rates.imag >= 0)
     weight = np.where(rates[keep].imag > 0, 2.0, 1.0)
@@ -29,11 +31,8 @@ def complex_modes(A: NDArray[np.float64]) -> ComplexModes:
     )
 
 
-def _well_conditioned(A: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return A, its damping moved by 1e-7 where a critically damped pair makes its modes coincide."""
-    _, V = np.linalg.eig(A)
-    if np.linalg.cond(V / np.linalg.norm(V, axis=0)) < _WORST_CONDITION * np.linalg.norm(A):
-        return A
+def _moved(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A with its damping moved by 1e-7, where a critically damped pair makes its modes coincide."""
     n = len(A) // 2
     moved = A.copy()
     moved[n:, n:] *= 1 + 1e-7

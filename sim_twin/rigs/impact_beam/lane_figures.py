@@ -16,7 +16,7 @@ from sim_twin.sensors import OVERSAMPLED_RATE
 from sim_twin.status import Status
 
 Array = NDArray[np.float64]
-_AT_ONCE = 16_384
+_AT_ONCE = 8192
 
 
 def figures(

@@ -159,7 +159,8 @@ class TestRevolute:
                 tuple(place + t * velocity), tuple(axis + t * np.cross(omega, axis)), (0.0,) * 3, (0.0,) * 3
             )
             depths.append(journal_touch(self.joint.numbers(), moved, contact)[0].depth)
-        now, _ = journal_touch(self.joint.numbers(), Journal(tuple(place), tuple(axis), tuple(velocity), tuple(omega)),
+        moving = Journal(tuple(place), tuple(axis), tuple(velocity), tuple(omega))
+        now, _ = journal_touch(self.joint.numbers(), moving,
                                contact)  # fmt: skip
         assert now.rate == pytest.approx((depths[1] - depths[0]) / (2 * h), abs=1e-6)
 

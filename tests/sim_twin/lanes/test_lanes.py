@@ -138,3 +138,18 @@ def test_a_drive_keeps_its_amplitude_over_many_cycles() -> None:
     amplitude = 9.0 * omega**2 * abs(lane.accelerations[1] @ answer)
     # Over 200 s the pendulum has died to 5e-5 of its start.
     assert np.std(tip) * np.sqrt(2) == pytest.approx(amplitude, rel=1e-4)
+
+
+def test_a_critically_damped_mode_whose_two_rates_coincide() -> None:
+    # C = 2 sqrt(K): the matrix of the motion has one eigenvector only.
+    start, omega = 1e-3, 100.0
+    still = Harmonics(np.zeros(2, complex), 1.0)
+    one = np.ones(1)
+    K, C = np.array([[omega**2]]), np.array([[2 * omega]])
+    stops, begin = Stops(1e7, 0.0, 0.1), np.array([start, 0.0])
+    lane = Lane(K, C, one, one, 0 * one, stops, still, 0.0, np.eye(1), begin)
+    _, acceleration = Lanes([lane], 1e-4).advance(1000)[0]
+    t = 1e-4 * np.arange(1000)
+    exact = start * omega**2 * (omega * t - 1) * np.exp(-omega * t)
+    # The damping is moved by 1e-7 of itself to tell the two rates apart.
+    assert acceleration == pytest.approx(exact, abs=1e-5 * np.abs(exact).max())

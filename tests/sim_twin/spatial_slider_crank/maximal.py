@@ -1,6 +1,6 @@
 """The rigid mechanism in absolute coordinates: two free bodies, the joint by Lagrange multipliers, DOP853.
 
-State of both bodies: place, quaternion (w, x, y, z), velocity, angular velocity in its own frame; slider first.
+State of both bodies, slider first: place, quaternion (w, x, y, z), velocity, angular velocity in its frame.
 Written from the equations of rigid bodies (Haug, Computer-Aided Kinematics and Dynamics, 1989, 11.2).
 """
 
@@ -113,10 +113,11 @@ class RigidMechanism:
         ys, zr = R[0] @ Y, R[1] @ Z
         across = np.cross(ys, zr)
         for i, sign in ((0, 1.0), (1, -1.0)):
-            at, I = 6 * i, R[i] @ np.diag(self.inertias[i]) @ R[i].T
-            A[at : at + 3, at : at + 3], A[at + 3 : at + 6, at + 3 : at + 6] = self.masses[i] * np.eye(3), I
+            at, inertia = 6 * i, R[i] @ np.diag(self.inertias[i]) @ R[i].T
+            A[at : at + 3, at : at + 3] = self.masses[i] * np.eye(3)
+            A[at + 3 : at + 6, at + 3 : at + 6] = inertia
             rhs[at : at + 3] = loads[i, :3] + self.masses[i] * self.gravity
-            rhs[at + 3 : at + 6] = loads[i, 3:] - np.cross(W[i], I @ W[i])
+            rhs[at + 3 : at + 6] = loads[i, 3:] - np.cross(W[i], inertia @ W[i])
             J = np.zeros((4, 6))
             J[:3, :3], J[:3, 3:], J[3, 3:] = sign * np.eye(3), -sign * skew(arms[i]), sign * across
             A[12:, at : at + 6], A[at : at + 6, 12:] = J, J.T
@@ -159,7 +160,7 @@ class RigidMechanism:
                 onsets[j], peaks[j], touches[j] = t, 0.0, not touches[j]
         return found
 
-    def _event(self, j: int, touches: np.ndarray):  # noqa: ANN202
+    def _event(self, j: int, touches: np.ndarray):
         def depth(t: float, y: np.ndarray, _: np.ndarray) -> float:
             return self.touching(t, y)[0][j]
 

@@ -1,7 +1,7 @@
 """The mechanism written anew from its geometry alone, as a cloud of mass points.
 
-It shares parameters with the twin and the meaning of its coordinates q = pin, Gibbs vector, alpha, beta, bending
-in both planes; nothing else. Masses and forces come from differences of the points' places.
+It shares parameters with the twin and the meaning of its coordinates q = pin, Gibbs vector, alpha, beta,
+bending in both planes; nothing else. Masses and forces come from differences of the points' places.
 """
 
 from __future__ import annotations
@@ -75,11 +75,11 @@ class Mechanism:
         gap = np.linalg.norm(p[8] - self.crank_pin(theta)) - self.rig.socket_clearance
         return np.array([*(h - np.array(sides)), gap])
 
-    def velocity(self, places, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: ANN001
+    def velocity(self, places, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Rate of `places(q)` along `qd`."""
         return (places(q + FIRST * qd) - places(q - FIRST * qd)) / (2 * FIRST)
 
-    def jacobian(self, places, q: np.ndarray) -> np.ndarray:  # noqa: ANN001
+    def jacobian(self, places, q: np.ndarray) -> np.ndarray:
         """Partial velocities, shape (points, 3, n)."""
         return np.stack([self.velocity(places, q, unit) for unit in np.eye(self.n)], axis=-1)
 

@@ -78,7 +78,7 @@ def test_accelerations_are_those_of_mass_points(modes: int, seed: int) -> None:
     assert twin == pytest.approx(expected, rel=2e-5, abs=2e-5 * np.abs(expected).max())
 
 
-def run_of(rig: SpatialSliderCrank, precision: float, step: float = 1e-3):  # noqa: ANN201
+def run_of(rig: SpatialSliderCrank, precision: float, step: float = 1e-3):
     return simulation(rig, SpeedDrive(SPEED), 0.0, step, step_limits(rig, precision))
 
 

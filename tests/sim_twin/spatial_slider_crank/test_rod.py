@@ -17,7 +17,7 @@ def shape(rod: Rod, beta_L: float, s: float) -> float:
     return float((np.sin(x) / np.sin(beta_L) + np.sinh(x) / np.sinh(beta_L)) / np.sqrt(rod.mass))
 
 
-def over_mass(rod: Rod, f) -> float:  # noqa: ANN001
+def over_mass(rod: Rod, f) -> float:
     return quad(f, 0.0, rod.length)[0] * rod.mass / rod.length
 
 

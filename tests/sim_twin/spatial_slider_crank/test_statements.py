@@ -1,4 +1,4 @@
-"""What Deck and Dubowsky saw (seed 000 section 4), in short; benchmarks/spatial_statements.py has the long versions."""
+"""What Deck and Dubowsky saw (seed 000 section 4), in short; the long versions are in the benchmarks."""
 
 from __future__ import annotations
 
