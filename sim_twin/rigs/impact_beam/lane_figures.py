@@ -17,6 +17,7 @@ from sim_twin.status import Status
 
 Array = NDArray[np.float64]
 _AT_ONCE = 8192
+"""Steps; the forces of a piece of work then stay in the second cache."""
 
 
 def figures(

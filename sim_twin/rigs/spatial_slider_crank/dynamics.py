@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from math import sqrt
 
-from sim_twin.compiled import allocation_free
 from sim_twin.joints.vectors import Vector, added, cross, dot, scaled, subtracted
+from sim_twin.mechanisms.generic import mechanical
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
 from sim_twin.rigs.spatial_slider_crank.pose import Pose
 
 
-@allocation_free
+@mechanical
 def elastic_forces(p: Constants, y: Array, pose: Pose, ball_force: Vector, dy: Array) -> None:
     """Write to `dy` the modal accelerations as they would be with pin and spin unaccelerated.
 
@@ -39,7 +39,7 @@ def elastic_forces(p: Constants, y: Array, pose: Pose, ball_force: Vector, dy: A
         )  # fmt: skip
 
 
-@allocation_free
+@mechanical
 def set_rod(p: Constants, y: Array, pose: Pose, dy: Array, A: Array) -> None:
     """Set `A` to the rod's mass matrix and, in its last row, minus its inertia forces at no acceleration."""
     m = p.modes
@@ -72,7 +72,7 @@ def set_rod(p: Constants, y: Array, pose: Pose, dy: Array, A: Array) -> None:
     A[8, 6], A[8, 7] = 0.0, 0.0
 
 
-@allocation_free
+@mechanical
 def _set_rod_matrix(
     p: Constants, A: Array, first: float, Au: float, Aw: float, sway2: float, uu: float, ww: float, uw: float
 ) -> None:
@@ -88,7 +88,7 @@ def _set_rod_matrix(
     A[4, 2], A[5, 1] = first, -first
 
 
-@allocation_free
+@mechanical
 def add_slider(p: Constants, pose: Pose, A: Array) -> None:
     """Add the slider's part to the matrix and to the last row of `A`."""
     m, C = p.slider_mass, pose.joint
@@ -112,7 +112,7 @@ def add_slider(p: Constants, pose: Pose, A: Array) -> None:
     add_slider_load(pose, scaled(-1.0, force), subtracted(cross(arm, force), moment), A)
 
 
-@allocation_free
+@mechanical
 def add_slider_load(pose: Pose, force: Vector, moment: Vector, A: Array) -> None:
     """Add a force on the slider (N) and its moment about the pin (N m), rod's frame, to the last row."""
     for i in range(3):
@@ -122,7 +122,7 @@ def add_slider_load(pose: Pose, force: Vector, moment: Vector, A: Array) -> None
     A[8, 7] -= moment[2]
 
 
-@allocation_free
+@mechanical
 def add_rod_load(force: Vector, at: Vector, A: Array) -> None:
     """Add a force on the rod (N) that acts `at` from the pin (m), rod's frame, to the last row."""
     moment = cross(at, force)
@@ -131,7 +131,7 @@ def add_rod_load(force: Vector, at: Vector, A: Array) -> None:
         A[8, 3 + i] += moment[i]
 
 
-@allocation_free
+@mechanical
 def _pin_in_rod(p: Constants, C: tuple[Vector, Vector, Vector]) -> Vector:
     x, y, z = p.pin[0], p.pin[1], p.pin[2]
     return (
@@ -141,14 +141,14 @@ def _pin_in_rod(p: Constants, C: tuple[Vector, Vector, Vector]) -> Vector:
     )
 
 
-@allocation_free
+@mechanical
 def _turned(inertia: Array, C: tuple[Vector, Vector, Vector], i: int, j: int) -> float:
     """Entry i, j of the slider's inertia in the rod's frame."""
     total = inertia[0] * C[0][i] * C[0][j] + inertia[1] * C[1][i] * C[1][j]
     return float(total + inertia[2] * C[2][i] * C[2][j])
 
 
-@allocation_free
+@mechanical
 def _joint_bias(pose: Pose, omega: Vector) -> Vector:
     """How the joint's own axes turn: what the slider's angular acceleration lacks, rod's frame."""
     about_y = scaled(dot(pose.axis, pose.relative), cross(omega, pose.axis))
@@ -156,7 +156,7 @@ def _joint_bias(pose: Pose, omega: Vector) -> Vector:
     return added(about_y, about_z)
 
 
-@allocation_free
+@mechanical
 def _add_slider_matrix(
     m: float, arm: Vector, about: tuple[Vector, Vector, Vector], axis: Vector, A: Array
 ) -> None:
@@ -182,7 +182,7 @@ def _add_slider_matrix(
     A[6, 6], A[7, 6], A[7, 7] = dot(axis, across), across[2], about[2][2]
 
 
-@allocation_free
+@mechanical
 def solve(A: Array) -> None:
     """Solve the eight equations by Cholesky's method; the accelerations replace the last row of `A`."""
     for j in range(8):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from sim_twin.compiled import allocation_free, compiled
+from sim_twin.compiled import compiled
 from sim_twin.contact.laws import elastic_force, normal_force
 from sim_twin.joints.spatial_prismatic import POINTS, face_axis, face_side, friction_force
 from sim_twin.joints.spherical import Touch, ball_in_socket
 from sim_twin.joints.vectors import Vector, added, cross, dot, gibbs_rate, outward, scaled, subtracted
+from sim_twin.mechanisms.generic import mechanical
 from sim_twin.mechanisms.integrator import integrate
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, RIGID, SOCKET, Array, Constants
@@ -32,7 +33,7 @@ SPEED_ROW, ANGLE_ROW, SLIDER_SPEED_ROW = CONTACTS, CONTACTS + 1, CONTACTS + 2
 OUTPUTS = CONTACTS + 3
 
 
-@allocation_free
+@mechanical
 def rates(p: Constants, t: float, y: Array, v0: Array, dy: Array, force: Array) -> None:
     """dy/dt, and the normal forces of the eight points and the socket."""
     n = RIGID + 2 * p.modes
@@ -52,7 +53,7 @@ def rates(p: Constants, t: float, y: Array, v0: Array, dy: Array, force: Array) 
     dy[2 * n + 2] = lost + socket_lost + _modal_loss(p, y)
 
 
-@allocation_free
+@mechanical
 def depths(p: Constants, t: float, y: Array, d: Array, rate: Array) -> None:
     """Penetration and its rate at the eight points and in the socket."""
     at = pose(p, y)
@@ -63,7 +64,7 @@ def depths(p: Constants, t: float, y: Array, d: Array, rate: Array) -> None:
     d[SOCKET], rate[SOCKET] = touch.depth, touch.rate
 
 
-@allocation_free
+@mechanical
 def observe(p: Constants, t: float, y: Array, v0: Array, out: Array, column: int) -> None:
     """Forces of points and socket (N), crank speed (rad/s) and angle (rad), slider speed (m/s) to `out`."""
     at = pose(p, y)
@@ -89,7 +90,7 @@ def run(p: Constants, state: Run, limits: StepLimits, dt: float, out: Real, epis
     return integrate(rates, depths, observe, p, state, limits, dt, out, episodes)
 
 
-@allocation_free
+@mechanical
 def _overlap(p: Constants, y: Array, i: int, place: Vector, velocity: Vector) -> tuple[float, float]:
     """Penetration of point `i` of the shell into the guide, and its rate."""
     axis, side = face_axis(i), face_side(i)
@@ -100,7 +101,7 @@ def _overlap(p: Constants, y: Array, i: int, place: Vector, velocity: Vector) ->
     return p.half_side - side * along, -side * speed
 
 
-@allocation_free
+@mechanical
 def _guide_forces(
     p: Constants, y: Array, at: Pose, v0: Array, force: Array, dy: Array
 ) -> tuple[Vector, Vector, float]:
@@ -125,7 +126,7 @@ def _guide_forces(
     return push, twist, lost
 
 
-@allocation_free
+@mechanical
 def _base_velocity(p: Constants, y: Array) -> Vector:
     if p.base[1] == 0.0:
         return 0.0, 0.0, 0.0
@@ -133,7 +134,7 @@ def _base_velocity(p: Constants, y: Array) -> Vector:
     return 0.0, y[base + 2], y[base + 3]
 
 
-@allocation_free
+@mechanical
 def _move_base(p: Constants, y: Array, push: Vector, dy: Array) -> float:
     """The guide on its springs under the reaction to `push`; returns what its dampers take (W)."""
     base = 2 * (RIGID + 2 * p.modes) + 3
@@ -147,14 +148,14 @@ def _move_base(p: Constants, y: Array, push: Vector, dy: Array) -> float:
     return float(2.0 * zeta * omega * mass * squares)
 
 
-@allocation_free
+@mechanical
 def _socket_touch(p: Constants, y: Array, at: Pose) -> Touch:
     theta = y[2 * (RIGID + 2 * p.modes)]
     centre, velocity = crank_pin(p, theta), crank_pin_velocity(p, theta)
     return ball_in_socket(at.ball, at.ball_velocity, centre, velocity, p.socket_clearance)
 
 
-@allocation_free
+@mechanical
 def _socket_force(p: Constants, y: Array, at: Pose, v0: Array, force: Array) -> tuple[Vector, float, float]:
     """Force on the ball (N, world frame), the motor's power and what the contact loses (W)."""
     force[SOCKET] = 0.0
@@ -168,7 +169,7 @@ def _socket_force(p: Constants, y: Array, at: Pose, v0: Array, force: Array) -> 
     return push, power, (F - elastic_force(p.socket_law, touch.depth)) * touch.rate
 
 
-@allocation_free
+@mechanical
 def _modal_loss(p: Constants, y: Array) -> float:
     m = p.modes
     n, total = RIGID + 2 * m, 0.0
@@ -178,7 +179,7 @@ def _modal_loss(p: Constants, y: Array) -> float:
     return total
 
 
-@allocation_free
+@mechanical
 def _write_accelerations(p: Constants, y: Array, at: Pose, A: Array, dy: Array) -> None:
     """Rates of the coordinates and, from the solved equations, of their speeds."""
     m = p.modes

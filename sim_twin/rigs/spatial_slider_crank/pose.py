@@ -9,7 +9,6 @@ from __future__ import annotations
 from math import cos, sin
 from typing import NamedTuple
 
-from sim_twin.compiled import allocation_free
 from sim_twin.joints.vectors import (
     Rotation,
     Vector,
@@ -21,6 +20,7 @@ from sim_twin.joints.vectors import (
     product,
     subtracted,
 )
+from sim_twin.mechanisms.generic import mechanical
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
 
 
@@ -46,7 +46,7 @@ class Pose(NamedTuple):
     ball_velocity: Vector
 
 
-@allocation_free
+@mechanical
 def pose(p: Constants, y: Array) -> Pose:
     """Positions and velocities at state `y`."""
     m = p.modes
@@ -66,7 +66,7 @@ def pose(p: Constants, y: Array) -> Pose:
     return Pose(pin, velocity, slider, joint, rod, axis, Omega, relative, omega, tip, ball, ball_velocity)
 
 
-@allocation_free
+@mechanical
 def _tip(p: Constants, y: Array, n: int) -> tuple[Vector, Vector]:
     """The ball from the pin in the rod's frame, and its rate there."""
     m = p.modes
@@ -79,7 +79,7 @@ def _tip(p: Constants, y: Array, n: int) -> tuple[Vector, Vector]:
     return (-p.rod_length, u, w), (0.0, u_rate, w_rate)
 
 
-@allocation_free
+@mechanical
 def crank_pin(p: Constants, theta: float) -> Vector:
     """Centre of the socket at crank angle `theta`, m."""
     along, up = p.radius * cos(theta), p.radius * sin(theta)
@@ -90,7 +90,7 @@ def crank_pin(p: Constants, theta: float) -> Vector:
     )
 
 
-@allocation_free
+@mechanical
 def crank_pin_velocity(p: Constants, theta: float) -> Vector:
     """Its velocity, m/s."""
     speed = crank_speed(p, theta)
@@ -98,20 +98,20 @@ def crank_pin_velocity(p: Constants, theta: float) -> Vector:
     return along * p.toward[0], along * p.toward[1], along * p.toward[2] + up
 
 
-@allocation_free
+@mechanical
 def crank_speed(p: Constants, theta: float) -> float:
     """omega = omega_0 (1 + amplitude sin(order theta + phase)), rad/s."""
     return float(p.drive[0] * (1.0 + p.drive[1] * sin(p.drive[2] * theta + p.drive[3])))
 
 
-@allocation_free
+@mechanical
 def slider_point(pose: Pose, at: Vector) -> tuple[Vector, Vector]:
     """Place and velocity of a point of the slider that lies `at` from the pin in the slider's frame."""
     place = added(pose.pin, outward(pose.slider, at))
     return place, added(pose.velocity, outward(pose.slider, cross(pose.omega, at)))
 
 
-@allocation_free
+@mechanical
 def to_rod(pose: Pose, a: Vector) -> Vector:
     """From the world's frame to the rod's."""
     return inward(pose.rod, a)

@@ -104,3 +104,10 @@ def test_a_rig_without_lanes_is_run_one_by_one() -> None:
     assert outcome.value.values == CRANK_MODEL.solver_values(crank, 0.0, 0.05)
     with pytest.raises(ValueError, match=r"planar_slider_crank start at phase 0, not 1 rad"):
         simulate([Variant(crank, 1.0)], Figures(0.0, 0.05))
+
+
+def test_a_run_alone_that_takes_too_many_steps_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim_twin.rigs.planar_slider_crank.solver_values._BUDGET_A_SECOND", 10)
+    crank = Variant(Twin(PlanarSliderCrank(), SpeedDrive(20.0)))
+    (outcome,) = simulate([crank], Figures(0.0, 0.05))
+    assert (outcome.status, outcome.value) == (Status.STEPS_EXHAUSTED, None)
