@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from sim_twin.decimation import decimated
+
 Array = NDArray[np.float64]
 OVERSAMPLED_RATE = 204_800.0
 """Hz; the least rate at which the truth is computed."""
@@ -96,10 +98,9 @@ class SensorStream:
         segment = self._fine[self._offset : self._offset + last]
         if len(segment) < last:
             raise ValueError(f"{last - len(segment)} fine samples are missing")
-        filtered = signal.upfirdn(self._taps, segment, 1, self._factor)
-        first = (len(self._taps) - 1) // self._factor
+        filtered = decimated(segment, self._taps, self._factor, count)
         self._fine = self._fine[count * self._factor :]
-        samples = self._chain.gain * self._high_pass(filtered[first : first + count])
+        samples = self._chain.gain * self._high_pass(filtered)
         return samples if self._rng is None else self._digitise(samples, self._rng)
 
     def _digitise(self, samples: Array, rng: np.random.Generator) -> Array:
