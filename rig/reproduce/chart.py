@@ -72,7 +72,9 @@ class Chart:
     def outline(self, cell: int, name: str, step: float, values: NDArray[np.floating], style: Style) -> None:
         """Draw a trace sampled every `step` of the x axis, by its extremes where it has too many points."""
         chosen = envelope(values, _POINTS)
-        self.series(cell, name, (step * chosen.indices).astype(np.float64), chosen.values.astype(np.float64), style)
+        self.series(
+            cell, name, (step * chosen.indices).astype(np.float64), chosen.values.astype(np.float64), style
+        )
 
     def scattered(
         self,

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.compiled import inlined
 from sim_twin.contact.laws import ContactLaw, Friction, friction_share
 from sim_twin.joints.vectors import Vector
-from sim_twin.mechanisms.generic import mechanical
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -52,19 +52,19 @@ class PrismaticJoint:
         return np.vstack([faces - along, mirrored + along])
 
 
-@mechanical
+@inlined
 def face_axis(point: int) -> int:
     """The axis, 1 (y) or 2 (z), that the face of `point` (0 to 7) is normal to."""
     return 1 + (point % 4) // 2
 
 
-@mechanical
+@inlined
 def face_side(point: int) -> float:
     """+1.0 where the shell's `point` (0 to 7) lies beyond the guide's positive face, else -1.0."""
     return 1.0 - 2.0 * (point % 2)
 
 
-@mechanical
+@inlined
 def friction_force(friction: Friction, normal_force: float, axis: int, slip: Vector) -> Vector:
     """Friction on a point that slides with velocity `slip` (m/s) over a face normal to `axis` (1 or 2), N."""
     u, v = slip[0], slip[3 - axis]

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.compiled import inlined
 from sim_twin.contact.laws import ContactLaw, Friction, friction_share, normal_force
 from sim_twin.joints.spherical import Touch
 from sim_twin.joints.vectors import Vector, added, cross, dot, norm, scaled, subtracted
-from sim_twin.mechanisms.generic import mechanical
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Journal(NamedTuple):
     omega: Vector
 
 
-@mechanical
+@inlined
 def journal_touch(p: RevoluteNumbers, journal: Journal, contact: int) -> tuple[Touch, Vector]:
     """One of the four possible contacts, and where it acts from the journal's centre, m."""
     if contact >= 2:
@@ -78,7 +78,7 @@ def journal_touch(p: RevoluteNumbers, journal: Journal, contact: int) -> tuple[T
     return _end(p, journal, -p.half_length if contact == 0 else p.half_length)
 
 
-@mechanical
+@inlined
 def journal_load(p: RevoluteNumbers, journal: Journal, v0: Array) -> tuple[Vector, Vector]:
     """Force (N) and moment about its centre (N m) that the bearing exerts on the journal.
 
@@ -94,7 +94,7 @@ def journal_load(p: RevoluteNumbers, journal: Journal, v0: Array) -> tuple[Vecto
     return force, moment
 
 
-@mechanical
+@inlined
 def _end(p: RevoluteNumbers, journal: Journal, x: float) -> tuple[Touch, Vector]:
     along = (x - journal.place[0]) / journal.axis[0]
     arm = scaled(along, journal.axis)
@@ -108,13 +108,13 @@ def _end(p: RevoluteNumbers, journal: Journal, x: float) -> tuple[Touch, Vector]
     return touch, added(arm, scaled(p.radius, out))
 
 
-@mechanical
+@inlined
 def _shoulder(p: RevoluteNumbers, journal: Journal, side: float) -> tuple[Touch, Vector]:
     depth, rate = side * journal.place[0] - p.end_play, side * journal.velocity[0]
     return Touch(depth, rate, (-side, 0.0, 0.0)), scaled(side * p.half_length, journal.axis)
 
 
-@mechanical
+@inlined
 def _friction(p: RevoluteNumbers, journal: Journal, touch: Touch, arm: Vector, F: float) -> Vector:
     slip = added(journal.velocity, cross(journal.omega, arm))
     slip = subtracted(slip, scaled(dot(slip, touch.normal), touch.normal))

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from sim_twin.compiled import inlined
 from sim_twin.contact.laws import ContactLaw
 from sim_twin.joints.vectors import Vector, dot, norm, scaled, subtracted
-from sim_twin.mechanisms.generic import mechanical
 from sim_twin.ranges import require
 
 _CENTRED = 1e-15
@@ -36,7 +36,7 @@ class Touch(NamedTuple):
     normal: Vector
 
 
-@mechanical
+@inlined
 def ball_in_socket(ball: Vector, ball_velocity: Vector, centre: Vector, velocity: Vector, c: float) -> Touch:
     """The ball's contact with its socket around `centre` (m, m/s); the normal points away from the wall."""
     offset = subtracted(ball, centre)

@@ -4,56 +4,56 @@ from __future__ import annotations
 
 from math import sqrt
 
-from sim_twin.mechanisms.generic import mechanical
+from sim_twin.compiled import inlined
 
 Vector = tuple[float, float, float]
 Rotation = tuple[Vector, Vector, Vector]
 """A rotation matrix by its rows: components in the outer frame from components in the body's."""
 
 
-@mechanical
+@inlined
 def added(a: Vector, b: Vector) -> Vector:
     """a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@mechanical
+@inlined
 def subtracted(a: Vector, b: Vector) -> Vector:
     """a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@mechanical
+@inlined
 def scaled(s: float, a: Vector) -> Vector:
     """s a."""
     return s * a[0], s * a[1], s * a[2]
 
 
-@mechanical
+@inlined
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@mechanical
+@inlined
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@mechanical
+@inlined
 def norm(a: Vector) -> float:
     """Length of a."""
     return sqrt(dot(a, a))
 
 
-@mechanical
+@inlined
 def outward(R: Rotation, a: Vector) -> Vector:
     """R a: from the body's frame to the outer one."""
     return dot(R[0], a), dot(R[1], a), dot(R[2], a)
 
 
-@mechanical
+@inlined
 def inward(R: Rotation, a: Vector) -> Vector:
     """R^T a: from the outer frame to the body's."""
     return (
@@ -63,13 +63,13 @@ def inward(R: Rotation, a: Vector) -> Vector:
     )
 
 
-@mechanical
+@inlined
 def column(R: Rotation, j: int) -> Vector:
     """Axis j of the body in the outer frame."""
     return R[0][j], R[1][j], R[2][j]
 
 
-@mechanical
+@inlined
 def product(A: Rotation, B: Rotation) -> Rotation:
     """A B."""
     a, b, c = column(B, 0), column(B, 1), column(B, 2)
@@ -80,7 +80,7 @@ def product(A: Rotation, B: Rotation) -> Rotation:
     )
 
 
-@mechanical
+@inlined
 def gibbs_rotation(g: Vector) -> Rotation:
     """Rotation by the angle 2 atan |g| about g (Rodrigues parameters: exact, without trigonometry)."""
     x, y, z = g
@@ -94,7 +94,7 @@ def gibbs_rotation(g: Vector) -> Rotation:
     )
 
 
-@mechanical
+@inlined
 def gibbs_rate(g: Vector, omega: Vector) -> Vector:
     """Time derivative of g at the angular velocity `omega` (components in the body's frame, rad/s)."""
     turned = cross(g, omega)

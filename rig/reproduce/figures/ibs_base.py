@@ -26,7 +26,7 @@ _TABLE_3 = {0.254: (49.4, 37.8), 0.508: (64.9, 53.8)}
 _COVERS = ("none", "aluminium", "fibreglass")
 _COVER_CLEARANCES_MM = (0.127, 0.254, 0.381, 0.508)
 _DECAYED = 0.1
-_WINDOW_S = 2.5e-3
+_WINDOW_S, _BEFORE_S = 2.5e-3, 0.25e-3
 _ALIKE = 0.03
 _SLIGHTLY = (0.9, 1.1)
 _COARSE = 6
@@ -41,15 +41,16 @@ def on_base(effort: Effort, clearance_mm: float, cover: str = "none") -> ImpactB
 def remaining(run: Forces) -> Sample:
     """Base vibration just before each half cycle's first impact, over the largest since the one before.
 
-    Both are rms values over 2.5 ms, so a constant vibration gives 1.
+    Both are rms values over 2.5 ms, so a constant vibration gives 1; the last ends 0.25 ms before the peak.
     """
     starts = whole_half_cycles(run).first_index
     length = round(_WINDOW_S * RATE)
     shares = []
     for start, end in pairwise(starts):
-        squares = run.base[start - length // 2 : end - length // 2] ** 2
+        squares = run.base[start : end - round(_BEFORE_S * RATE)] ** 2
         windows = squares[: len(squares) // length * length].reshape(-1, length).mean(axis=1)
-        shares.append(np.sqrt(windows[-1] / windows.max()))
+        last = squares[-length:].mean()
+        shares.append(np.sqrt(last / max(windows.max(), last)))
     return Sample(np.array(shares))
 
 
