@@ -16,7 +16,7 @@ from sim_twin.ensembles.variant import Outcome
 from sim_twin.rigs.side_by_side import RunFigures
 
 Outcomes = Sequence[Outcome[RunFigures]]
-_COLUMNS = ("runs", "mean", "deviation", "5 %", "50 %", "95 %")
+_COLUMNS = ("runs", "mean", "sd", "5 %", "50 %", "95 %")
 
 
 def spread_table(spreads: Mapping[str, Spread]) -> Table:
@@ -27,8 +27,14 @@ def spread_table(spreads: Mapping[str, Spread]) -> Table:
         table.add_column(column, justify="right")
     for name, spread in spreads.items():
         numbers = (spread.mean, spread.deviation, spread.p5, spread.median, spread.p95)
-        table.add_row(name, str(spread.runs), *("-" if x is None else f"{x:.4g}" for x in numbers))
+        table.add_row(name, str(spread.runs), *(_figure(x) for x in numbers))
     return table
+
+
+def _figure(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
 def failure_lines(outcomes: Outcomes) -> list[str]:
