@@ -10,6 +10,8 @@ from rig.reproduce.statement import Statement, Verdict
 
 _DIGITS = 2
 """Of a spread; the value has as many decimals."""
+_COARSE = 20.0
+"""Percent from which a deviation is shown without decimals."""
 _FAINT = 1e-4
 """Share of the value below which a spread is not shown."""
 
@@ -28,7 +30,7 @@ def deviation(statement: Statement) -> str:
     if statement.gap is None:
         return DASH
     percent = 100 * statement.gap
-    text = f"{percent:+.0f}" if abs(percent) >= 1 else f"{percent:+.1f}"
+    text = f"{percent:+.0f}" if abs(percent) >= _COARSE else f"{percent:+.1f}"
     return f"{text}\u00a0%".replace("-", "−")
 
 

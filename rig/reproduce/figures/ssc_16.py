@@ -51,6 +51,7 @@ def _compute(effort: Effort) -> Outcome:
             "largest over smallest peak",
             about(_LARGEST_N / _SMALLEST_N, "27 N to 80 N: 2.96", _PLACE),
             float(peaks.max() / peaks.min()),
+            remark=f"Extremes of {len(peaks)} chaotic cycles: another start gives others.",
         ),
         Statement(
             "shift of a peak's time when a contact point moves by 5e-10 m, largest",

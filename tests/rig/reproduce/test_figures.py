@@ -18,6 +18,9 @@ from rig.reproduce.figures import ibs_11
 from rig.reproduce.page import Reproduced
 from rig.reproduce.statement import Statement, Verdict
 
+# On a cold cache every kernel of three rigs is compiled first.
+pytestmark = pytest.mark.timeout(400)
+
 QUICK = Effort(quick=True)
 ASKED_FOR = {
     *(f"ibs-{number}" for number in range(7, 14)), "ibs-table-3", "ssc-16", "ssc-17", "psc",

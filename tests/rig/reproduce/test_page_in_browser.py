@@ -10,7 +10,8 @@ from rig.reproduce import page
 from rig.reproduce.page import Reproduced
 from tests.rig.browser import browser_page, needs_chromium
 
-pytestmark = [pytest.mark.browser, needs_chromium]
+# The timeout is for compiling every kernel of three rigs on a cold cache.
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(400), needs_chromium]
 
 DRAWN = """() => [...document.querySelectorAll(".plot")].map(plot => plot.calcdata.map(
     points => [points[0].trace.name, points.length]))"""
