@@ -77,15 +77,20 @@ def _summit(depths: Depths, p: Any, run: Run, t: float, h: float, j: int) -> tup
 def _crossing(
     depths: Depths, p: Any, run: Run, reach: float, t: float, h: float, j: int, x: float, d: float
 ) -> float:
-    """Fraction below `x` at which the depth, which is `d` > 0 there, passes zero; Illinois' regula falsi."""
-    low, d_low, high, d_high = 0.0, min(run.penetration[j], 0.0), x, d
+    """Fraction up to `x`, where the depth is `d` > 0, at which it is above zero and below `reach`.
+
+    Illinois' regula falsi for half the reach: aiming at zero, it would stop at once where a contact has only
+    just ended, and the run with it.
+    """
+    aim = 0.5 * reach
+    low, d_low, high, d_high = 0.0, min(run.penetration[j], 0.0) - aim, x, d - aim
     side = 0
     for _ in range(_SECANTS):
-        x = low + (high - low) * d_low / (d_low - d_high)
-        d = _depth_at(depths, p, run, t, h, j, x)
-        if abs(d) < 0.1 * reach:
+        if d_high < aim:
             break
-        if d > 0.0:
+        x = low + (high - low) * d_low / (d_low - d_high)
+        d = _depth_at(depths, p, run, t, h, j, x) - aim
+        if d > -aim:
             high, d_high = x, d
             d_low = 0.5 * d_low if side == 1 else d_low
             side = 1
@@ -93,7 +98,7 @@ def _crossing(
             low, d_low = x, d
             d_high = 0.5 * d_high if side == -1 else d_high
             side = -1
-    return x
+    return high
 
 
 @generic

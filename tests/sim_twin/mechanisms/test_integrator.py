@@ -115,3 +115,17 @@ def test_leaving_all_bounds_is_a_status(blown: _Blown) -> None:
     again = run.advance(10)
     assert again.status is Status.DIVERGED
     assert again.outputs.shape == (3, 0)
+
+
+@pytest.mark.parametrize("height", [0.0, 5e-14, 8e-14, 2e-13])
+def test_a_contact_that_begins_again_right_after_it_ended_does_not_stop_the_run(height: float) -> None:
+    # Nearer to the floor than the onset is located (1 pm), and leaving it: back within a tenth of a microsecond.
+    y = np.array([height, 1e-7, 0.0])
+    run = Simulation(
+        falling_mass.run, FallingMass(1.0, GRAVITY, hertz(1e9)), y, 1, 3, limits(budget=2000), 1e-4
+    )
+    trace = run.advance(11)
+    assert trace.status is Status.COMPLETED
+    assert trace.outputs.shape[1] == 11
+    # it swings about its rest in contact, (m g / K)^(2/3), and at most (5/2)^(2/3) times as deep
+    assert np.abs(trace.outputs[0]).max() < 1.01 * 2.5 ** (2 / 3) * (GRAVITY / 1e9) ** (2 / 3)
