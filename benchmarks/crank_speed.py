@@ -1,9 +1,15 @@
 """The planar slider-crank's solver against Exudyn: same mechanism and accuracy, one core, one run.
 
 Ours is held against the fastest way of Exudyn that has both first peaks within the tolerance, run about,
-several times: once by the forces that it gives at its steps (as the reference table has them), and once by
-the parabola through the highest of these, which is kinder to long steps. Neither writes anything while it is
-timed (ours lists its contacts all the same); what 25.6 kHz of forces cost ours is printed beside.
+several times, in time of the processor. There are two measures of what Exudyn's peaks are:
+
+- its own: the largest force that it gives at its steps, as the reference table has them. This is what a user
+  reads from it, and what the exit code follows;
+- interpolated: the summit of the parabola through the highest force and its neighbours. This asks only
+  whether the motion is right, and lets longer steps pass, as our own peaks come from within our steps.
+
+Neither writes anything while it is timed (ours lists its contacts all the same); what 25.6 kHz of forces cost
+ours is printed beside.
 
 Exudyn is set up to be as fast as it can be: its build without range checks; no constraint and no load in
 Python: the crank is a body so heavy that it keeps its speed, the piston a mass with one coordinate; the
@@ -28,7 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.mechanisms.run import CONTACT, PEAK
-from sim_twin.rigs.planar_slider_crank.model import SpeedDrive, nominal
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import nominal
 from sim_twin.rigs.planar_slider_crank.motion import simulation, step_limits
 
 FIRST_PEAKS = (9079.3, 14918.8)
@@ -150,7 +157,7 @@ def _joint(
 def run_exudyn(
     exu: ModuleType, method: tuple[str, float], seconds: float, watched: bool
 ) -> tuple[float, list[NDArray[np.float64]]]:
-    """Return the wall time in s and, if `watched`, the joints' forces in N at every step."""
+    """Return the processor's time in s and, if `watched`, the joints' forces in N at every step."""
     system = exudyn_system(exu)
     solver, step_us = method
     settings = exu.SimulationSettings()
@@ -170,13 +177,13 @@ def run_exudyn(
     settings.parallel.numberOfThreads = 1
     settings.solution.file.write = False
     settings.solution.sensors.writePeriod = step_us * 1e-6 if watched else seconds
-    begin = time.perf_counter()
+    begin = time.process_time()
     system.mbs.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, solver))
-    wall = time.perf_counter() - begin
+    spent = time.process_time() - begin
     if not watched:
-        return wall, []
+        return spent, []
     stored = (np.array(system.mbs.GetSensorStoredData(sensor)) for sensor in system.sensors)
-    return wall, [np.linalg.norm(table[:, 1:], axis=1) for table in stored]
+    return spent, [np.linalg.norm(table[:, 1:], axis=1) for table in stored]
 
 
 def first_peak(force: NDArray[np.float64], interpolated: bool) -> float:
@@ -195,13 +202,13 @@ def first_peak(force: NDArray[np.float64], interpolated: bool) -> float:
 
 
 def our_speed(seconds: float, rate: float) -> tuple[float, tuple[float, float]]:
-    """Simulated s per wall s with outputs at `rate` Hz, and both first peaks."""
+    """Simulated s per processor's s with outputs at `rate` Hz, and both first peaks."""
     run = simulation(_RIG, SpeedDrive(SPEED), 0.0, 1 / rate, step_limits(_RIG, _OUR_TOLERANCE))
-    begin = time.perf_counter()
+    begin = time.process_time()
     episodes = run.advance(round(seconds * rate)).episodes
-    wall = time.perf_counter() - begin
+    spent = time.process_time() - begin
     crank, piston = (float(episodes[episodes[:, CONTACT] == joint][0, PEAK]) for joint in (0, 1))
-    return seconds / wall, (crank, piston)
+    return seconds / spent, (crank, piston)
 
 
 def fastest_methods(exu: ModuleType) -> tuple[tuple[str, float], tuple[str, float]]:
@@ -230,7 +237,7 @@ def _row(name: str, peaks: tuple[float, ...], speed: str, remark: str = "") -> N
 
 
 def main(repetitions: int) -> int:
-    """Print the table and the ratio; return 0 if the ratio reaches the bar."""
+    """Print the table and both ratios; return 0 if the one by Exudyn's own peaks reaches the bar."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     exu = load_exudyn()
     our_speed(0.1, RATE)

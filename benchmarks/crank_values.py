@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim_twin.mechanisms.run import CONTACT, PEAK
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive, nominal
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, nominal
 from sim_twin.rigs.planar_slider_crank.motion import CENTRED, TOLERANCE, simulation, step_limits
 from sim_twin.rigs.planar_slider_crank.solver_values import motion, values_of
 from sim_twin.twin import Twin

@@ -18,8 +18,9 @@ import mujoco
 import numpy as np
 
 from sim_twin.mechanisms.run import CONTACT, PEAK
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.constants import SOCKET, constants
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.motion import PRECISION, ideal_state, simulation, step_limits
 
 RPM = 230.0

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sim_twin.decimation import decimated
+from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
 OVERSAMPLED_RATE = 204_800.0
@@ -35,6 +36,15 @@ class SensorChain:
     skew: float = 0.0
     droop_corner: float | None = None
     bandwidth_corner: float | None = None
+
+    def __post_init__(self) -> None:
+        require("SensorChain", "noise", self.noise, 0.0)
+        require("SensorChain", "full_scale", self.full_scale, 0.0, above=True)
+        require("SensorChain", "gain", self.gain, -1e9, 1e9)
+        require("SensorChain", "skew", self.skew, -1.0, 1.0, "s")
+        for name in ("droop_corner", "bandwidth_corner"):
+            if getattr(self, name) is not None:
+                require("SensorChain", name, getattr(self, name), 0.0, unit="Hz", above=True)
 
 
 @dataclass(frozen=True, slots=True)

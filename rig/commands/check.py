@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from rig.files.check import validate
+from rig.files.scenario import load_scenario
+from rig.twin.scenario_twin import check_twin
 
 
 def add_to(app: typer.Typer) -> None:
@@ -16,4 +18,7 @@ def add_to(app: typer.Typer) -> None:
     @app.command()
     def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="A scenario or bench.")]) -> None:
         """Validate a scenario or bench file; lists every error at once."""
-        typer.echo(f"{file}: {validate(file)}, no faults")
+        kind = validate(file)
+        if kind == "scenario":
+            check_twin(load_scenario(file))
+        typer.echo(f"{file}: {kind}, no faults")

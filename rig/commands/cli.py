@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 import typer
 
-from daq.errors import ConfigurationError, InterlockTripped, RattleError
+from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter
 from rig.commands import check, emulate, ensemble, logs, overlay, predict, replay, reproduce, run
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -21,6 +21,7 @@ Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str
 FAILED, WRONG_USE, INTERLOCK, INTERRUPTED = 1, 2, 3, 130
 _CODES: tuple[tuple[type[BaseException], int], ...] = (
     (ConfigurationError, WRONG_USE),
+    (UnphysicalParameter, WRONG_USE),
     (InterlockTripped, INTERLOCK),
     (Stopped, INTERRUPTED),
     (KeyboardInterrupt, INTERRUPTED),

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.rig import MODEL
 from sim_twin.status import Status
 from sim_twin.twin import Twin
@@ -16,7 +17,7 @@ from sim_twin.twin import Twin
 Array = NDArray[np.float64]
 RATE = 51_200.0
 VERTICAL = ("slider.force_3", "slider.force_4", "slider.force_7", "slider.force_8")
-SETTLE_TURNS = 3
+SETTLE_TURNS = 12
 _FLIGHT_S = 1e-3
 _TOUCHES_N = 0.05
 
@@ -55,7 +56,7 @@ class Turns:
 
 
 def run(rig: SpatialSliderCrank, speed_rpm: float, count: int) -> Turns:
-    """`count` turns after the first three; raises SimulationFailed."""
+    """`count` turns after the first twelve; raises SimulationFailed."""
     samples = round(60 / speed_rpm * RATE)
     drive = SpeedDrive(2 * np.pi * RATE / samples)  # whole samples a turn: off by 1e-4 at most
     truth = MODEL.truth(Twin(rig, drive), RATE, False)

@@ -19,13 +19,13 @@ class Turning(Protocol):
     """A drive with a mean speed."""
 
     @property
-    def speed(self) -> float:
-        """rad/s."""
+    def mean_speed(self) -> float:
+        """Revolutions over time, rad/s."""
 
 
 def untouched(drive: Turning) -> Alignment:
     """The scenario's speed, from angle zero."""
-    return Alignment(drive.speed / (2 * pi), 0.0, trusted=False)
+    return Alignment(drive.mean_speed / (2 * pi), 0.0, trusted=False)
 
 
 def align_angle(
@@ -49,14 +49,14 @@ def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, dr
     if len(rises) < _FEWEST_MARKS or np.nanmax(high) - np.nanmin(high) < 1.0:
         return untouched(drive)
     share = (level - high[rises]) / (high[rises + 1] - high[rises])
-    period = 2 * pi * sample_rate / drive.speed
+    period = 2 * pi * sample_rate / drive.mean_speed
     at = first_sample + rises + share
     turns = np.round(np.concatenate([[0.0], np.cumsum(np.diff(at) / period)]))
     return _fit(at, 2 * pi * turns, sample_rate, drive)
 
 
 def _fit(samples: NDArray[Any], angle: NDArray[np.float64], sample_rate: float, drive: Turning) -> Alignment:
-    wanted = drive.speed / (2 * pi)
+    wanted = drive.mean_speed / (2 * pi)
     slope, _ = np.polyfit(samples - samples[0], angle, 1)
     found = float(slope) * sample_rate / (2 * pi)
     frequency = float(np.clip(found, wanted * (1 - FREQUENCY_TOLERANCE), wanted * (1 + FREQUENCY_TOLERANCE)))

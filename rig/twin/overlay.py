@@ -12,6 +12,7 @@ from daq.log.records import Gap
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
+from rig.twin.prediction_file import removed_if_it_fails
 from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
 from sim_twin.twin import AnyTwin
@@ -37,7 +38,7 @@ def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
         twin = twin_of(scenario, measured)
         if effects is not None:
             twin = with_effects(twin, effects)
-        with LogWriter(target) as copy:
+        with LogWriter(target) as copy, removed_if_it_fails(target):
             _copy(log, copy)
             _predict(log, copy, scenario, twin)
 

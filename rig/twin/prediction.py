@@ -53,13 +53,13 @@ class AlignedTwin:
         self._stream = model_of(twin).stream(twin, sample_rate)
         drive = kind_of(twin).in_step(twin.drive, alignment)
         self.samples = 0
-        cycles_per_sample = alignment.frequency / sample_rate
+        phase_at = kind_of(twin).phase_at
         if alignment.onset is not None:
-            phase = alignment.phase + 2 * np.pi * cycles_per_sample * alignment.onset
+            phase = phase_at(drive, alignment, alignment.onset / sample_rate)
             self._stream.drive(drive, phase, alignment.onset)
             return
         before = round(settling_s(twin, settle_s) * sample_rate)
-        self._stream.drive(drive, alignment.phase - 2 * np.pi * cycles_per_sample * before, 0.0)
+        self._stream.drive(drive, phase_at(drive, alignment, -before / sample_rate), 0.0)
         skip(self._stream, before)
 
     def advance(self, count: int) -> NDArray[np.float64]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from daq.block import SampleBlock, sample_time_ns
+from daq.errors import SimulationFailed
 from daq.log import LogWriter
 from rig.files.scenario import Scenario
 from rig.twin.prediction import BLOCK_S, as_logged, settling_s, skip
@@ -34,13 +37,23 @@ def write_prediction(scenario: Scenario, twin: AnyTwin, seed: int | None, path: 
     stream = model.stream(twin, rate, noise)
     stream.drive(twin.drive, phase - _whole_turns(twin, phase, before))
     skip(stream, round(before * rate))
-    with LogWriter(path) as log:
+    with LogWriter(path) as log, removed_if_it_fails(path):
         log.add_metadata("scenario", {"toml": scenario.text})
         log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", "seed": str(seed)})
         for channel in predicted_channels(twin):
             log.declare("predicted", channel)
         _write(log, stream, round(scenario.acquisition.duration * rate), rate)
     return twin
+
+
+@contextmanager
+def removed_if_it_fails(path: Path) -> Iterator[None]:
+    """A log that a simulation could not complete is not left behind as if it were whole."""
+    try:
+        yield
+    except SimulationFailed:
+        path.unlink(missing_ok=True)
+        raise
 
 
 def _whole_turns(twin: AnyTwin, phase: float, before_s: float) -> float:

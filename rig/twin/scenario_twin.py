@@ -23,8 +23,21 @@ def twin_of(scenario: Scenario, channels: Iterable[str] = ()) -> AnyTwin:
     try:
         return KINDS[scenario.rig].build(scenario.model, scenario.drive, tuple(channels))
     except UnphysicalParameter as error:
-        fault = Problem(f"model.{error.name}", f"{error.value:g}", error.allowed)
-        raise ConfigurationError(scenario.name, [fault]) from error
+        raise _as_fault(error, scenario) from error
+
+
+def check_twin(scenario: Scenario) -> None:
+    """Raise ConfigurationError for a scenario that no twin can be set up for."""
+    twin = twin_of(scenario)
+    try:
+        model_of(twin).stream(twin, scenario.acquisition.sample_rate)
+    except UnphysicalParameter as error:
+        raise _as_fault(error, scenario) from error
+
+
+def _as_fault(error: UnphysicalParameter, scenario: Scenario) -> ConfigurationError:
+    fault = Problem(f"model.{error.name}", f"{error.value:g}", error.allowed)
+    return ConfigurationError(scenario.name, [fault])
 
 
 def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:

@@ -46,14 +46,16 @@ class Effect:
         reason = self.refusal(twin)
         if reason:
             raise ValueError(f"{self.name} does not exist on this rig ({reason})")
-        self._check(values)
+        self._check(twin, values)
         changed: AnyTwin = self.change(twin, values)
         return changed
 
-    def _check(self, values: ParameterValues) -> None:
+    def _check(self, twin: AnyTwin, values: ParameterValues) -> None:
         expected = [*(["channel"] if self.channels else []), *(each.name for each in self.parameters)]
         if set(values) != set(expected):
             raise ValueError(f"{self.name} takes exactly {', '.join(expected)}, not {', '.join(values)}")
+        if self.channels and values["channel"] not in twin.channels:
+            raise ValueError(f"{self.name}: this rig has no channel {values['channel']}")
         if self.channels and values["channel"] not in self.channels:
             raise ValueError(
                 f"{self.name} sits on one of {', '.join(self.channels)}, not {values['channel']}"

@@ -15,6 +15,8 @@ Rates = Callable[..., None]
 """rates(p, t, y, v0, dy, force)"""
 
 _C2, _C3, _C4, _C5 = 1 / 5, 3 / 10, 4 / 5, 8 / 9
+LATE = _C4
+"""Fraction of the step that `Run.late_force` belongs to."""
 _A21 = 1 / 5
 _A31, _A32 = 3 / 40, 9 / 40
 _A41, _A42, _A43 = 44 / 45, -56 / 15, 32 / 9
@@ -40,7 +42,7 @@ def attempt(rates: Rates, p: Any, run: Run, t: float, h: float) -> None:
     rates(p, t + _C3 * h, trial, v0, k[2], force)
     for i in range(n):
         trial[i] = y[i] + h * (_A41 * k[0, i] + _A42 * k[1, i] + _A43 * k[2, i])
-    rates(p, t + _C4 * h, trial, v0, k[3], force)
+    rates(p, t + _C4 * h, trial, v0, k[3], run.late_force)
     for i in range(n):
         trial[i] = y[i] + h * (_A51 * k[0, i] + _A52 * k[1, i] + _A53 * k[2, i] + _A54 * k[3, i])
     rates(p, t + _C5 * h, trial, v0, k[4], force)

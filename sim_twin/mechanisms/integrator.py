@@ -24,6 +24,7 @@ from typing import Any
 from sim_twin.mechanisms.dormand_prince import Rates, attempt, dense, set_dense, squared_error
 from sim_twin.mechanisms.generic import generic, mechanical
 from sim_twin.mechanisms.onset import Depths, first_onset, may_touch, refine_onset
+from sim_twin.mechanisms.peaks import follow_peaks
 from sim_twin.mechanisms.run import (
     BEFORE,
     EPISODES,
@@ -39,7 +40,7 @@ from sim_twin.mechanisms.run import (
     Run,
     StepLimits,
 )
-from sim_twin.mechanisms.touch import follow_contacts, follow_peaks, latch_overlaps
+from sim_twin.mechanisms.touch import follow_contacts, latch_overlaps
 
 Observe = Callable[..., None]
 COMPLETED, DIVERGED, STEPS_EXHAUSTED = range(3)
@@ -129,6 +130,7 @@ def _advance(
             h = refine_onset(rates, depths, p, run, limits.reach, t, x * h, h)
     if present <= t + h:
         set_dense(run, h)
+    follow_peaks(rates, p, run, t, h)
     _accept(rates, p, run, limits, t, h, episodes)
     return True
 
@@ -147,7 +149,6 @@ def _accept(
         run.penetration[j], run.rate[j] = run.new_penetration[j], run.new_rate[j]
         run.force[j] = run.new_force[j]
     run.counts[STEPS] += 1
-    follow_peaks(run, t + h)
     begun, ended = follow_contacts(run, limits, t + h, episodes)
     if ended:
         clock[STEP] = max(clock[STEP], clock[STEP_BEFORE_ONSET])

@@ -24,9 +24,9 @@ class Run(NamedTuple):
     """State `y` (n,) at the end of the last step, and what is needed to go on from there bit by bit alike.
 
     Over the contacts: `latched` approach speed (0 where open) in m/s, `penetration` in m and its `rate`,
-    normal `force` in N, all at the end of the step; `during` is `latched` within the step; `last` holds two
-    forces and their times. `open_episode` is ONSET ... END. `new_...` belong to the step in work, `between`
-    and `sought_...` to a search in it.
+    normal `force` in N, all at the end of the step; `during` is `latched` within the step. `open_episode` is
+    ONSET ... END. `new_...` belong to the step in work, `late_force` to a stage of it, `between` and
+    `sought_...` to a search in it.
     """
 
     y: Real
@@ -43,8 +43,9 @@ class Run(NamedTuple):
     between: Real
     sought_penetration: Real
     sought_rate: Real
+    sought_force: Real
     force: Real
-    last: Real
+    late_force: Real
     open_episode: Real
     clock: Real
     counts: Index
@@ -55,7 +56,7 @@ class StepLimits(NamedTuple):
 
     `after_onset` is the first step in a new contact; `floor` the least approach speed in m/s that a contact
     latches; `reach` the penetration in m within which an onset is located; `budget` how many steps a call may
-    take.
+    take for each simulated second, and at least.
     """
 
     tolerance: Real
@@ -86,8 +87,9 @@ def begin(y: Real, contacts: int, time: float = 0.0, step: float = 1e-6) -> Run:
         between=np.zeros(n),
         sought_penetration=np.zeros(contacts),
         sought_rate=np.zeros(contacts),
+        sought_force=np.zeros(contacts),
         force=np.zeros(contacts),
-        last=np.zeros((contacts, 4)),
+        late_force=np.zeros(contacts),
         open_episode=np.zeros((contacts, 5)),
         clock=clock,
         counts=np.zeros(5, dtype=np.int64),

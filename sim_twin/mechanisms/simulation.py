@@ -102,7 +102,9 @@ class Simulation(Generic[P]):
             return Trace(start, self.step, out[:, :0], np.zeros((0, 5)), self._status)
         before = int(self._run.counts[SAMPLES])
         episodes = np.zeros((1000 + int(count * self.step * _EPISODES_A_SECOND), 5))
-        code = self._entry(self.parameters, self._run, self.limits, self.step, out, episodes)
+        seconds = max(1.0, count * self.step)
+        limits = self.limits._replace(budget=int(self.limits.budget * seconds))
+        code = self._entry(self.parameters, self._run, limits, self.step, out, episodes)
         self._status = Status(code)
         reached = int(self._run.counts[SAMPLES]) - before
         return Trace(start, self.step, out[:, :reached], episodes[: self._run.counts[EPISODES]], self._status)

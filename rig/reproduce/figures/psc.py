@@ -16,7 +16,8 @@ from rig.reproduce.explanations import FRAME
 from rig.reproduce.figure import Effort, Figure, Outcome
 from rig.reproduce.sample import Sample, ratio
 from rig.reproduce.statement import Statement, of_ratio, of_sample
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
 from sim_twin.status import Status
 from sim_twin.twin import Twin

@@ -14,7 +14,7 @@ from rig.reproduce.explanations import SPATIAL
 from rig.reproduce.figure import Effort, Figure, Outcome
 from rig.reproduce.spatial_runs import RATE, VERTICAL, Turns, run
 from rig.reproduce.statement import Statement
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.model import rig_of_the_figures
 
 Array = NDArray[np.float64]
 _PLACE = "4D, Fig. 16"
@@ -25,7 +25,7 @@ _MOVED_S = 1e-3
 
 
 def _compute(effort: Effort) -> Outcome:
-    rig = SpatialSliderCrank()
+    rig = rig_of_the_figures()
     turns = run(rig, _SPEED_RPM, effort.of(_CYCLES, 10))
     moved = run(replace(rig, contact_span=rig.contact_span + _SHIFT_M), _SPEED_RPM, turns.count)
     sensor = once_a_turn(turns)

@@ -14,7 +14,7 @@ from rig.reproduce.explanations import SPATIAL
 from rig.reproduce.figure import Effort, Figure, Outcome
 from rig.reproduce.spatial_runs import VERTICAL, Turns, run
 from rig.reproduce.statement import Statement
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.model import rig_of_the_figures
 
 Array = NDArray[np.float64]
 _PLACE = "4D, Fig. 17"
@@ -34,7 +34,7 @@ Runs = dict[float, Turns]
 def _compute(effort: Effort) -> Outcome:
     speeds = effort.of(tuple(np.arange(50.0, 251.0, 10.0)), _FEW_RPM)
     cycles = effort.of(12, 5)
-    rig = SpatialSliderCrank()
+    rig = rig_of_the_figures()
     runs = {speed: run(rig, speed, cycles) for speed in speeds}
     smooth = {speed: run(replace(rig, friction=0.0), speed, cycles) for speed in speeds}
     statements = [*_onset(runs), *_spread(runs), _without_friction(effort, runs, smooth)]
@@ -96,7 +96,7 @@ def spread_of(turns: Turns) -> float:
 def _without_friction(effort: Effort, runs: Runs, smooth: Runs) -> Statement:
     """Conditions with impacts at the rig's friction that have none without it."""
     pairs = [(runs[speed], smooth[speed]) for speed in runs]
-    rig = SpatialSliderCrank()
+    rig = rig_of_the_figures()
     for angle in effort.of(_ANGLES_DEG[1:], ()):
         turned = replace(rig, axis_angle=np.deg2rad(angle))
         for speed in np.arange(100.0, 201.0, 10.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import pi
 from typing import Any
 
 from rig.files.rigs.impact_beam import DriveSection, ImpactBeamSection
@@ -54,6 +55,10 @@ def _in_step(drive: SineDrive, alignment: Alignment) -> SineDrive:
     return replace(drive, frequency=alignment.frequency)
 
 
+def _phase_at(drive: SineDrive, alignment: Alignment, time: float) -> float:
+    return alignment.phase + 2 * pi * drive.frequency * time
+
+
 def _untouched(drive: SineDrive) -> Alignment:
     return Alignment(drive.frequency, 0.0, trusted=False)
 
@@ -64,5 +69,6 @@ KIND = TwinKind(
     reference="drive.force",
     align=align,
     in_step=_in_step,
+    phase_at=_phase_at,
     untouched=_untouched,
 )

@@ -21,7 +21,8 @@ class TwinKind:
 
     `build(model section, drive section, channel names)` makes the nominal twin. `reference` is the channel
     that phase and mean frequency are taken from, by `align(values, sample rate, first sample, drive)`.
-    `in_step(drive, alignment)` is the drive at the measured frequency; `untouched(drive)` the alignment where
+    `in_step(drive, alignment)` is the drive at the measured frequency, `phase_at(that drive, alignment,
+    time)` its phase or crank angle (rad) at `time` s since sample 0; `untouched(drive)` the alignment where
     nothing was measured.
     """
 
@@ -30,6 +31,7 @@ class TwinKind:
     reference: str
     align: Align
     in_step: Callable[[Any, Alignment], Any]
+    phase_at: Callable[[Any, Alignment, float], float]
     untouched: Callable[[Any], Alignment]
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi
 
 from rig.files.rigs.planar_slider_crank import PlanarSliderCrankSection
 from rig.files.rigs.speed import SpeedSection
-from rig.twin.alignment import Alignment
 from rig.twin.crank_alignment import align_angle, untouched
 from rig.twin.rigs.kind import TwinKind, given
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive, nominal
+from rig.twin.rigs.turning import angle_at, in_step
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, nominal
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
 from sim_twin.twin import Twin
 
@@ -24,15 +24,12 @@ def _build(
     return Twin(rig, speed, MODEL.nominal_sensors(rig, speed))
 
 
-def _in_step(drive: SpeedDrive, alignment: Alignment) -> SpeedDrive:
-    return replace(drive, speed=2 * pi * alignment.frequency)
-
-
 KIND = TwinKind(
     model=MODEL,
     build=_build,
     reference="crank.angle",
     align=align_angle,
-    in_step=_in_step,
+    in_step=in_step,
+    phase_at=angle_at,
     untouched=untouched,
 )

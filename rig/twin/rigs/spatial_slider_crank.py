@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi
 
 from rig.files.rigs.spatial_slider_crank import SpatialSliderCrankSection
 from rig.files.rigs.speed import SpeedSection
-from rig.twin.alignment import Alignment
 from rig.twin.crank_alignment import align_marker, untouched
 from rig.twin.rigs.kind import TwinKind, given
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from rig.twin.rigs.turning import angle_at, in_step
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import Slider, SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.rig import MODEL
 from sim_twin.twin import Twin
 
@@ -21,14 +21,16 @@ def _build(
     changes = given(section)
     rig = SpatialSliderCrank()
     if "slider_mass" in changes:
-        rig = replace(rig, slider=replace(rig.slider, mass=changes.pop("slider_mass")))
+        rig = replace(rig, slider=_slider(rig.slider, changes.pop("slider_mass")))
     rig = replace(rig, **changes)
     speed = SpeedDrive(drive.speed)
     return Twin(rig, speed, MODEL.nominal_sensors(rig, speed))
 
 
-def _in_step(drive: SpeedDrive, alignment: Alignment) -> SpeedDrive:
-    return replace(drive, speed=2 * pi * alignment.frequency)
+def _slider(slider: Slider, mass: float) -> Slider:
+    """The same block of another material: its inertia goes with its mass."""
+    first, second, third = (moment * mass / slider.mass for moment in slider.inertia)
+    return replace(slider, mass=mass, inertia=(first, second, third))
 
 
 KIND = TwinKind(
@@ -36,6 +38,7 @@ KIND = TwinKind(
     build=_build,
     reference="flywheel.marker",
     align=align_marker,
-    in_step=_in_step,
+    in_step=in_step,
+    phase_at=angle_at,
     untouched=untouched,
 )

@@ -12,20 +12,20 @@ _UNITS = {
     "yoke.force": "N",
     "base.acceleration": "m/s2",
 }
-_COVER_UNITS = {"cover.acceleration_center": "m/s2", "cover.acceleration_corner": "m/s2"}
+COVER_UNITS = {"cover.acceleration_center": "m/s2", "cover.acceleration_corner": "m/s2"}
 
 
 def channel_names(stations: tuple[int, ...], covered: bool = False) -> tuple[str, ...]:
     """Channels of a rig with accelerometers on the beam at `stations` (percent of L), and maybe a cover."""
     on_beam = (f"beam.acceleration_{percent:02d}" for percent in stations)
-    return (*_UNITS, *on_beam, *(_COVER_UNITS if covered else ()))
+    return (*_UNITS, *on_beam, *(COVER_UNITS if covered else ()))
 
 
 def channel_unit(name: str) -> str:
     """Unit of a channel; raises KeyError for a name that the rig does not have."""
     if STATION.fullmatch(name):
         return "m/s2"
-    return {**_UNITS, **_COVER_UNITS}[name]
+    return {**_UNITS, **COVER_UNITS}[name]
 
 
 def stations_of(names: tuple[str, ...]) -> tuple[int, ...]:

@@ -8,12 +8,14 @@ from functools import partial
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
+from sim_twin.rigs.impact_beam.channels import COVER_UNITS
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 _LEAST_DISTORTION = 0.04
 _FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
-_SENSED = ("drive.force", *_FORCES)
+_ACCELERATIONS = tuple(COVER_UNITS)
+_SENSED = ("drive.force", *_FORCES, *_ACCELERATIONS)
 
 
 def _number(values: ParameterValues, name: str) -> float:
@@ -32,6 +34,13 @@ def _set(twin: BeamTwin, values: ParameterValues, fields: tuple[tuple[str, str],
 def _with_rig(twin: BeamTwin, **changes: object) -> BeamTwin:
     rig: ImpactBeam = replace(twin.rig, **changes)  # type: ignore[arg-type]
     return replace(twin, rig=rig)
+
+
+def _stiffness(twin: BeamTwin, values: ParameterValues) -> BeamTwin:
+    """Whichever law the contact has, linear or Hertz's."""
+    scale, rig = _number(values, "scale"), twin.rig
+    hertz = None if rig.hertz is None else scale * rig.hertz
+    return _with_rig(twin, contact_stiffness=scale * rig.contact_stiffness, hertz=hertz)
 
 
 def _base(twin: BeamTwin, values: ParameterValues) -> BeamTwin:
@@ -68,7 +77,12 @@ def _scale_of(name: str, location: str, attribute: str, *intervals: tuple[float,
 
 _EFFECTS = (
     _scale_of("clearance", "contact joint", "clearance", (0.5, 0.9), (1.1, 2.0)),
-    _scale_of("contact_stiffness", "contact joint", "contact_stiffness", (0.2, 0.7), (1.4, 5.0)),
+    Effect(
+        "contact_stiffness",
+        "contact joint",
+        (Parameter("scale", "", ((0.2, 0.7), (1.4, 5.0))),),
+        _stiffness,
+    ),
     _scale_of("contact_damping", "contact joint", "contact_damping", (3.0, 20.0)),
     Effect(
         "hertzian_contact",
@@ -128,7 +142,7 @@ _EFFECTS = (
     ),
     sensor_gain(_SENSED),
     sensor_droop(_SENSED),
-    sensor_bandwidth(_FORCES),
+    sensor_bandwidth((*_FORCES, *_ACCELERATIONS)),
     time_skew(_SENSED),
 )
 EFFECTS = catalogue_of(_EFFECTS)

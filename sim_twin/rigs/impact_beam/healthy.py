@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from sim_twin.healthy import draw_sensors, scaled
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.channels import channel_unit
-from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
+from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam, SineDrive
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.sensors import Sensor, SensorChain
 from sim_twin.twin import Twin
@@ -16,6 +17,9 @@ from sim_twin.twin import Twin
 _NOISE = {"N": 0.05, "m/s2": 0.03}
 _DRIVE_NOISE = 0.02
 _YOKE_GAIN = 0.01
+Base = BaseMass | FlexibleBase | None
+_LEAST_SHARE = 0.05
+"""Of a damping; the bell curve would reach below zero."""
 
 
 def nominal_sensors(rig: ImpactBeam, drive: SineDrive | None = None) -> dict[str, Sensor]:
@@ -52,22 +56,33 @@ def _draw_rig(rig: ImpactBeam, rng: np.random.Generator) -> ImpactBeam:
         thickness=part.thickness * scaled(rng, 0.003),
     )
     common = scaled(rng, 0.12)
-    damping = tuple(float(max(zeta * common * scaled(rng, 0.09), 1e-4)) for zeta in rig.modal_damping)
+    damping = tuple(zeta * max(common * scaled(rng, 0.09), _LEAST_SHARE) for zeta in rig.modal_damping)
     return replace(
         rig,
         beam=beam,
+        base=_draw_base(rig.base, rng),
         modal_damping=damping,
         contact_stiffness=rig.contact_stiffness * scaled(rng, 0.05),
-        contact_damping=rig.contact_damping * max(scaled(rng, 0.2), 0.05),
+        contact_damping=rig.contact_damping * max(scaled(rng, 0.2), _LEAST_SHARE),
         hertz=None if rig.hertz is None else rig.hertz * scaled(rng, 0.05),
         shaker_mass=rig.shaker_mass * scaled(rng, 0.003),
         yoke_frequency=rig.yoke_frequency * scaled(rng, 0.02),
     )
 
 
+def _draw_base(base: Base, rng: np.random.Generator) -> Base:
+    """A plate of its own modulus, density and thickness, its masses and damping; a mere yoke stays."""
+    if not isinstance(base, FlexibleBase):
+        return base
+    sheet = replace(base.sheet, E=base.sheet.E * scaled(rng, 0.01), rho=base.sheet.rho * scaled(rng, 0.005))
+    sheet = replace(sheet, thickness=sheet.thickness * scaled(rng, 0.003))
+    yoke = replace(base.yoke, sensor_mass=base.yoke.sensor_mass * scaled(rng, 0.003))
+    shaker = replace(base.shaker, body_mass=base.shaker.body_mass * scaled(rng, 0.003))
+    damping = base.damping_ratio * max(scaled(rng, 0.15), _LEAST_SHARE)
+    return replace(base, sheet=sheet, yoke=yoke, shaker=shaker, damping_ratio=damping)
+
+
 def _draw_drive(drive: SineDrive, rng: np.random.Generator) -> SineDrive:
     return replace(
         drive, amplitude=drive.amplitude * scaled(rng, 0.01), frequency=drive.frequency * scaled(rng, 2e-4)
     )
-
-

@@ -73,6 +73,10 @@ class ImpactBeam:
         for name, unit in (("hertz", "N/m^1.5"), ("pivot_stiffness", "N/m")):
             if getattr(self, name) is not None:
                 require("ImpactBeam", name, getattr(self, name), 0.0, unit=unit, above=True)
+        require("ImpactBeam", "rest_offset", abs(self.rest_offset), 0.0, self.clearance, "m")
+        require("ImpactBeam", "rotation_stiffness", self.rotation_stiffness, 0.0, unit="N m/rad", above=True)
+        require("ImpactBeam", "yoke_frequency", self.yoke_frequency, 0.0, unit="Hz", above=True)
+        require("ImpactBeam", "yoke_damping", self.yoke_damping, 0.0, 1.0)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -90,13 +94,10 @@ _NOT_NEGATIVE = {
     "contact_stiffness": "N/m",
     "contact_damping": "N s/m",
     "clearance": "m",
-    "rotation_stiffness": "N m/rad",
     "shaker_mass": "kg",
     "shaker_stiffness": "N/m",
     "shaker_damping": "N s/m",
     "pivot_friction": "N m",
-    "yoke_frequency": "Hz",
-    "yoke_damping": "",
 }
 _BEAMS = {
     "steel": (Beam(207e9, 7800.0, 0.28, 0.019, 0.00635, 37), False, 1.5e7, 20.0),
@@ -123,6 +124,11 @@ class SineDrive:
     offset: float = 0.0
     second: float = 0.0
     third: float = 0.0
+
+    def __post_init__(self) -> None:
+        require("SineDrive", "frequency", self.frequency, 0.0, unit="Hz", above=True)
+        for name in ("amplitude", "offset", "second", "third"):
+            require("SineDrive", name, getattr(self, name), -1e6, 1e6)
 
     def phasors(self) -> NDArray[np.complex128]:
         """Complex amplitudes of orders 0, 1, 2, 3, shape (4,): the force is the sum of Re(U_k exp(i k p))."""

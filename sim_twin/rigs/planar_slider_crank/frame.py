@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import cont2discrete, ss2tf
 
 from sim_twin.rigs.planar_slider_crank.model import FrameMode
@@ -25,8 +24,3 @@ def frame_acceleration(mode: FrameMode, rate: float) -> LinearFilter:
     A, B, C, D, _ = cont2discrete((A, B, C, D), 1 / rate, method="foh")
     numerator, denominator = ss2tf(A, B, C, D)
     return LinearFilter(np.asarray(numerator[0]), np.asarray(denominator))
-
-
-def marker_voltage(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """5 V from 0 to 5 degrees of crank angle (rad), else 0; same shape."""
-    return np.where(np.mod(angle, 2 * pi) < np.deg2rad(5.0), 5.0, 0.0)

@@ -8,8 +8,9 @@ import numpy as np
 
 from sim_twin.contact.stiffness import Elastic
 from sim_twin.healthy import draw_sensors, scaled
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE, MARKER
-from sim_twin.rigs.planar_slider_crank.model import FrameMode, PlanarSliderCrank, SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import FrameMode, PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
 from sim_twin.sensors import Encoder, Sensor, SensorChain
 from sim_twin.twin import Twin

@@ -139,7 +139,6 @@ class PlanarSliderCrank:
         return first, second
 
 
-@dataclass(frozen=True, slots=True)
 class SpeedDrive:
     """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
 

@@ -7,23 +7,23 @@ from math import asin, cos, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from sim_twin.contact.laws import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_revolute import RevoluteClearance
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
+from sim_twin.rigs.crank_drive import SpeedDrive, speed_at
 from sim_twin.rigs.planar_slider_crank import kernel
 from sim_twin.rigs.planar_slider_crank.kernel import PHI, THETA, VS, VX, VY, CrankNumbers, S, W, X, Y
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-6
-"""Error a step may make, in the units of _SCALES; first peaks come out within 0.1 %, at 1e-5 within 0.2 %."""
+"""Error a step may make, in the units of _SCALES; first peaks within 0.01 %, at 1e-5 within 0.2 %."""
 _SCALES = (0.01, 0.01, 0.01, 0.01, 10.0, 10.0, 10.0, 10.0, 1.0, 1e6, 1e6, 0.01, 10.0)
 _LONGEST, _SHORTEST, _AFTER_ONSET, _REACH = 1e-3, 1e-15, 4e-6, 1e-10
 STEP_BUDGET = 2_000_000
-"""Steps that one call may take; a healthy rig takes about 1e4 a second."""
+"""Steps that a call may take for each simulated second; a healthy rig takes about 1e4."""
 AT_REST = SpeedDrive(0.0)
 
 
@@ -118,21 +118,6 @@ def eccentricity(rig: PlanarSliderCrank, y: Array, speed: float) -> Eccentricity
         np.array([-r * speed * sine - y[VX] - a * w * up, y[VS] - y[VX] + b * w * up]),
         np.array([r * speed * cosine - y[VY] + a * w * along, -y[VY] - b * w * along]),
     )
-
-
-def speed_at(drive: SpeedDrive, angle: float) -> float:
-    """Crank speed in rad/s at crank `angle` rad."""
-    return drive.speed * (1 + drive.fluctuation * sin(drive.order * angle + drive.phase))
-
-
-def angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
-    """Crank angle in rad `elapsed` s (either sign) after it was `angle`."""
-    if drive.fluctuation == 0.0 or elapsed == 0.0:
-        return angle + drive.speed * elapsed
-    found = solve_ivp(
-        lambda _, theta: speed_at(drive, theta[0]), (0.0, elapsed), [angle], "DOP853", rtol=1e-11, atol=1e-11
-    )
-    return float(found.y[0, -1])
 
 
 def _states(rig: PlanarSliderCrank) -> int:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.mechanisms.simulation import Simulation
+from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage, speed_at
 from sim_twin.rigs.planar_slider_crank.channels import CRANK_X, CRANK_Y, PISTON_Y
-from sim_twin.rigs.planar_slider_crank.frame import frame_acceleration, marker_voltage
+from sim_twin.rigs.planar_slider_crank.frame import frame_acceleration
 from sim_twin.rigs.planar_slider_crank.kernel import (
     ANGLE,
     FRAME_X,
@@ -24,16 +25,8 @@ from sim_twin.rigs.planar_slider_crank.kernel import (
     X,
     Y,
 )
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive
-from sim_twin.rigs.planar_slider_crank.motion import (
-    AT_REST,
-    angle_after,
-    eccentricity,
-    numbers,
-    place,
-    simulation,
-    speed_at,
-)
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
+from sim_twin.rigs.planar_slider_crank.motion import AT_REST, eccentricity, numbers, place, simulation
 from sim_twin.status import Status
 from sim_twin.twin import Twin
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from sim_twin.contact.laws import ContactLaw, Friction
 from sim_twin.joints.spatial_prismatic import POINTS
 from sim_twin.parts.rod import bending_modes
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 
 Array = NDArray[np.float64]
 SOCKET, CONTACTS = POINTS, POINTS + 1
@@ -82,7 +83,8 @@ def constants(rig: SpatialSliderCrank, drive: SpeedDrive) -> Constants:
         radius=rig.crank_radius,
         toward=np.array([sin(rig.axis_angle), -cos(rig.axis_angle), 0.0]),
         centre=np.array([0.0, pin[1], pin[2]]),
-        gravity=rig.gravity * np.array([sin(rig.incline), 0.0, -cos(rig.incline)]),
+        gravity=rig.gravity
+        * np.array([sin(rig.incline), -cos(rig.incline) * sin(rig.roll), -cos(rig.incline) * cos(rig.roll)]),
         base=np.zeros(3)
         if base is None
         else np.array([2 * pi * base.frequency, base.mass, base.damping_ratio]),

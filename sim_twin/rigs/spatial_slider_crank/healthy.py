@@ -8,8 +8,9 @@ import numpy as np
 
 from sim_twin.healthy import draw_sensors, scaled
 from sim_twin.parts.rod import Rod
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER, TACHOMETER
-from sim_twin.rigs.spatial_slider_crank.model import Slider, SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import Slider, SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
 from sim_twin.sensors import Sensor, SensorChain
 from sim_twin.twin import Twin

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import pi
 
+from daq.errors import UnphysicalParameter
 from sim_twin.contact.laws import ContactLaw, Friction, linear
 from sim_twin.joints.spatial_prismatic import PrismaticJoint
 from sim_twin.joints.spherical import SphericalJoint
@@ -59,8 +60,8 @@ class SpatialSliderCrank:
     `crank_radius` in m; `axis_angle` between the crank's axis and the guide in rad; clearances in m, half the
     free motion. `rod_modes` counts as the source does, the rod's two rigid rotations included: 8 are three
     bending modes in each plane; 0 is a rigid rod. `modal_damping` is the ratio of every bending mode.
-    `gravity` in m/s2; the guide is inclined by `incline` rad, the crank at its upper end, so that gravity
-    acts along (sin, 0, -cos) of it.
+    `gravity` in m/s2; the guide is inclined by `incline` rad, the crank at its upper end, and rolled about
+    itself by `roll` rad: gravity acts along (sin i, -cos i sin r, -cos i cos r).
     """
 
     crank_radius: float = 0.05
@@ -78,17 +79,21 @@ class SpatialSliderCrank:
     guide_damping: float = 51.0
     contact_span: float = 25e-3
     contact_offset: float = 4e-3
-    friction: float = 0.1
+    friction: float = 0.07
     friction_ramp: tuple[float, float] = (1e-4, 1e-3)
     gravity: float = 9.81
-    incline: float = 66 * pi / 180
+    incline: float = 69 * pi / 180
+    roll: float = 10 * pi / 180
     base: BaseMass | None = None
 
     def __post_init__(self) -> None:
         require(OWNER, "crank_radius", self.crank_radius, 0.0, 0.9 * self.rod.length, "m", above=True)
         require(OWNER, "axis_angle", self.axis_angle, pi / 6, 5 * pi / 6, "rad")
         require(OWNER, "rod_modes", self.rod_modes, 0, RIGID_ROTATIONS + 2 * MOST_BENDING_MODES)
-        require(OWNER, "rod_modes, if odd,", self.rod_modes % 2, 0, 0)
+        if self.rod_modes % 2:
+            raise UnphysicalParameter(
+                OWNER, "rod_modes", self.rod_modes, "an even number: as many in each plane"
+            )
         require(OWNER, "modal_damping", self.modal_damping, 0.0, 1.0)
         require(OWNER, "gravity", self.gravity, 0.0, 100.0, "m/s2")
         require(OWNER, "friction", self.friction, 0.0, 2.0)
@@ -97,6 +102,7 @@ class SpatialSliderCrank:
         for name in ("socket_damping", "guide_damping"):
             require(OWNER, name, getattr(self, name), 0.0, unit="N s/m")
         require(OWNER, "incline", self.incline, -pi, pi, "rad")
+        require(OWNER, "roll", self.roll, -pi, pi, "rad")
         _ = self.socket, self.guide
 
     @property
@@ -127,7 +133,6 @@ class SpatialSliderCrank:
 _STIFFNESSES = (("socket_stiffness", "N/m"), ("guide_stiffness", "N/m"))
 
 
-@dataclass(frozen=True, slots=True)
 class SpeedDrive:
     """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
 
@@ -139,3 +144,8 @@ class SpeedDrive:
     def __post_init__(self) -> None:
         require("drive", "speed", self.speed, 0.0, unit="rad/s")
         require("drive", "fluctuation", self.fluctuation, 0.0, 0.5)
+
+
+def rig_of_the_figures() -> SpatialSliderCrank:
+    """The rig with its crank's axis at 65 degrees: fully spatial; the source does not say the angle."""
+    return SpatialSliderCrank(axis_angle=65 * pi / 180)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from math import asin, atan2, sin, sqrt
+from math import asin, atan2, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank import kernel
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, Constants, Layout, constants, layout
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.pose import crank_pin, crank_pin_velocity, pose
 
 Array = NDArray[np.float64]
@@ -90,25 +91,6 @@ def place(p: Constants, y: Array, angle: float, offset: Array, rate: Array) -> N
     along, alpha, beta = np.linalg.solve(_ball_steps(p, y), miss)
     y[n], y[n + 6], y[n + 7] = along, alpha, beta
     y[n + 3 : n + 6] = alpha * np.array(pose(p, y).axis) + [0.0, 0.0, beta]
-
-
-def crank_angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
-    """Crank angle in rad `elapsed` s (either sign) after it was `angle`.
-
-    For x = order theta + phase, x' = order omega_0 (1 + a sin x), whose flow is known: with the angle u
-    given by tan(x/2) = sqrt(1 - a^2) tan(u) - a, u' is constant.
-    """
-    a, order = drive.fluctuation, drive.order
-    if a == 0.0 or order == 0.0:
-        return angle + drive.speed * (1 + a * sin(drive.phase)) * elapsed
-    root = sqrt(1 - a**2)
-    x = order * angle + drive.phase
-    turns = np.round(x / (2 * np.pi))
-    u = np.arctan((np.tan(x / 2 - np.pi * turns) + a) / root) + np.pi * turns
-    u += 0.5 * order * drive.speed * root * elapsed
-    turns = np.round(u / np.pi)
-    x = 2 * np.arctan(root * np.tan(u - np.pi * turns) - a) + 2 * np.pi * turns
-    return float((x - drive.phase) / order)
 
 
 def _ball_steps(p: Constants, y: Array) -> Array:

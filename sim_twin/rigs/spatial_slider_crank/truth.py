@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from math import pi
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.mechanisms.simulation import Simulation
+from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, Constants, constants
 from sim_twin.rigs.spatial_slider_crank.kernel import ANGLE_ROW, OUTPUTS, SPEED_ROW
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
-from sim_twin.rigs.spatial_slider_crank.motion import (
-    AT_REST,
-    crank_angle_after,
-    eccentricity,
-    ideal_state,
-    place,
-    simulation,
-)
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.motion import AT_REST, eccentricity, ideal_state, place, simulation
 from sim_twin.rigs.spatial_slider_crank.pose import crank_pin, pose
 from sim_twin.status import Status
 from sim_twin.twin import Twin
@@ -43,7 +36,7 @@ class SpatialTruth:
         A crank that turns already is put to its new angle, and rod and slider with it: the ball stays where
         it is in its socket, and as fast there.
         """
-        angle = crank_angle_after(drive, phase, self._steps / self._rate - reference)
+        angle = angle_after(drive, phase, self._steps / self._rate - reference)
         if self._simulation is None:
             self._simulation = simulation(self._rig, drive, angle, 1 / self._rate)
             return
@@ -80,8 +73,3 @@ class SpatialTruth:
     def status(self) -> Status:
         """How the integration stands."""
         return self._status
-
-
-def marker_voltage(angle: Array) -> Array:
-    """5 V from 0 to 5 degrees of crank angle (rad), else 0; same shape."""
-    return np.where(np.mod(angle, 2 * pi) < np.deg2rad(5.0), 5.0, 0.0)

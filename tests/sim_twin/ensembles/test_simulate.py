@@ -10,7 +10,8 @@ import pytest
 from daq.errors import SimulationFailed
 from sim_twin.ensembles.simulate import simulate
 from sim_twin.ensembles.variant import Outcome, Variant
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.status import Status
 from sim_twin.twin import Twin
 from tests.sim_twin.ensembles.stand_ins import LastFirst, OnlyTheFirst, Phases, numbered

@@ -119,7 +119,7 @@ def test_leaving_all_bounds_is_a_status(blown: _Blown) -> None:
 
 @pytest.mark.parametrize("height", [0.0, 5e-14, 8e-14, 2e-13])
 def test_a_contact_that_begins_again_right_after_it_ended_does_not_stop_the_run(height: float) -> None:
-    # Nearer to the floor than the onset is located (1 pm), and leaving it: back within a tenth of a microsecond.
+    # Nearer to the floor than the onset is located (1 pm), and leaving it: back within 0.1 us.
     y = np.array([height, 1e-7, 0.0])
     run = Simulation(
         falling_mass.run, FallingMass(1.0, GRAVITY, hertz(1e9)), y, 1, 3, limits(budget=2000), 1e-4

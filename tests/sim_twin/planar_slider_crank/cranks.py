@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from sim_twin.mechanisms.run import CONTACT
 from sim_twin.mechanisms.simulation import Simulation
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.kernel import CrankNumbers
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, SpeedDrive, nominal
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, nominal
 from sim_twin.rigs.planar_slider_crank.motion import simulation, step_limits
 from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
 from sim_twin.twin import Twin

@@ -9,9 +9,10 @@ import pytest
 
 from daq.errors import UnphysicalParameter
 from sim_twin.contact import Elastic, generalised_stiffness
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank import kernel
 from sim_twin.rigs.planar_slider_crank.frame import frame_acceleration
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, RodBending, SpeedDrive, nominal
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, RodBending, nominal
 from sim_twin.rigs.planar_slider_crank.motion import numbers
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
 from sim_twin.rigs.planar_slider_crank.truth import CrankTwin

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import welch
 
 from daq.log import LogReader
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS
-from sim_twin.rigs.planar_slider_crank.model import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
 from tests.sim_twin.planar_slider_crank.cranks import twin
 

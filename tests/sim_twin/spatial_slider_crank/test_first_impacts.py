@@ -8,7 +8,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.motion import PRECISION, simulation, step_limits
 from tests.sim_twin.spatial_slider_crank.maximal import RigidMechanism
 

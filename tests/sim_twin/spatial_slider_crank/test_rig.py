@@ -9,18 +9,13 @@ import numpy as np
 import pytest
 
 from daq.errors import SimulationFailed, UnphysicalParameter
+from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.rigs.spatial_slider_crank import solver_values as values
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS, FORCES, channel_unit
 from sim_twin.rigs.spatial_slider_crank.constants import constants, layout
-from sim_twin.rigs.spatial_slider_crank.model import BaseMass, Slider, SpatialSliderCrank, SpeedDrive
-from sim_twin.rigs.spatial_slider_crank.motion import (
-    crank_angle_after,
-    eccentricity,
-    ideal_state,
-    simulation,
-    step_limits,
-)
+from sim_twin.rigs.spatial_slider_crank.model import BaseMass, Slider, SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.motion import eccentricity, ideal_state, simulation, step_limits
 from sim_twin.rigs.spatial_slider_crank.rig import MODEL
 from sim_twin.status import Status
 from sim_twin.twin import Twin
@@ -139,8 +134,8 @@ def test_a_new_speed_leaves_the_ball_where_it_is_in_its_socket() -> None:
 def test_crank_angle_by_its_formula_is_the_integrated_one(drive: SpeedDrive) -> None:
     motion = simulation(SpatialSliderCrank(rod_modes=0), drive, 0.4, 0.13)
     motion.advance(5)
-    assert motion.present()[16] == pytest.approx(crank_angle_after(drive, 0.4, 0.65), abs=1e-8)
-    assert crank_angle_after(drive, crank_angle_after(drive, 0.4, 0.65), -0.65) == pytest.approx(
+    assert motion.present()[16] == pytest.approx(angle_after(drive, 0.4, 0.65), abs=1e-8)
+    assert angle_after(drive, angle_after(drive, 0.4, 0.65), -0.65) == pytest.approx(
         0.4, abs=1e-12
     )
 
@@ -205,7 +200,7 @@ def test_speed_fluctuates_as_its_formula() -> None:
     truth = MODEL.truth(uneven, RATE, False)
     truth.change_drive(uneven.drive, 0.0, 0.0)
     tachometer = truth.advance(3000)[9]
-    angles = [crank_angle_after(uneven.drive, 0.0, k / RATE) for k in (0, 1500, 2999)]
+    angles = [angle_after(uneven.drive, 0.0, k / RATE) for k in (0, 1500, 2999)]
     assert tachometer[[0, 1500, 2999]] == pytest.approx(
         [SPEED * (1 + 0.05 * sin(2 * a + 0.3)) for a in angles]
     )

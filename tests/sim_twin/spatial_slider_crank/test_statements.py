@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from sim_twin.mechanisms.simulation import Trace
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, rig_of_the_figures
 from sim_twin.rigs.spatial_slider_crank.motion import simulation
 
-RIG = SpatialSliderCrank()
+RIG = rig_of_the_figures()
 VERTICAL = [2, 3, 6, 7]
 IMPACT = 0.01
 """m/s; slower onsets are the ripple of a surface that is about to part."""
@@ -34,18 +35,23 @@ def cycle_peaks(trace: Trace, point: int) -> np.ndarray:
     return trace.outputs[point].reshape(-1, PER_TURN).max(axis=1)
 
 
-def test_impacts_begin_between_150_and_200_rpm() -> None:
-    # At 150 rpm the long version finds 0.4 a cycle, at 200 rpm 50.
-    assert impacts(turns(RIG, 130, 6)) == 0
-    assert impacts(turns(RIG, 150, 8)) < 8
-    assert impacts(turns(RIG, 200, 4)) > 40
+@pytest.mark.parametrize("rpm", [130, 142, 146, 148])
+def test_below_150_rpm_there_are_no_impacts(rpm: float) -> None:
+    assert impacts(turns(RIG, rpm, 6, settle=16)) == 0
+
+
+@pytest.mark.parametrize("rpm", [156, 200])
+def test_well_above_150_rpm_there_are_many_a_turn(rpm: float) -> None:
+    assert impacts(turns(RIG, rpm, 4, settle=8)) > 40
 
 
 def test_at_230_rpm_peaks_vary_as_in_the_source() -> None:
-    # Source: 27 to 80 N in 38 cycles at a vertical sensor that it does not name.
+    # Source: 27 to 80 N in 38 cycles at a vertical sensor that it does not name; in 16 cycles the ends of
+    # such a range scatter by a third. They vary by more than half of the least, or they would be regular.
     peaks = cycle_peaks(turns(RIG, 230, 16), 7)
-    assert 20.0 < peaks.min() < 55.0
-    assert 60.0 < peaks.max() < 120.0
+    assert peaks.min() == pytest.approx(27.0, rel=0.9)
+    assert peaks.max() == pytest.approx(80.0, rel=0.4)
+    assert peaks.max() > 1.5 * peaks.min()
 
 
 def test_without_impacts_peaks_repeat() -> None:
@@ -54,9 +60,9 @@ def test_without_impacts_peaks_repeat() -> None:
     assert peaks.mean() > 1.0
 
 
-def test_without_friction_there_are_no_impacts_at_144_rpm() -> None:
-    assert impacts(turns(RIG, 144, 10)) > 10
-    assert impacts(turns(replace(RIG, friction=0.0), 144, 10)) == 0
+def test_without_friction_there_are_no_impacts_at_150_rpm() -> None:
+    assert impacts(turns(RIG, 150, 12, settle=16)) > 6
+    assert impacts(turns(replace(RIG, friction=0.0), 150, 12, settle=16)) == 0
 
 
 def test_half_a_nanometre_changes_the_times_of_impact() -> None:

@@ -1,0 +1,64 @@
+"""What the slider-cranks share: a motor that keeps its speed, the angle it reaches, the mark on its shaft."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan, pi, sin, sqrt, tan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.ranges import require
+
+_MARK = np.deg2rad(5.0)
+_MARK_V = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedDrive:
+    """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
+
+    speed: float
+    fluctuation: float = 0.0
+    order: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        require("drive", "speed", self.speed, 0.0, unit="rad/s")
+        require("drive", "fluctuation", self.fluctuation, 0.0, 0.5)
+        require("drive", "order", self.order, 0.0, 100.0, above=True)
+        require("drive", "phase", self.phase, -1e3, 1e3, "rad")
+
+    @property
+    def mean_speed(self) -> float:
+        """Revolutions over time, rad/s: less than `speed`, since a turn lingers where it is slow."""
+        return self.speed * sqrt(1 - self.fluctuation**2)
+
+
+def speed_at(drive: SpeedDrive, angle: float) -> float:
+    """Crank speed in rad/s at crank `angle` rad."""
+    return drive.speed * (1 + drive.fluctuation * sin(drive.order * angle + drive.phase))
+
+
+def angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
+    """Crank angle in rad `elapsed` s (either sign) after it was `angle`.
+
+    For x = order theta + phase, x' = order omega_0 (1 + a sin x), whose flow is known: with the angle u
+    given by tan(x/2) = sqrt(1 - a^2) tan(u) - a, u' is constant.
+    """
+    a, order = drive.fluctuation, drive.order
+    if a == 0.0:
+        return angle + drive.speed * elapsed
+    root = sqrt(1 - a**2)
+    x = order * angle + drive.phase
+    turns = round(x / (2 * pi))
+    u = atan((tan(x / 2 - pi * turns) + a) / root) + pi * turns
+    u += 0.5 * order * drive.mean_speed * elapsed
+    turns = round(u / pi)
+    x = 2 * atan(root * tan(u - pi * turns) - a) + 2 * pi * turns
+    return (x - drive.phase) / order
+
+
+def marker_voltage(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """5 V from 0 to 5 degrees of crank angle (rad), else 0; same shape."""
+    return np.where(np.mod(angle, 2 * pi) < _MARK, _MARK_V, 0.0)
