@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 
 class RattleError(Exception):
@@ -59,11 +60,11 @@ class UnphysicalParameter(RattleError, ValueError):
 
 
 class SimulationFailed(RattleError, ArithmeticError):
-    """A simulation ended without a result; `advice` says what to change."""
+    """A simulation ended without a result; `advice` says what to change, `status` how a solver ended."""
 
-    def __init__(self, what: str, advice: str) -> None:
-        self.what, self.advice = what, advice
-        super().__init__(what, advice)
+    def __init__(self, what: str, advice: str, status: Enum | None = None) -> None:
+        self.what, self.advice, self.status = what, advice, status
+        super().__init__(what, advice, status)
 
     def __str__(self) -> str:
         return f"{self.what}: {self.advice}"

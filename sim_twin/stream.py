@@ -100,7 +100,7 @@ class TwinStream:
         status = self._truth.status
         if status is not Status.COMPLETED:
             what = f"the twin stopped after {self._steps / (self.sample_rate * self._factor):.6g} s"
-            raise SimulationFailed(what, status.advice)
+            raise SimulationFailed(what, status.advice, status)
         for chain, row in zip(self._chains, fine, strict=True):
             chain.push(row)
         self._steps += steps

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from daq.errors import SimulationFailed
-from sim_twin.ensembles.variant import Outcome, Variant
+from sim_twin.ensembles.variant import Outcome, Variant, status_of
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.rig_model import RigModel
 from sim_twin.rigs.side_by_side import RunFigures
@@ -43,14 +43,10 @@ class Figures:
         try:
             values = model.solver_values(variant.twin, self.settle, self.duration)
         except SimulationFailed as error:
-            return Outcome(_status_of(error))
+            return Outcome(status_of(error))
         finite = all(value is None or np.isfinite(value) for value in values.values())
         return _outcome(RunFigures(Status.COMPLETED if finite else Status.DIVERGED, values))
 
 
 def _outcome(figures: RunFigures) -> Outcome[RunFigures]:
     return Outcome(figures.status, figures if figures.status is Status.COMPLETED else None)
-
-
-def _status_of(error: SimulationFailed) -> Status:
-    return next((status for status in Status if status.advice == error.advice), Status.DIVERGED)

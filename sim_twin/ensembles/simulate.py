@@ -9,14 +9,17 @@ from itertools import groupby, islice
 from typing import Protocol, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from sim_twin.ensembles.variant import Outcome, Variant
+from daq.errors import SimulationFailed
+from sim_twin.ensembles.variant import Outcome, Variant, status_of
 from sim_twin.rigs.catalogue import model_of
-from sim_twin.status import Status
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 Progress = Callable[[int, int], None]
+_OF_THE_RUN = (SimulationFailed, np.linalg.LinAlgError, OverflowError, FloatingPointError)
+"""What a run's own numbers may raise; anything else is a fault of the program."""
 
 
 class Observation(Protocol[T_co]):
@@ -46,7 +49,8 @@ def simulate(
     pieces = list(_pieces(variants, observation.together))
     found: list[Sequence[Outcome[T]]] = [()] * len(pieces)
     done = 0
-    with closing(_finished(pieces, observation, executor, in_flight)) as finished:
+    one_thread = threadpool_limits(1, user_api="blas")  # the order of its sums changes last bits
+    with one_thread, closing(_finished(pieces, observation, executor, in_flight)) as finished:
         for number, outcomes in finished:
             found[number] = outcomes
             done += len(outcomes)
@@ -77,7 +81,7 @@ def _finished(
     try:
         while True:
             for number, piece in islice(waiting, in_flight - len(running)):
-                running[executor.submit(observed, observation, piece)] = number
+                running[executor.submit(_at_a_worker, observation, piece)] = number
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -87,12 +91,18 @@ def _finished(
             future.cancel()
 
 
+def _at_a_worker(observation: Observation[T], piece: Sequence[Variant]) -> Sequence[Outcome[T]]:
+    # Left at one thread: another piece may be at work in this process when this one ends.
+    threadpool_limits(1, user_api="blas")
+    return observed(observation, piece)
+
+
 def observed(observation: Observation[T], piece: Sequence[Variant]) -> Sequence[Outcome[T]]:
     """One piece of work. If it fails as a whole, its runs are done one by one and those that fail, marked."""
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             return observation.observe(piece)
-    except (ArithmeticError, np.linalg.LinAlgError):
+    except _OF_THE_RUN as error:
         if len(piece) == 1:
-            return [Outcome(Status.DIVERGED)]
+            return [Outcome(status_of(error))]
         return [outcome for variant in piece for outcome in observed(observation, (variant,))]

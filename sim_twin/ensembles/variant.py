@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 
 from numpy.random import SeedSequence
 
+from daq.errors import SimulationFailed
 from sim_twin.status import Status
 from sim_twin.twin import AnyTwin
 
@@ -32,3 +33,9 @@ class Outcome(Generic[T_co]):
 
     status: Status
     value: T_co | None = None
+
+
+def status_of(error: Exception) -> Status:
+    """How a run ended that raised `error`; DIVERGED where the error does not say."""
+    said = error.status if isinstance(error, SimulationFailed) else None
+    return said if isinstance(said, Status) else Status.DIVERGED

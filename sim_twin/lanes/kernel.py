@@ -227,7 +227,7 @@ def _settle(state: Array, first: int, size: int) -> None:
     # Modes that have died out would reach the denormal numbers, which cost far more than normal ones.
     for at in range(first, first + size, LANES):
         value = load(state, at)
-        store(state, at, where_positive(magnitude(value) - spread(_FADED), value, spread(0.0)))
+        store(state, at, where_positive(spread(_FADED) - magnitude(value), spread(0.0), value))
 
 
 @_inlined

@@ -48,6 +48,8 @@ class Lanes:
             block.advance(out)
             for lane in block.diverged():
                 self._statuses[lane] = Status.DIVERGED
+        for index in np.flatnonzero(~np.isfinite(out).all(axis=(1, 2))):
+            self._statuses[index] = Status.DIVERGED
         out[[status is Status.DIVERGED for status in self._statuses]] = np.nan
         return out
 

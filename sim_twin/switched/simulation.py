@@ -77,6 +77,11 @@ class Simulation:
         return Trace(start, self.step, out, start + times[:kept] * self.step, regimes[:kept], switches)
 
     @property
+    def samples(self) -> int:
+        """How many steps it has been advanced by."""
+        return self._samples
+
+    @property
     def state(self) -> NDArray[np.float64]:
         """The present state x = [q, q'], a copy of shape (states,)."""
         return self._x.copy()

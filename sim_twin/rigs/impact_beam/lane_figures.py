@@ -8,8 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import SimulationFailed
 from daq.signals import half_cycles
+from sim_twin.rigs.impact_beam.lane_grid import resolves
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
+from sim_twin.rigs.impact_beam.solver_values import run_figures
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.rigs.side_by_side import RunFigures
 from sim_twin.sensors import OVERSAMPLED_RATE
@@ -21,6 +24,38 @@ _AT_ONCE = 8192
 
 
 def figures(
+    twins: Sequence[BeamTwin], phases: Sequence[float], settle: float, duration: float
+) -> list[RunFigures]:
+    """The figures of each run: on lanes where their step resolves its contact, else by the exact solver."""
+    on_lanes = [run for run, twin in enumerate(twins) if resolves(twin.rig, OVERSAMPLED_RATE)]
+    found = (
+        dict(
+            zip(
+                on_lanes,
+                _side_by_side(
+                    [twins[run] for run in on_lanes], [phases[run] for run in on_lanes], settle, duration
+                ),
+                strict=True,
+            )
+        )
+        if on_lanes
+        else {}
+    )
+    return [
+        found[run] if run in found else _alone(twin, phase, settle, duration)
+        for run, (twin, phase) in enumerate(zip(twins, phases, strict=True))
+    ]
+
+
+def _alone(twin: BeamTwin, phase: float, settle: float, duration: float) -> RunFigures:
+    try:
+        return run_figures(twin, phase, settle, duration)
+    except SimulationFailed as failure:
+        ended = failure.status
+        return RunFigures(ended if isinstance(ended, Status) else Status.DIVERGED)
+
+
+def _side_by_side(
     twins: Sequence[BeamTwin], phases: Sequence[float], settle: float, duration: float
 ) -> list[RunFigures]:
     """The figures of `solver_values`, and the series `first_n` and `max_n` of all half cycles.

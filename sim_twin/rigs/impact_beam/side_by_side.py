@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.rigs.impact_beam.lane_figures import figures
+from sim_twin.rigs.impact_beam.lane_grid import resolves
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
-from sim_twin.rigs.impact_beam.truth import BeamTwin
+from sim_twin.rigs.impact_beam.truth import BeamTruth, BeamTwin
 from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import resonance
 from sim_twin.status import Status
@@ -24,7 +25,15 @@ class BeamTruths:
 
     def __init__(self, twins: Sequence[BeamTwin], phases: Sequence[float], rate: float) -> None:
         self._twins, self._phases, self._rate = twins, phases, rate
-        self._lanes = BeamLanes(twins, rate, phases, accelerations=True)
+        self._on_lanes = [run for run, twin in enumerate(twins) if resolves(twin.rig, rate)]
+        chosen = [twins[run] for run in self._on_lanes]
+        chosen_phases = [phases[run] for run in self._on_lanes]
+        self._lanes = BeamLanes(chosen, rate, chosen_phases, accelerations=True) if chosen else None
+        self._alone = {
+            run: _truth(twins[run], phases[run], rate)
+            for run in range(len(twins))
+            if run not in set(self._on_lanes)
+        }
         self._yokes = [resonance(each.rig.yoke_frequency, each.rig.yoke_damping, rate) for each in twins]
         self._steps = 0
 
@@ -32,20 +41,32 @@ class BeamTruths:
         """Next `steps` of the grid, shape (twins, channels, steps)."""
         seconds = np.arange(self._steps, self._steps + steps) / self._rate
         self._steps += steps
-        moved = self._lanes.advance(steps)
-        force, accelerations = moved[:, 0], moved[:, 1:]
         rows = np.zeros((len(self._twins), len(self._twins[0].channels), steps))
-        rows[:, 1], rows[:, 2] = np.maximum(force, 0), np.maximum(-force, 0)
-        rows[:, _FORCES : _FORCES + accelerations.shape[1]] = accelerations
-        for row, twin, phase, yoke in zip(rows, self._twins, self._phases, self._yokes, strict=True):
-            row[0] = twin.drive.force(2 * np.pi * twin.drive.frequency * seconds + phase)
-            row[3] = yoke(row[1] - row[2])
+        if self._lanes is not None:
+            for run, moved in zip(self._on_lanes, self._lanes.advance(steps), strict=True):
+                force, accelerations = moved[0], moved[1:]
+                rows[run, 1], rows[run, 2] = np.maximum(force, 0), np.maximum(-force, 0)
+                rows[run, _FORCES : _FORCES + len(accelerations)] = accelerations
+        for run in self._on_lanes:
+            drive = self._twins[run].drive
+            rows[run, 0] = drive.force(2 * np.pi * drive.frequency * seconds + self._phases[run])
+            rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
+        for run, truth in self._alone.items():
+            rows[run] = truth.advance(steps)
         return rows
 
     @property
     def statuses(self) -> Sequence[Status]:
         """How each run stands."""
-        return self._lanes.statuses
+        on_lanes = [] if self._lanes is None else self._lanes.statuses
+        found = dict(zip(self._on_lanes, on_lanes, strict=True))
+        return [found[run] if run in found else self._alone[run].status for run in range(len(self._twins))]
+
+
+def _truth(twin: BeamTwin, phase: float, rate: float) -> BeamTruth:
+    truth = BeamTruth(twin, rate)
+    truth.change_drive(twin.drive, phase, 0.0)
+    return truth
 
 
 SIDE_BY_SIDE = SideBySide(figures, BeamTruths)

@@ -4,28 +4,42 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq.errors import SimulationFailed
 from daq.signals import half_cycles
 from sim_twin.rigs.impact_beam.assembly import LOWER, UPPER, assemble
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.rigs.rig_model import SolverValues
+from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.status import Status
 from sim_twin.switched import Simulation, Trace
 
 RATE = 204_800.0
 _ORDERS = (0, 1, 2, 3)
+_FINER, _MARGIN, _AT_ONCE = 64, 64, 1 << 16
+_LONGEST_CONTACT = 5e-3
+"""s; a first contact from rest is an impact, and impacts last some tenths of a millisecond."""
 
 
 def solver_values(twin: BeamTwin, settle: float, duration: float) -> SolverValues:
     """First contact from rest, and mean and deviation of *first* and *max* per half cycle.
 
     Over `duration` s after the first `settle` s. Forces in N, times in s; None where there was no contact.
+    Raises SimulationFailed.
     """
-    simulation = Simulation(assemble(twin.rig, _ORDERS), 1 / RATE)
-    simulation.drive(twin.drive.phasors(), 2 * np.pi * twin.drive.frequency)
+    return dict(run_figures(twin, 0.0, settle, duration).values)
+
+
+def run_figures(twin: BeamTwin, phase: float, settle: float, duration: float) -> RunFigures:
+    """The same from `phase` rad of the drive on, with the peaks of all half cycles."""
+    simulation = _driven(twin, phase, RATE)
     trace = simulation.advance(round((settle + duration) * RATE))
+    _require_completed(simulation, trace)
     start = round(settle * RATE)
     cycles = half_cycles(trace.outputs[0, start:], trace.outputs[1, start:], RATE)
     contact_s, peak_n = _first_contact(trace)
-    return {
+    if contact_s is not None:
+        peak_n = _fine_peak(twin, phase, contact_s)
+    values: SolverValues = {
         "first_peak_n": peak_n,
         "first_contact_s": contact_s,
         "half_cycles": len(cycles),
@@ -34,6 +48,36 @@ def solver_values(twin: BeamTwin, settle: float, duration: float) -> SolverValue
         "max_mean_n": _mean(cycles.max_n),
         "max_sd_n": _deviation(cycles.max_n),
     }
+    return RunFigures(Status.COMPLETED, values, {"first_n": cycles.first_n, "max_n": cycles.max_n})
+
+
+def _driven(twin: BeamTwin, phase: float, rate: float) -> Simulation:
+    simulation = Simulation(assemble(twin.rig, _ORDERS), 1 / rate)
+    simulation.drive(twin.drive.phasors(), 2 * np.pi * twin.drive.frequency, phase)
+    return simulation
+
+
+def _fine_peak(twin: BeamTwin, phase: float, contact_s: float) -> float | None:
+    """Peak of the first contact on a grid so fine that a damper's jump at the onset is in it."""
+    fine = _driven(twin, phase, _FINER * RATE)
+    while True:
+        before = round(contact_s * _FINER * RATE) - _MARGIN - fine.samples
+        if before <= 0:
+            break
+        fine.advance(min(before, _AT_ONCE))
+    trace = fine.advance(round(_LONGEST_CONTACT * _FINER * RATE))
+    return _first_contact(trace)[1]
+
+
+def _require_completed(simulation: Simulation, trace: Trace) -> None:
+    """Raise SimulationFailed unless all is finite and every switch is in the trace."""
+    status = Status.COMPLETED
+    if not (np.isfinite(simulation.state).all() and np.isfinite(trace.outputs).all()):
+        status = Status.DIVERGED
+    elif trace.switches > len(trace.switch_times):
+        status = Status.STEPS_EXHAUSTED
+    if status is not Status.COMPLETED:
+        raise SimulationFailed("the impact beam's motion was not computed to its end", status.advice, status)
 
 
 def _first_contact(trace: Trace) -> tuple[float | None, float | None]:

@@ -8,6 +8,7 @@ with a `FlexibleBase` the modes of beam, connecting rod and base together.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ class Structure:
     cover: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
+@lru_cache(maxsize=256)
 def structure_of(rig: ImpactBeam) -> Structure:
     """Return the structure of `rig`; raises UnphysicalParameter for more modes than the meshes have."""
     if isinstance(rig.base, FlexibleBase):

@@ -36,7 +36,8 @@ def motion(twin: CrankTwin, seconds: float, at: Eccentricity = CENTRED) -> tuple
     run = simulation(twin.rig, twin.drive, 0.0, 1 / RATE, limits, at)
     trace = run.advance(round(seconds * RATE))
     if trace.status is not Status.COMPLETED:
-        raise SimulationFailed(f"the crank stopped after {run.time:.6g} s", trace.status.advice)
+        what = f"the crank stopped after {run.time:.6g} s"
+        raise SimulationFailed(what, trace.status.advice, trace.status)
     return trace, np.concatenate([trace.episodes, run.open_episodes])
 
 

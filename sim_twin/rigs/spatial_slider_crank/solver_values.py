@@ -38,7 +38,8 @@ def motion(twin: SpatialTwin, seconds: float, step: float = 1 / RATE) -> tuple[T
     run = simulation(twin.rig, twin.drive, 0.0, step, limits)
     trace = run.advance(round(seconds / step))
     if trace.status is not Status.COMPLETED:
-        raise SimulationFailed(f"the crank stopped after {run.time:.6g} s", trace.status.advice)
+        what = f"the crank stopped after {run.time:.6g} s"
+        raise SimulationFailed(what, trace.status.advice, trace.status)
     return trace, np.concatenate([trace.episodes, run.open_episodes])
 
 

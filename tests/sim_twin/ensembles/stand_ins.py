@@ -7,6 +7,9 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sim_twin.ensembles.variant import Outcome, Variant
 from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
@@ -14,6 +17,13 @@ from sim_twin.status import Status
 from sim_twin.twin import Twin
 
 BEAM = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
+
+
+class Beyond(SineDrive):
+    """Drives without bounds, which no parameters within their ranges do."""
+
+    def phasors(self) -> NDArray[np.complex128]:
+        return 1e200 * super().phasors()
 
 
 def numbered(count: int) -> list[Variant]:

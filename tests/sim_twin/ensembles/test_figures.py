@@ -22,7 +22,7 @@ from sim_twin.rigs.side_by_side import RunFigures
 from sim_twin.sensors import OVERSAMPLED_RATE
 from sim_twin.status import Status
 from sim_twin.twin import Twin
-from tests.sim_twin.ensembles.stand_ins import BEAM
+from tests.sim_twin.ensembles.stand_ins import BEAM, Beyond
 
 SETTLE, DURATION = 0.05, 0.3
 HEALTHY = Population(BEAM, any_phase=False).variants(19, 11)  # more than one piece of work
@@ -86,7 +86,7 @@ def test_a_rig_that_touches_nothing_has_no_peaks() -> None:
 
 
 def test_a_run_that_diverges_is_marked_and_takes_no_other_along() -> None:
-    beyond = replace(BEAM, drive=SineDrive(1e12, 20.0))
+    beyond = replace(BEAM, drive=Beyond(9.0, 20.0))
     outcomes = simulate([Variant(BEAM), Variant(beyond), Variant(BEAM)], Figures(0.0, 0.02))
     assert [outcome.status for outcome in outcomes] == [
         Status.COMPLETED,

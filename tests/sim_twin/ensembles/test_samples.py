@@ -14,13 +14,12 @@ from sim_twin.ensembles.samples import Samples
 from sim_twin.ensembles.simulate import simulate
 from sim_twin.ensembles.variant import Variant
 from sim_twin.rigs.crank_drive import SpeedDrive
-from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.rig import MODEL as CRANK_MODEL
 from sim_twin.status import Status
 from sim_twin.twin import Twin
-from tests.sim_twin.ensembles.stand_ins import BEAM
+from tests.sim_twin.ensembles.stand_ins import BEAM, Beyond
 
 RATE = 51_200.0
 UPPER = ("contact.force_upper",)
@@ -98,7 +97,7 @@ def test_long_records_come_in_smaller_pieces_so_that_memory_lasts() -> None:
 
 
 def test_a_run_that_diverges_is_marked_and_takes_no_other_along() -> None:
-    beyond = replace(BEAM, drive=SineDrive(1e12, 20.0))
+    beyond = replace(BEAM, drive=Beyond(9.0, 20.0))
     outcomes = simulate([Variant(BEAM), Variant(beyond)], Samples(BEAM.channels, RATE, 0.0, 0.05))
     assert [outcome.status for outcome in outcomes] == [Status.COMPLETED, Status.DIVERGED]
     assert outcomes[1].value is None

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from daq.errors import SimulationFailed
+from rig.ensembles.executors import worker_processes
+from sim_twin.ensembles.figures import Figures
 from sim_twin.ensembles.simulate import simulate
 from sim_twin.ensembles.variant import Outcome, Variant
 from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.status import Status
 from sim_twin.twin import Twin
-from tests.sim_twin.ensembles.stand_ins import LastFirst, OnlyTheFirst, Phases, numbered
+from tests.sim_twin.ensembles.stand_ins import BEAM, LastFirst, OnlyTheFirst, Phases, numbered
 
 COUNT = 24  # six pieces of four
 
@@ -61,6 +65,30 @@ def test_a_run_that_cannot_be_computed_takes_no_other_along(error: Exception) ->
     expected: list[Outcome[float]] = [Outcome(Status.COMPLETED, float(number)) for number in range(8)]
     expected[5] = Outcome(Status.DIVERGED)
     assert list(outcomes) == expected
+
+
+def test_a_run_s_own_status_is_kept_whatever_it_advises() -> None:
+    error = SimulationFailed("it stopped", "try less", Status.STEPS_EXHAUSTED)
+    (outcome,) = simulate(numbered(1), Phases(fails=lambda _: error))
+    assert outcome == Outcome(Status.STEPS_EXHAUSTED)
+
+
+def test_a_division_by_zero_is_a_fault_of_the_program() -> None:
+    with pytest.raises(ZeroDivisionError, match="a fault"):
+        simulate(numbered(1), Phases(fails=lambda _: ZeroDivisionError("a fault")))
+
+
+def test_a_worker_process_gives_the_bits_of_this_one() -> None:
+    """Threads of linear algebra in one of them would change last bits of a flexible base's modes."""
+    flexible = replace(BEAM, rig=replace(BEAM.rig, base=flexible_base()))
+    wanted = Figures(0.0, 0.1)
+    here = simulate([Variant(flexible)], wanted)[0].value
+    with worker_processes(1) as workers:
+        there = simulate([Variant(flexible)], wanted, workers.executor)[0].value
+    assert here is not None
+    assert there is not None
+    assert here.values == there.values
+    assert all(np.array_equal(here.series[name], there.series[name]) for name in here.series)
 
 
 def test_a_fault_of_the_program_is_raised_and_cancels_what_waits() -> None:

@@ -114,6 +114,23 @@ def test_a_lane_that_diverges_says_so_and_leaves_the_others_alone() -> None:
     assert np.array_equal(force[[0, 2]], expected[[0, 0]])
 
 
+def test_a_lane_that_diverges_within_one_long_call_says_so() -> None:
+    good, bad = oscillator(0.0, [0.0, 2.0]), oscillator(-2000.0, [1e-3, 0.0])
+    lanes = Lanes([good, bad], 1e-5)
+    force = lanes.advance(409_600)
+    assert lanes.statuses == (Status.COMPLETED, Status.DIVERGED)
+    assert np.isnan(force[1]).all()
+
+
+def test_a_drive_that_is_no_number_does_not_fade_to_rest() -> None:
+    good = oscillator(0.0, [0.0, 2.0])
+    bad = replace(good, harmonics=Harmonics(np.array([0, np.nan], complex), 1.0))
+    lanes = Lanes([bad, good], 1e-5)
+    force = lanes.advance(STEPS)
+    assert lanes.statuses == (Status.DIVERGED, Status.COMPLETED)
+    assert np.isnan(force[0]).all()
+
+
 def test_a_mode_that_the_gap_does_not_show_is_recorded_all_the_same() -> None:
     K, C = np.diag([1e4, 4e4]), np.zeros((2, 2))
     seen, hidden = np.eye(2)

@@ -135,9 +135,7 @@ def test_crank_angle_by_its_formula_is_the_integrated_one(drive: SpeedDrive) -> 
     motion = simulation(SpatialSliderCrank(rod_modes=0), drive, 0.4, 0.13)
     motion.advance(5)
     assert motion.present()[16] == pytest.approx(angle_after(drive, 0.4, 0.65), abs=1e-8)
-    assert angle_after(drive, angle_after(drive, 0.4, 0.65), -0.65) == pytest.approx(
-        0.4, abs=1e-12
-    )
+    assert angle_after(drive, angle_after(drive, 0.4, 0.65), -0.65) == pytest.approx(0.4, abs=1e-12)
 
 
 def solver(twin: Twin[SpatialSliderCrank, SpeedDrive]) -> SolverValues:
