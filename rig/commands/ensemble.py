@@ -51,13 +51,15 @@ def add_to(app: typer.Typer) -> None:
         if scheduler is not None and workers is not None:
             raise typer.BadParameter("the cluster has its own workers", param_hint="--workers")
         scenario = load_scenario(scenario_file)
+        if out is not None and not out.absolute().parent.is_dir():
+            raise RattleError(f"{out}: its folder does not exist; make it first, nothing was simulated")
         population = _population(scenario, effects)
         screen = Screen(Console(stderr=machine))
         source = worker_processes(workers or cores()) if scheduler is None else cluster(scheduler)
         outcomes = _simulated(scenario, population, runs, seed, source, screen)
+        _show(outcomes, seed, screen, machine)
         if out is not None:
             write_runs(outcomes, out)
-        _show(outcomes, seed, screen, machine)
 
 
 def _population(scenario: Scenario, effects: Path | None) -> Population:

@@ -36,7 +36,7 @@ def add_to(app: typer.Typer) -> None:
             twin = with_effects(twin, effects)
         screen, wanted = Screen(Console(stderr=as_json)), scenario.acquisition
         with screen.busy("simulating"):
-            drawn = write_prediction(scenario, twin, seed, out)
+            drawn = write_prediction(scenario, twin, seed, out, effects)
             values = model_of(drawn).solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
         if values is not None:
             print_json(values)

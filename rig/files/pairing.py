@@ -19,7 +19,7 @@ def check_drivable(scenario: Scenario) -> None:
     """Raise ConfigurationError for a rig whose actuator this version cannot drive."""
     kind = RIGS[scenario.rig]
     if kind.actuator != "signal_generator":
-        allowed = f"impact_beam (this version cannot drive an {kind.actuator}; predict and overlay work)"
+        allowed = f"this version cannot drive an {kind.actuator}; predict and overlay work"
         raise ConfigurationError(f"scenario {scenario.name!r}", [Problem("rig", scenario.rig, allowed)])
 
 

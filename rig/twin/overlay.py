@@ -12,7 +12,7 @@ from daq.log.records import Gap
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
-from rig.twin.prediction_file import removed_if_it_fails
+from rig.twin.prediction_file import removed_if_it_fails, twin_record
 from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
 from sim_twin.twin import AnyTwin
@@ -40,6 +40,7 @@ def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
             twin = with_effects(twin, effects)
         with LogWriter(target) as copy, removed_if_it_fails(target):
             _copy(log, copy)
+            copy.add_metadata("twin", twin_record(effects))
             _predict(log, copy, scenario, twin)
 
 
@@ -55,7 +56,8 @@ def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Ali
 def _copy(log: LogReader, copy: LogWriter) -> None:
     """Everything but an earlier prediction, message by message as it was."""
     for name, record in log.metadata.items():
-        copy.add_metadata(name, record)
+        if name != "twin":
+            copy.add_metadata(name, record)
     for channel in log.channels("measured").values():
         copy.declare("measured", channel)
     ledger: list[Gap] = log.gaps()

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from daq.block import SampleBlock, sample_time_ns
-from daq.errors import SimulationFailed
 from daq.log import LogWriter
+from rig.files.faults import read_text
 from rig.files.scenario import Scenario
 from rig.twin.prediction import BLOCK_S, as_logged, settling_s, skip
 from rig.twin.rigs import kind_of
@@ -20,12 +20,14 @@ from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
 
 
-def write_prediction(scenario: Scenario, twin: AnyTwin, seed: int | None, path: Path) -> AnyTwin:
+def write_prediction(
+    scenario: Scenario, twin: AnyTwin, seed: int | None, path: Path, effects: Path | None = None
+) -> AnyTwin:
     """Write /predicted/... of `scenario` to the new file `path`; returns the twin that was run.
 
     Without `seed`: nominal, noiseless, from rest with the full drive at t = 0, sample 0 after `settle`. With
     it: a healthy draw with noise and any phase of the drive, settled before sample 0. Timestamps start at the
-    Unix epoch.
+    Unix epoch. `effects` is the file whose effects `twin` has, for the record.
     """
     model, rate = model_of(twin), scenario.acquisition.sample_rate
     noise, phase, before = None, 0.0, scenario.acquisition.settle
@@ -39,19 +41,26 @@ def write_prediction(scenario: Scenario, twin: AnyTwin, seed: int | None, path: 
     skip(stream, round(before * rate))
     with LogWriter(path) as log, removed_if_it_fails(path):
         log.add_metadata("scenario", {"toml": scenario.text})
-        log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", "seed": str(seed)})
+        drawn = {} if seed is None else {"seed": str(seed)}
+        log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", **drawn})
+        log.add_metadata("twin", twin_record(effects))
         for channel in predicted_channels(twin):
             log.declare("predicted", channel)
         _write(log, stream, round(scenario.acquisition.duration * rate), rate)
     return twin
 
 
+def twin_record(effects: Path | None) -> dict[str, str]:
+    """What a log says of the twin that made its predictions: the effects that it was given."""
+    return {"effects": "[]" if effects is None else read_text(effects)}
+
+
 @contextmanager
 def removed_if_it_fails(path: Path) -> Iterator[None]:
-    """A log that a simulation could not complete is not left behind as if it were whole."""
+    """A log that was not completed, by a failure or by a person, is not left behind as if it were whole."""
     try:
         yield
-    except SimulationFailed:
+    except BaseException:
         path.unlink(missing_ok=True)
         raise
 

@@ -34,7 +34,7 @@ def test_a_foreign_recording_gets_its_prediction_in_a_new_file(call: Call, tmp_p
     assert (tmp_path / "overlay.html").is_file()
     assert verify_log(tmp_path / "overlay.mcap").sound
     with LogReader(run) as original, LogReader(tmp_path / "overlay.mcap") as log:
-        assert log.metadata == original.metadata
+        assert log.metadata == {**original.metadata, "twin": {"effects": "[]"}}
         assert list(log.channels("predicted")) == list(log.channels("measured"))
         for name, row in original.table("measured").items():
             copied, predicted = log.series("measured", name), log.series("predicted", name)

@@ -234,3 +234,11 @@ def test_a_flexible_base_moves_and_its_cover_with_it(call: Call, tmp_path: Path,
     on_cover = {"cover.acceleration_center", "cover.acceleration_corner"}
     assert rows.keys() & on_cover == (set() if cover == "none" else on_cover)
     assert all(np.abs(rows[name].values).max() > 0.1 for name in rows.keys() & on_cover)
+
+
+def test_the_log_says_which_effects_its_twin_had(call: Call, tmp_path: Path) -> None:
+    effects = tmp_path / "effects.json"
+    effects.write_text('[{"name": "clearance", "parameters": {"scale": 1.5}}]')
+    assert call("predict", scenario(tmp_path), "--effects", effects, "--out", tmp_path / "p.mcap").code == 0
+    with LogReader(tmp_path / "p.mcap") as log:
+        assert json.loads(log.metadata["twin"]["effects"]) == json.loads(effects.read_text())
