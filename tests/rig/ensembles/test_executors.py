@@ -61,9 +61,10 @@ def _interrupt(_: Future[None]) -> None:
 
 
 def test_workers_are_gone_at_once_when_whoever_uses_them_stops() -> None:
+    before = set(multiprocessing.active_children())  # an emulator of another test may be among them
     with pytest.raises(KeyboardInterrupt, match=r"^$"), worker_processes(1) as workers:
         _interrupt(workers.executor.submit(signal.pause))  # would never end
-    assert not multiprocessing.active_children()
+    assert set(multiprocessing.active_children()) <= before
 
 
 def test_the_death_of_a_worker_is_told() -> None:

@@ -36,7 +36,10 @@ class RigidMechanism:
         self.masses = slider.mass, rod.mass
         self.pins = np.array(slider.pin), np.array([rod.length / 2, 0.0, 0.0])
         self.tip = np.array([-rod.length / 2, 0.0, 0.0])
-        self.gravity = rig.gravity * np.array([sin(rig.incline), 0.0, -cos(rig.incline)])
+        across = cos(rig.incline)
+        self.gravity = rig.gravity * np.array(
+            [sin(rig.incline), -across * sin(rig.roll), -across * cos(rig.roll)]
+        )
 
     def crank(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         a, r, theta = self.rig.axis_angle, self.rig.crank_radius, self.speed * t

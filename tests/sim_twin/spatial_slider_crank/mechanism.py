@@ -96,7 +96,9 @@ class Mechanism:
         return np.linalg.solve(M, Q)
 
     def gravity(self) -> np.ndarray:
-        return self.rig.gravity * np.array([np.sin(self.rig.incline), 0.0, -np.cos(self.rig.incline)])
+        across, roll = np.cos(self.rig.incline), self.rig.roll
+        along = np.sin(self.rig.incline)
+        return self.rig.gravity * np.array([along, -across * np.sin(roll), -across * np.cos(roll)])
 
     def energy(self, q: np.ndarray, qd: np.ndarray, theta: float) -> float:
         """Kinetic, elastic and of gravity, contacts included, J."""

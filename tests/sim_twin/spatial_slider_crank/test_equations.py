@@ -136,4 +136,4 @@ def test_a_heavy_stiff_base_is_no_base() -> None:
     on_base = run_of(moving, 1e-12, 1e-5).advance(1500).outputs[:9]
     # Not bit by bit: with more states the steps are others, and the impact at 10 ms raises the difference.
     assert on_base == pytest.approx(fixed, abs=1e-3 * fixed.max())
-    assert fixed[2].max() > 5.0
+    assert fixed.max() > 5.0
