@@ -62,14 +62,14 @@ class _One:
         self._status = Status.COMPLETED
 
     def change_drive(self, drive: Any, phase: float, reference: float) -> None:
-        raise NotImplementedError("runs side by side keep the drive that they started with")
+        raise ValueError("runs side by side keep the drive that they started with")
 
     def advance(self, steps: int) -> Array:
         fine, self._status = self._shared.take(self._run, steps)
         return fine
 
     def shape(self) -> Array:
-        raise NotImplementedError("runs side by side have no picture")
+        raise ValueError("runs side by side have no picture")
 
     @property
     def status(self) -> Status:

@@ -139,19 +139,6 @@ class PlanarSliderCrank:
         return first, second
 
 
-class SpeedDrive:
-    """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
-
-    speed: float
-    fluctuation: float = 0.0
-    order: float = 1.0
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        require("drive", "speed", self.speed, 0.0, unit="rad/s")
-        require("drive", "fluctuation", self.fluctuation, 0.0, 0.5)
-
-
 def nominal(material: str = "steel") -> PlanarSliderCrank:
     """Return the rig of the source with links and joints of a material: masses go with the density."""
     of = MATERIALS[material]

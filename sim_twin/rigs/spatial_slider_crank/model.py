@@ -133,19 +133,6 @@ class SpatialSliderCrank:
 _STIFFNESSES = (("socket_stiffness", "N/m"), ("guide_stiffness", "N/m"))
 
 
-class SpeedDrive:
-    """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
-
-    speed: float
-    fluctuation: float = 0.0
-    order: float = 1.0
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        require("drive", "speed", self.speed, 0.0, unit="rad/s")
-        require("drive", "fluctuation", self.fluctuation, 0.0, 0.5)
-
-
 def rig_of_the_figures() -> SpatialSliderCrank:
     """The rig with its crank's axis at 65 degrees: fully spatial; the source does not say the angle."""
     return SpatialSliderCrank(axis_angle=65 * pi / 180)
