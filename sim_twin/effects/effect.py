@@ -13,11 +13,15 @@ ParameterValues: TypeAlias = Mapping[str, float | str]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number with its unit and the intervals in which a rig may plausibly lie."""
+    """A number with its unit and the intervals in which a rig may plausibly lie.
+
+    `whole`: where it is guessed, only whole numbers are.
+    """
 
     name: str
     unit: str
     intervals: tuple[tuple[float, float], ...]
+    whole: bool = False
 
     def check(self, owner: str, value: float) -> None:
         """Raise ValueError where `value` lies outside the intervals."""
@@ -31,7 +35,8 @@ class Effect:
     """One cause: its `location`, its parameters (the main one first) and what it changes in a twin.
 
     `channels` are those that the effect may sit on; empty for effects that sit on none. `refusal` says why
-    a twin cannot have it (a friction torque at a clamp), or nothing.
+    a twin cannot have it (a friction torque at a clamp), or nothing; `together` what is wrong with parameters
+    that are fine one by one. `sensing` effects change what is shown, not what moves.
     """
 
     name: str
@@ -40,6 +45,8 @@ class Effect:
     change: Callable[[Any, ParameterValues], Any]
     channels: tuple[str, ...] = ()
     refusal: Callable[[Any], str] = lambda _: ""
+    together: Callable[[ParameterValues], str] = lambda _: ""
+    sensing: bool = False
 
     def apply(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
         """Return `twin` with the effect in; raises ValueError for what it cannot have or be."""
@@ -62,6 +69,9 @@ class Effect:
             )
         for parameter in self.parameters:
             parameter.check(self.name, float(values[parameter.name]))
+        wrong = self.together(values)
+        if wrong:
+            raise ValueError(f"{self.name}: {wrong}")
 
 
 Catalogue: TypeAlias = Mapping[str, Effect]

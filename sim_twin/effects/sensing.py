@@ -34,7 +34,7 @@ def _on_a_channel(
     channels: tuple[str, ...],
 ) -> Effect:
     change = partial(_chain, field=field, parameter=parameter.name)
-    return Effect(name, location, (parameter,), change, channels)
+    return Effect(name, location, (parameter,), change, channels, sensing=True)
 
 
 def sensor_gain(channels: tuple[str, ...]) -> Effect:

@@ -23,6 +23,23 @@ def apart(truths: Truths, runs: int) -> Sequence[Truth]:
     return [_One(shared, run) for run in range(runs)]
 
 
+class OneByOne:
+    """Motions that nothing makes faster together; rows of a failed one are filled up with zeros."""
+
+    def __init__(self, truths: Sequence[Truth]) -> None:
+        self._truths = truths
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (truths, channels, steps)."""
+        moved = [truth.advance(steps) for truth in self._truths]
+        return np.array([np.pad(rows, ((0, 0), (0, steps - rows.shape[1]))) for rows in moved])
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        """How each run stands."""
+        return [truth.status for truth in self._truths]
+
+
 class _Shared:
     def __init__(self, truths: Truths, runs: int) -> None:
         self._truths = truths

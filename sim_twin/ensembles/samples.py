@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from sim_twin.ensembles.lockstep import apart
+from sim_twin.ensembles.lockstep import OneByOne, apart
 from sim_twin.ensembles.variant import Outcome, Variant
 from sim_twin.rigs.catalogue import model_of
+from sim_twin.rigs.side_by_side import Truths
 from sim_twin.sensors import oversampling
 from sim_twin.status import Status
-from sim_twin.stream import Truth, TwinStream
+from sim_twin.stream import TwinStream
 
 Array = NDArray[np.float32]
 Reduce = Callable[[Array], Any]
@@ -47,7 +48,8 @@ class Samples:
 
     def observe(self, variants: Sequence[Variant]) -> list[Outcome[Any]]:
         """Samples of some runs of one rig, or what `reduce` makes of them."""
-        truths = _truths(variants, self.sample_rate * oversampling(self.sample_rate))
+        rate = self.sample_rate * oversampling(self.sample_rate)
+        truths = apart(truths_of(variants, rate), len(variants))
         runs = [_Run(each, truth, self) for each, truth in zip(variants, truths, strict=True)]
         total = round(self.settle * self.sample_rate) + round(self.duration * self.sample_rate)
         block = max(1, round(_BLOCK_S * self.sample_rate))
@@ -57,15 +59,16 @@ class Samples:
         return [run.outcome(self.reduce) for run in runs]
 
 
-def _truths(variants: Sequence[Variant], rate: float) -> Sequence[Truth]:
+def truths_of(variants: Sequence[Variant], rate: float) -> Truths:
+    """Motions of some runs of one rig from rest, on a grid of `rate` Hz; together where the rig can."""
     model = model_of(variants[0].twin)
+    twins, phases = [each.twin for each in variants], [each.phase for each in variants]
     if model.side_by_side is not None:
-        twins, phases = [each.twin for each in variants], [each.phase for each in variants]
-        return apart(model.side_by_side.truths(twins, phases, rate), len(variants))
-    truths = [model.truth(each.twin, rate, False) for each in variants]
+        return model.side_by_side.truths(twins, phases, rate)
+    truths = [model.truth(twin, rate, False) for twin in twins]
     for truth, each in zip(truths, variants, strict=True):
         truth.change_drive(each.twin.drive, each.phase, 0.0)
-    return truths
+    return OneByOne(truths)
 
 
 class _Run:

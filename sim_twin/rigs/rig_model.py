@@ -7,14 +7,18 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
+from sim_twin.rigs.cycles import Cycles
 from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import Sensor, oversampling
 from sim_twin.stream import Truth, TwinStream
 from sim_twin.twin import AnyTwin
 
+Array = NDArray[np.float64]
 SolverValues: TypeAlias = dict[str, float | int | None]
+Follow: TypeAlias = Callable[[NDArray[np.floating], float, float], Cycles]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,10 @@ class RigModel:
     - `solver_values(twin, settle, duration)`: figures of the motion from rest, before any sensor, in the
       units that their names say; None where there is nothing to tell.
     - `side_by_side`: the same for many runs at once, where the rig has a faster way.
+    - `smooth_channels`: those that an anti-alias filter leaves as they are.
+    - `reference`: the channel that tells the cycles; `follow(its samples, rate, nominal frequency)` finds them.
+    - `stray(twin, signals, rng)`: clean signals (channels, n) with what a healthy rig's channels may pick up
+      besides.
     """
 
     name: str
@@ -40,7 +48,11 @@ class RigModel:
     draw_healthy: Callable[[Any, np.random.Generator, np.random.Generator], Any]
     truth: Callable[[Any, float, bool], Truth]
     solver_values: Callable[[Any, float, float], SolverValues]
+    reference: str
+    follow: Follow
     side_by_side: SideBySide | None = None
+    smooth_channels: tuple[str, ...] = ()
+    stray: Callable[[Any, Array, np.random.Generator], Array] = lambda _, signals, __: signals
 
     def stream(
         self,

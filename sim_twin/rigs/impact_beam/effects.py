@@ -56,11 +56,13 @@ def _damping(twin: BeamTwin, values: ParameterValues) -> BeamTwin:
 
 
 def _distortion(twin: BeamTwin, values: ParameterValues) -> BeamTwin:
-    second, third = _number(values, "second"), _number(values, "third")
-    if max(second, third) < _LEAST_DISTORTION:
-        raise ValueError(f"drive_distortion: second or third is at least {_LEAST_DISTORTION}")
-    drive = replace(twin.drive, second=second, third=third)
+    drive = replace(twin.drive, second=_number(values, "second"), third=_number(values, "third"))
     return replace(twin, drive=drive)
+
+
+def _too_little(values: ParameterValues) -> str:
+    largest = max(_number(values, "second"), _number(values, "third"))
+    return f"second or third is at least {_LEAST_DISTORTION}" if largest < _LEAST_DISTORTION else ""
 
 
 def _not_if_clamped(twin: BeamTwin) -> str:
@@ -139,6 +141,7 @@ _EFFECTS = (
         "drive",
         (Parameter("second", "", ((0.0, 0.2),)), Parameter("third", "", ((0.0, 0.2),))),
         _distortion,
+        together=_too_little,
     ),
     sensor_gain(_SENSED),
     sensor_droop(_SENSED),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_twin.healthy import draw_sensors, scaled
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
@@ -17,6 +18,9 @@ from sim_twin.twin import Twin
 _NOISE = {"N": 0.05, "m/s2": 0.03}
 _DRIVE_NOISE = 0.02
 _YOKE_GAIN = 0.01
+_STRAY = 1e-3
+"""m/s2 for each N, at most."""
+Array = NDArray[np.float64]
 Base = BaseMass | FlexibleBase | None
 _LEAST_SHARE = 0.05
 """Of a damping; the bell curve would reach below zero."""
@@ -39,6 +43,20 @@ def draw_healthy(
     rig, sensors = _draw_rig(twin.rig, rng), draw_sensors(noisy, rng, {"yoke.force": _YOKE_GAIN})
     rig = replace(rig, clearance=rig.clearance * scaled(each_run, 0.02))
     return Twin(rig, _draw_drive(twin.drive, each_run), sensors)
+
+
+def stray(twin: BeamTwin, signals: Array, rng: np.random.Generator) -> Array:
+    """Return `signals` (channels, n) with what reaches the base's accelerometer of a rigid base.
+
+    It picks up to 1e-3 m/s2 for each N of contact force, each rig its own share.
+    """
+    names = twin.channels
+    if twin.rig.base is not None:
+        return signals
+    upper, lower = (signals[names.index(f"contact.force_{side}")] for side in ("upper", "lower"))
+    picked = signals.copy()
+    picked[names.index("base.acceleration")] += _STRAY * rng.uniform() * (upper - lower)
+    return picked
 
 
 def _noise_of(channel: str) -> float:

@@ -139,3 +139,14 @@ class SineDrive:
         """Force in N at phases p (rad), same shape."""
         second, third = self.second * np.sin(2 * phase), self.third * np.sin(3 * phase)
         return np.asarray(self.offset + self.amplitude * (np.sin(phase) + second + third))
+
+    def force_at_steps(self, phase: float, step: float, count: int) -> NDArray[np.float64]:
+        """Force in N at phases `phase` + k `step` (rad), k = 0 ... `count` - 1: products in place of sines."""
+        wide = 256
+        coarse = np.exp(1j * (phase + step * wide * np.arange(-(-count // wide))))
+        turn = np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count]
+        force = self.offset + self.amplitude * turn.imag
+        if self.second or self.third:
+            double = turn * turn
+            force = force + self.amplitude * (self.second * double.imag + self.third * (double * turn).imag)
+        return np.asarray(force)

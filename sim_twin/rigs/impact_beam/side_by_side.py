@@ -39,8 +39,7 @@ class BeamTruths:
 
     def advance(self, steps: int) -> Array:
         """Next `steps` of the grid, shape (twins, channels, steps)."""
-        seconds = np.arange(self._steps, self._steps + steps) / self._rate
-        self._steps += steps
+        first, self._steps = self._steps, self._steps + steps
         rows = np.zeros((len(self._twins), len(self._twins[0].channels), steps))
         if self._lanes is not None:
             for run, moved in zip(self._on_lanes, self._lanes.advance(steps), strict=True):
@@ -49,7 +48,8 @@ class BeamTruths:
                 rows[run, _FORCES : _FORCES + len(accelerations)] = accelerations
         for run in self._on_lanes:
             drive = self._twins[run].drive
-            rows[run, 0] = drive.force(2 * np.pi * drive.frequency * seconds + self._phases[run])
+            step = 2 * np.pi * drive.frequency / self._rate
+            rows[run, 0] = drive.force_at_steps(self._phases[run] + first * step, step, steps)
             rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
         for run, truth in self._alone.items():
             rows[run] = truth.advance(steps)

@@ -88,7 +88,7 @@ EFFECTS = catalogue_of(
             "drive",
             (
                 *_one("amplitude", "", (0.005, 0.05)),
-                *_one("order", "", (1.0, 4.0)),
+                Parameter("order", "", ((1.0, 4.0),), whole=True),
                 *_one("phase_rad", "rad", _ANY_PHASE),
             ),
             _fluctuation,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sim_twin.rigs.cycles import angle_cycles
 from sim_twin.rigs.planar_slider_crank.channels import channel_unit
 from sim_twin.rigs.planar_slider_crank.effects import EFFECTS
 from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy, nominal_sensors
@@ -19,4 +20,6 @@ MODEL = RigModel(
     draw_healthy=draw_healthy,
     truth=CrankTruth,
     solver_values=solver_values,
+    reference="crank.angle",
+    follow=angle_cycles,
 )

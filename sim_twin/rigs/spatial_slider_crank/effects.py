@@ -82,7 +82,7 @@ EFFECTS = catalogue_of(
             "drive",
             (
                 *_one("amplitude", "", (0.005, 0.05)),
-                *_one("order", "", (1.0, 4.0)),
+                Parameter("order", "", ((1.0, 4.0),), whole=True),
                 *_one("phase_rad", "rad", (-2 * pi, 2 * pi)),
             ),
             _fluctuation,

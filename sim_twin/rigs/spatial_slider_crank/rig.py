@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sim_twin.rigs.rig_model import RigModel
+from sim_twin.rigs.cycles import mark_cycles
 from sim_twin.rigs.spatial_slider_crank.channels import channel_unit
 from sim_twin.rigs.spatial_slider_crank.effects import EFFECTS
 from sim_twin.rigs.spatial_slider_crank.healthy import draw_healthy, nominal_sensors
@@ -19,4 +20,6 @@ MODEL = RigModel(
     draw_healthy=draw_healthy,
     truth=SpatialTruth,
     solver_values=solver_values,
+    reference="flywheel.marker",
+    follow=mark_cycles,
 )

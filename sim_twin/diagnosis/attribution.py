@@ -1,0 +1,103 @@
+"""How well each hypothesis explains a measured fingerprint: synthetic likelihoods over emulated responses.
+
+Wood 2010, doi:10.1038/nature09319: the numbers of a fingerprint, averages over many cycles, scatter about their
+mean as a normal distribution; mean and scatter come from simulated rigs. Here the mean is a smooth function of
+the effect's parameters, and the tails are a t distribution's, since both are estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from sim_twin.diagnosis.cause import Hypothesis, allowed_by, parts_of, values_of
+from sim_twin.diagnosis.emulator import Emulator
+from sim_twin.diagnosis.posterior import Posterior, integrate
+from sim_twin.diagnosis.space import Moments, Space
+
+Array = NDArray[np.float64]
+_FREEDOM = 20.0
+_FORBIDDEN = -1e12
+_INTERPLAY = 0.02
+"""Share of the smaller of two responses' squares by which an unsimulated pair may differ from their sum."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attribution:
+    """What a library says: in whitened directions, where the scatter of one healthy block is 1.
+
+    `scatter` is the variance of a mean over the measured blocks, of each direction, turned so that they are
+    independent.
+    """
+
+    moments: Moments
+    space: Space
+    whitener: Array
+    healthy: Array
+    scatter: Array
+    emulators: dict[Hypothesis, Emulator]
+
+    def place(self, fingerprints: NDArray[np.floating]) -> Array:
+        """Where fingerprints (..., numbers) lie, shape (..., directions), a healthy rig's mean at 0."""
+        return np.asarray(self.space(self.moments(fingerprints)) @ self.whitener - self.healthy)
+
+    def response(self, hypothesis: Hypothesis, values: Array) -> tuple[Array, Array]:
+        """Means (n, directions) and excess variance (n,) of a hypothesis at parameters (n, parameters)."""
+        count, directions = len(values), len(self.scatter)
+        if not hypothesis:
+            return np.zeros((count, directions)), np.zeros(count)
+        if len(hypothesis) == 1:
+            return self._emulated(hypothesis, values)
+        parts = zip(hypothesis, parts_of(hypothesis), strict=True)
+        singles = [self._emulated((cause,), values[:, at]) for cause, at in parts]
+        mean = np.sum([single for single, _ in singles], axis=0)
+        excess = np.sum([more for _, more in singles], axis=0)
+        if hypothesis in self.emulators:
+            correction, more = self._emulated(hypothesis, values)
+            return mean + correction, more
+        smaller = np.min([np.mean(single**2, axis=1) for single, _ in singles], axis=0)
+        return mean, excess + _INTERPLAY * smaller
+
+    def _emulated(self, hypothesis: Hypothesis, values: Array) -> tuple[Array, Array]:
+        mean, of_mean, local = self.emulators[hypothesis](coordinates_of(hypothesis, values))
+        return mean, of_mean + np.maximum(local - 1.0, 0.0)
+
+    def log_likelihood(self, hypothesis: Hypothesis, measured: Array) -> Callable[[Array], Array]:
+        """Of places in the unit cube of the hypothesis, for a measured place (directions,)."""
+
+        def of(u: Array) -> Array:
+            values = values_of(hypothesis, u)
+            mean, excess = self.response(hypothesis, values)
+            logs = self._density(measured - mean, excess)
+            return np.where(allowed_by(hypothesis, values), logs, _FORBIDDEN)
+
+        return of
+
+    def _density(self, difference: Array, excess: Array) -> Array:
+        variance = self.scatter + excess[:, None]
+        squares = np.sum(difference**2 / variance, axis=1)
+        size = len(self.scatter)
+        spread = 0.5 * np.sum(np.log(variance), axis=1)
+        level = gammaln((_FREEDOM + size) / 2) - gammaln(_FREEDOM / 2) - size / 2 * np.log(_FREEDOM * np.pi)
+        return np.asarray(level - spread - 0.5 * (_FREEDOM + size) * np.log1p(squares / _FREEDOM))
+
+    def misfit(self, hypothesis: Hypothesis, values: Array, measured: Array) -> Array:
+        """Mean square of what is left of a measured place, in its own scatter; about 1 where all is right."""
+        mean, _ = self.response(hypothesis, values)
+        return np.asarray(np.mean((measured - mean) ** 2 / self.scatter, axis=1))
+
+    def posterior(self, hypothesis: Hypothesis, measured: Array, rng: np.random.Generator, effort: int = 1) -> Posterior:
+        """Posterior of the hypothesis's parameters, and its evidence."""
+        dimensions = sum(len(cause.parameters) for cause in hypothesis)
+        points = effort * 200 * max(1, dimensions)
+        return integrate(self.log_likelihood(hypothesis, measured), dimensions, rng, 2 * points, points)
+
+
+def coordinates_of(hypothesis: Hypothesis, values: Array) -> Array:
+    """Coordinates of all causes of a hypothesis, side by side."""
+    parts = zip(hypothesis, parts_of(hypothesis), strict=True)
+    return np.concatenate([cause.coordinates(values[:, at]) for cause, at in parts], axis=1)

@@ -1,0 +1,140 @@
+"""Runs of one rig as a subject of diagnosis: simulated and measured records become fingerprints alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, pi
+
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.chains import through_chains
+from sim_twin.diagnosis.draw import Draw, Named, Observed
+from sim_twin.diagnosis.fingerprint.columns import Columns
+from sim_twin.rigs.cycles import Cycles
+from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.ensembles.clean_samples import clean_samples
+from sim_twin.ensembles.variant import Variant
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.sensors import Encoder
+from sim_twin.twin import AnyTwin
+
+Array = NDArray[np.floating]
+Samples = NDArray[np.float32]
+_GUARD_S = 4e-3
+"""Cut from both ends of a simulated record: a skew shifts its end into its start."""
+_SETTLE_S, _SETTLE_CYCLES = 0.5, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunSetting:
+    """One run: the nominal `twin` in step with it, and how its records are looked at.
+
+    `columns` say at which rate (Hz) and in which cycles; a block has `cycles` of them. The truth is computed
+    at `oversampling` times the rate.
+    """
+
+    twin: AnyTwin
+    columns: Columns
+    oversampling: int
+    cycles: int
+
+    def samples(self, blocks: int) -> int:
+        """How many samples hold so many blocks, wherever the first cycle begins."""
+        period = self.columns.rate / self.columns.frequency
+        return ceil((self.cycles * blocks + 2.6) * period + 2 * self._guard)
+
+    @property
+    def settle(self) -> float:
+        """Seconds that a simulated motion has to forget its start."""
+        return max(_SETTLE_S, _SETTLE_CYCLES / self.columns.frequency)
+
+    @property
+    def _guard(self) -> int:
+        return round(_GUARD_S * self.columns.rate)
+
+    def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples:
+        """Fingerprints of simulated records, shape (blocks, numbers)."""
+        cut = slice(self._guard, -self._guard)
+        return self.blocks_of({name: record[cut] for name, record in records.items()})[:blocks]
+
+    def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
+        """Fingerprints of all whole blocks in `records`, each (n,); cycles with a sample not `sound` are left out."""
+        model = model_of(self.twin)
+        cycles = model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
+        starts, length = cycles.starts(len(records[model.reference])), cycles.length
+        if sound is not None:
+            starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
+        signals = [_signal(self.twin, name, records[name], cycles) for name in self.columns.channels]
+        table = self.columns.numbers(signals, starts, length)
+        parts = range(0, len(table) - self.cycles + 1, self.cycles)
+        return np.array([table.fingerprint(slice(first, first + self.cycles)) for first in parts])
+
+
+def _signal(twin: AnyTwin, name: str, record: Array, cycles: Cycles) -> Samples:
+    """An angle is told by how it swings about its mean line."""
+    if not isinstance(twin.sensors.get(name), Encoder):
+        return np.asarray(record, np.float32)
+    line = cycles.phase + 2 * pi * cycles.frequency / cycles.rate * np.arange(len(record))
+    return np.asarray(record - line, np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Some runs of one rig."""
+
+    runs: tuple[RunSetting, ...]
+
+    @property
+    def layout(self) -> Layout:
+        """What the numbers of a fingerprint are."""
+        return Layout(tuple(cell for k, run in enumerate(self.runs) for cell in run.columns.cells(k)))
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        """Simulate some draws side by side."""
+        found = [self._observe_run(k, setting, draws) for k, setting in enumerate(self.runs)]
+        return [_joined([run[number] for run in found]) for number in range(len(draws))]
+
+    def _observe_run(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> list[list[Samples | None]]:
+        variants = [self._variant(number, setting, draw) for draw in draws]
+        count = setting.samples(max(draw.blocks for draw in draws))
+        rate = setting.columns.rate
+        clean = clean_samples(variants, rate, setting.settle, count, setting.oversampling)
+        return [
+            [None] * len(draw.sensing)
+            if one is None or not np.isfinite(one).all()
+            else [_observed(setting, number, variant, draw, one, extra) for extra in draw.sensing]
+            for draw, variant, one in zip(draws, variants, clean, strict=True)
+        ]
+
+    def _variant(self, number: int, setting: RunSetting, draw: Draw) -> Variant:
+        """The same rig in every run, set up anew in each."""
+        model = model_of(setting.twin)
+        rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
+        run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
+        twin = model.draw_healthy(model.with_effects(setting.twin, draw.effects), rig_rng, run_rng)
+        return Variant(twin, float(run_rng.uniform(0, 2 * pi)))
+
+
+def _observed(
+    setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
+    extra: tuple[Named, ...],
+) -> Samples | None:  # fmt: skip
+    twin = model_of(variant.twin).with_effects(variant.twin, extra)
+    rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
+    stray = model_of(twin).stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
+    sensors = [twin.sensors[name] for name in twin.channels]
+    shown = through_chains(stray, sensors, setting.columns.rate, rng)
+    blocks = setting.blocks_of_simulated(dict(zip(twin.channels, shown, strict=True)), draw.blocks)
+    return blocks if len(blocks) == draw.blocks and np.isfinite(blocks).all() else None
+
+
+def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
+    """Of each observation, the fingerprints of all runs side by side."""
+    together = zip(*runs, strict=True)
+    return tuple(
+        None if any(one is None for one in each) else np.concatenate([one for one in each if one is not None], axis=1)
+        for each in together
+    )

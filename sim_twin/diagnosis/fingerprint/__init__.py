@@ -1,0 +1,1 @@
+"""What a motion without repeats can be known by: distributions of what its cycles show."""

@@ -1,0 +1,165 @@
+"""What each cycle of each channel shows: energies in bands, courses over the phase, peaks, delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell
+
+Array = NDArray[np.float32]
+_HIGHEST = 0.4
+"""Of the sample rate: above it anti-alias filters differ."""
+_BANDS_PER_OCTAVE = 3
+_PHASES = 16
+_COUNTS_FROM = 0.1
+_FAINT = 1e-12
+FIGURES = ("peak", "crest", "share of time", "contacts", "early or late", "first or second half")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """How records of `channels` with cycles of `frequency` Hz (nominal) at `rate` Hz become numbers.
+
+    The coherence between each two of `coupled` channels goes in, too.
+    """
+
+    channels: tuple[str, ...]
+    coupled: tuple[str, ...]
+    frequency: float
+    rate: float
+
+    @cached_property
+    def harmonics(self) -> NDArray[np.intp]:
+        """Edges of the bands as multiples of the frequency, third octaves where harmonics are dense."""
+        top = int(_HIGHEST * self.rate / self.frequency)
+        steps = int(np.log2(top) * _BANDS_PER_OCTAVE)
+        return np.unique(np.round(np.geomspace(1, top, steps + 1)).astype(np.intp))
+
+    @cached_property
+    def octaves(self) -> NDArray[np.intp]:
+        """Edges of the bands in which coherence is told."""
+        top = int(_HIGHEST * self.rate / self.frequency)
+        return np.unique(np.round(np.geomspace(2, top, int(np.log2(top)))).astype(np.intp))
+
+    def cells(self, run: int) -> tuple[Cell, ...]:
+        """The cells that `numbers` fills, in its order."""
+        single = [cell for name in self.channels for cell in self._of_channel(run, name)]
+        return (*single, *self._coherences(run))
+
+    def _of_channel(self, run: int, name: str) -> Sequence[Cell]:
+        edges, phases = self.harmonics * self.frequency, np.arange(_PHASES + 1) / _PHASES
+        bands = [(float(low), float(high)) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+        parts = [(float(low), float(high)) for low, high in zip(phases[:-1], phases[1:], strict=True)]
+        return [
+            *(Cell(run, name, "energy", band=band) for band in bands),
+            *(Cell(run, name, "mean", phase=part) for part in parts),
+            *(Cell(run, name, "rms", phase=part) for part in parts),
+            *(Cell(run, name, figure) for figure in FIGURES),
+        ]
+
+    def _coherences(self, run: int) -> Sequence[Cell]:
+        edges = self.octaves * self.frequency
+        return [
+            Cell(run, one, part, 1, (float(low), float(high)), partner=other)
+            for one, other in combinations(self.coupled, 2)
+            for part in ("coherence", "quadrature")
+            for low, high in zip(edges[:-1], edges[1:], strict=True)
+        ]
+
+    def numbers(self, records: Array, starts: NDArray[np.intp], length: int) -> CycleTable:
+        """Look at `records`, shape (channels, n), in the cycles of `length` samples from `starts` on."""
+        at = starts[:, None] + np.arange(length)
+        half = length // 2
+        window = np.hanning(length).astype(np.float32)
+        columns, spectra = [], {}
+        for name, record in zip(self.channels, records, strict=True):
+            cycles = record[at]
+            turned = fft.rfft(np.stack([cycles, record[at + half]]) * window, axis=2)
+            columns.append(np.concatenate([self._energies(turned), *_course(cycles)], axis=1))
+            if name in self.coupled:
+                spectra[name] = turned
+        cross = [
+            self._in_octaves(spectra[one] * np.conj(spectra[other]))
+            for one, other in combinations(self.coupled, 2)
+        ]
+        power = [self._in_octaves(np.abs(spectra[name]) ** 2) for name in self.coupled]
+        return CycleTable(np.concatenate(columns, axis=1), np.array(cross), np.array(power))
+
+    def _energies(self, turned: NDArray[np.complex64]) -> Array:
+        energy = np.mean(turned.real**2 + turned.imag**2, axis=0)
+        bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
+        return np.log(bands + _FAINT)
+
+    def _in_octaves(self, density: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Sums over the bands and both halves of each cycle, shape (cycles, bands)."""
+        return np.add.reduceat(density[:, :, : self.octaves[-1]].sum(axis=0), self.octaves[:-1], axis=1)
+
+
+def _course(cycles: Array) -> tuple[Array, Array, Array]:
+    """Mean and logarithm of the mean square in each part of the cycle, and the figures of whole cycles."""
+    length = cycles.shape[1] // _PHASES * _PHASES
+    parts = cycles[:, :length].reshape(len(cycles), _PHASES, -1)
+    square = np.mean(parts * parts, axis=2)
+    return np.mean(parts, axis=2), np.log(square + _FAINT), _figures(cycles, square)
+
+
+def _figures(cycles: Array, square: Array) -> Array:
+    size = np.abs(cycles)
+    peak = size.max(axis=1)
+    beyond = size > _COUNTS_FROM * np.median(peak)
+    total = square.sum(axis=1) + _FAINT
+    turn = np.exp(2j * np.pi * (np.arange(_PHASES) + 0.5) / _PHASES)
+    centre = square @ turn / total
+    return np.column_stack(
+        [
+            np.log(peak + _FAINT),
+            np.log(peak + _FAINT) - 0.5 * np.log(total),
+            np.mean(beyond, axis=1),
+            np.count_nonzero(beyond[:, 1:] & ~beyond[:, :-1], axis=1),
+            centre.real,
+            centre.imag,
+        ]
+    ).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class CycleTable:
+    """One row a cycle: `values` (cycles, columns); `cross` (pairs, cycles, bands), `power` (coupled, ...)."""
+
+    values: Array
+    cross: NDArray[np.complex64]
+    power: Array
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def fingerprint(self, cycles: slice = slice(None)) -> Array:
+        """The numbers of the cells over some of the cycles."""
+        return np.concatenate([_fifths(self.values[cycles]).ravel(), self._coherence(cycles)])
+
+    def _coherence(self, cycles: slice) -> Array:
+        if not len(self.cross):
+            return np.zeros(0, np.float32)
+        cross, power = self.cross[:, cycles].sum(axis=1), self.power[:, cycles].sum(axis=1)
+        one, other = np.array(list(combinations(range(len(power)), 2))).T
+        coherence = cross / np.sqrt(power[one] * power[other] + _FAINT)
+        return np.stack([coherence.real, coherence.imag], axis=1).ravel().astype(np.float32)
+
+
+def _fifths(values: Array) -> Array:
+    """Means of the lowest to highest fifth of each column, shape (columns, SLICES)."""
+    ordered = np.sort(values, axis=0)
+    count = len(ordered)
+    edges = np.linspace(0, count, SLICES + 1)
+    sums = np.vstack([np.zeros(ordered.shape[1], ordered.dtype), np.cumsum(ordered, axis=0)])
+    whole = np.floor(edges).astype(np.intp)
+    share = (edges - whole)[:, None].astype(np.float32)
+    at = sums[whole] + share * ordered[np.minimum(whole, count - 1)]
+    return (np.diff(at, axis=0) * SLICES / count).T

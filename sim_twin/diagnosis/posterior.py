@@ -1,0 +1,112 @@
+"""Evidence and posterior of a few parameters by adaptive importance sampling.
+
+Population Monte Carlo: Cappe, Guillin, Marin and Robert 2004, doi:10.1198/106186004X12803; all rounds are kept,
+weighted by the mixture of their proposals (Cornuet et al. 2012, doi:10.1111/j.1467-9469.2011.00756.x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_CENTRES = 60
+_UNIFORM = 0.15
+_LEAST_WIDTH = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Places in the unit cube, shape (n, dimensions), with `weights` that sum to 1; logarithm of the evidence."""
+
+    places: Array
+    weights: Array
+    log_evidence: float
+
+    def sample(self, count: int, rng: np.random.Generator) -> Array:
+        """Some of the places, as often as they weigh."""
+        return self.places[rng.choice(len(self.places), count, p=self.weights)]
+
+
+def integrate(
+    log_likelihood: Callable[[Array], Array],
+    dimensions: int,
+    rng: np.random.Generator,
+    first: int = 600,
+    each: int = 300,
+    rounds: int = 3,
+) -> Posterior:
+    """Integrate a likelihood over the unit cube."""
+    if dimensions == 0:
+        return Posterior(np.zeros((1, 0)), np.ones(1), float(log_likelihood(np.zeros((1, 0)))[0]))
+    places = _spread(first, dimensions, rng)
+    logs = log_likelihood(places)
+    density = np.full(first, float(first))
+    proposals: list[_Kernels] = []
+    for _ in range(rounds):
+        kernels = _around(places, _weights(logs, density), rng)
+        added = kernels.sample(each, rng)
+        before = sum((each * k.density(added) for k in proposals), np.full(each, float(first)))
+        density = np.concatenate([density + each * kernels.density(places), before + each * kernels.density(added)])
+        places, logs = np.concatenate([places, added]), np.concatenate([logs, log_likelihood(added)])
+        proposals.append(kernels)
+    top = float(np.max(logs))
+    weights = np.exp(logs - top) / density
+    total = float(weights.sum())
+    return Posterior(places, weights / total, top + float(np.log(total)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Kernels:
+    """A mixture of bells about some places, with a share that is uniform."""
+
+    centres: Array
+    widths: Array
+
+    def sample(self, count: int, rng: np.random.Generator) -> Array:
+        chosen = self.centres[rng.integers(len(self.centres), size=count)]
+        moved = chosen + self.widths * rng.standard_normal(chosen.shape)
+        moved = 1 - np.abs(1 - np.abs(moved) % 2)  # what leaves the cube is reflected into it
+        anywhere = rng.uniform(size=count) < _UNIFORM
+        moved[anywhere] = rng.uniform(size=(int(anywhere.sum()), chosen.shape[1]))
+        return np.clip(moved, 0.0, np.nextafter(1.0, 0.0))
+
+    def density(self, places: Array) -> Array:
+        product = np.ones((len(places), len(self.centres)))
+        for k, width in enumerate(self.widths):
+            here, centres = places[:, k, None], self.centres[None, :, k]
+            mirrored = (_bell(here - image, width) for image in (centres, -centres, 2 - centres))
+            product *= sum(mirrored)
+        return _UNIFORM + (1 - _UNIFORM) * product.mean(axis=1)
+
+
+def _bell(distance: Array, width: float) -> Array:
+    return np.asarray(np.exp(-0.5 * (distance / width) ** 2) / (width * np.sqrt(2 * np.pi)))
+
+
+def _spread(count: int, dimensions: int, rng: np.random.Generator) -> Array:
+    strata = np.column_stack([rng.permutation(count) for _ in range(dimensions)])
+    return np.asarray((strata + rng.uniform(size=(count, dimensions))) / count)
+
+
+def _weights(logs: Array, density: Array) -> Array:
+    """Flattened until enough places count."""
+    relative = logs - np.max(logs)
+    flat = 1.0
+    for _ in range(30):
+        weights = np.exp(flat * relative) / density
+        weights /= weights.sum()
+        if 1 / np.sum(weights**2) > _CENTRES / 4:
+            break
+        flat *= 0.7
+    return weights
+
+
+def _around(places: Array, weights: Array, rng: np.random.Generator) -> _Kernels:
+    chosen = places[rng.choice(len(places), _CENTRES, p=weights)]
+    spread = np.sqrt(np.maximum(weights @ (places - weights @ places) ** 2, 0.0))
+    shrunk = _CENTRES ** (-1 / (places.shape[1] + 4))
+    return _Kernels(chosen, np.maximum(1.5 * shrunk * spread, _LEAST_WIDTH))

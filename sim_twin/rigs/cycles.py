@@ -1,0 +1,69 @@
+"""Cuts a record into the cycles of its drive, or of its crank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, slots=True)
+class Cycles:
+    """`frequency` in Hz and `phase` in rad at the first sample of a record of `rate` Hz."""
+
+    frequency: float
+    phase: float
+    rate: float
+
+    @property
+    def length(self) -> int:
+        """Whole samples in a cycle."""
+        return int(self.rate / self.frequency)
+
+    def starts(self, samples: int) -> NDArray[np.intp]:
+        """First sample of each cycle that lies, with half of the next one, in so many `samples`."""
+        period = self.rate / self.frequency
+        first = -((self.phase / (2 * np.pi)) % 1.0) * period
+        starts = np.round(first + period * np.arange(int(samples / period) + 2)).astype(np.intp)
+        return starts[(starts >= 0) & (starts + self.length + self.length // 2 <= samples)]
+
+
+def sine_cycles(values: Array, rate: float, frequency: float) -> Cycles:
+    """Follow a sine of nearly `frequency` Hz: its phases in two halves of the record tell how near.
+
+    Harmonics of it do not matter, since whole periods under a Hann window see none of them.
+    """
+    first = drift = 0.0
+    for _ in range(2):
+        count = int(int(len(values) / 2 * frequency / rate) * rate / frequency)
+        window = np.hanning(count)
+        turn = window * np.exp(-2j * np.pi * frequency / rate * np.arange(count))
+        moved = np.exp(-2j * np.pi * frequency / rate * count)
+        level = float(np.mean(values))
+        first = float(np.angle(np.sum((values[:count] - level) * turn)))
+        second = float(np.angle(np.sum((values[count : 2 * count] - level) * turn) * moved))
+        drift = (second - first + np.pi) % (2 * np.pi) - np.pi
+        frequency += drift * rate / (2 * np.pi * count)
+    return Cycles(frequency, (first - drift / 2 + np.pi / 2) % (2 * np.pi), rate)
+
+
+def angle_cycles(values: Array, rate: float, _: float) -> Cycles:
+    """Follow the mean line of an unwrapped crank angle (rad)."""
+    samples = np.arange(len(values))
+    centre = float(np.mean(samples))
+    angle = np.asarray(values, dtype=np.float64)
+    slope = float(np.dot(samples - centre, angle) / np.sum((samples - centre) ** 2))
+    return Cycles(slope * rate / (2 * np.pi), float(np.mean(angle)) - slope * centre, rate)
+
+
+def mark_cycles(values: Array, rate: float, _: float) -> Cycles:
+    """Follow a once-per-revolution mark that rises at the start of every cycle."""
+    level = (float(np.min(values)) + float(np.max(values))) / 2
+    rises = np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
+    share = (level - values[rises]) / (values[rises + 1] - values[rises])
+    at = rises + share
+    slope, start = np.polyfit(np.arange(len(at)), at, 1)
+    return Cycles(rate / float(slope), float(-start / slope * 2 * np.pi), rate)
