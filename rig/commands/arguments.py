@@ -15,12 +15,17 @@ from rig.files.scenario import Scenario, load_scenario
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
 RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
+RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN.mcap...", help="Logs of runs of one rig.")]
 BenchFile = Annotated[
     Path | None,
     typer.Option("--bench", metavar="BENCH.toml", help="Which instrument hangs where. Without: emulated."),
 ]
 EffectsFile = Annotated[
     Path | None, typer.Option("--effects", metavar="EFFECTS.json", help="Effects that the twin gets.")
+]
+Model = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="MODEL.toml", help="What rattle calibrate found of the rig."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print machine-readable output.")]
 Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while it goes on.")]

@@ -9,7 +9,19 @@ from contextlib import ExitStack
 import typer
 
 from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter
-from rig.commands import check, emulate, ensemble, logs, overlay, predict, replay, reproduce, run
+from rig.commands import (
+    calibrate,
+    check,
+    diagnose,
+    emulate,
+    ensemble,
+    logs,
+    overlay,
+    predict,
+    replay,
+    reproduce,
+    run,
+)
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
@@ -39,7 +51,8 @@ def build(connect: Connect) -> Callable[[], None]:
         pretty_exceptions_enable=False,
     )
     run.add_to(app, connect)
-    for module in (emulate, predict, ensemble, reproduce, overlay, replay, check, logs):
+    modules = (emulate, predict, calibrate, ensemble, reproduce, overlay, replay, diagnose, check, logs)
+    for module in modules:
         module.add_to(app)
     return lambda: sys.exit(_guarded(app))
 

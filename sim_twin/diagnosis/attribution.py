@@ -1,8 +1,8 @@
 """How well each hypothesis explains a measured fingerprint: synthetic likelihoods over emulated responses.
 
-Wood 2010, doi:10.1038/nature09319: the numbers of a fingerprint, averages over many cycles, scatter about their
-mean as a normal distribution; mean and scatter come from simulated rigs. Here the mean is a smooth function of
-the effect's parameters, and the tails are a t distribution's, since both are estimates.
+Wood 2010, doi:10.1038/nature09319: the numbers of a fingerprint, averages over many cycles, scatter about
+their mean as a normal distribution; mean and scatter come from simulated rigs. Here the mean is a smooth
+function of the effect's parameters, and the tails are a t distribution's, since both are estimates.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ from sim_twin.diagnosis.space import Moments, Space
 Array = NDArray[np.float64]
 _FREEDOM = 20.0
 _FORBIDDEN = -1e12
+TEMPER = 3.0
+"""A synthetic likelihood is too sure of itself by about this factor in its logarithm: directions are not
+quite independent, scatters are estimates, and other programs differ a little; judged on campaigns that
+another engine made."""
 _INTERPLAY = 0.02
 """Share of the smaller of two responses' squares by which an unsimulated pair may differ from their sum."""
 
@@ -67,12 +71,12 @@ class Attribution:
         return mean, of_mean + np.maximum(local - 1.0, 0.0)
 
     def log_likelihood(self, hypothesis: Hypothesis, measured: Array) -> Callable[[Array], Array]:
-        """Of places in the unit cube of the hypothesis, for a measured place (directions,)."""
+        """Tempered, of places in the unit cube of the hypothesis, for a measured place (directions,)."""
 
         def of(u: Array) -> Array:
             values = values_of(hypothesis, u)
             mean, excess = self.response(hypothesis, values)
-            logs = self._density(measured - mean, excess)
+            logs = self._density(measured - mean, excess) / TEMPER
             return np.where(allowed_by(hypothesis, values), logs, _FORBIDDEN)
 
         return of
@@ -90,10 +94,12 @@ class Attribution:
         mean, _ = self.response(hypothesis, values)
         return np.asarray(np.mean((measured - mean) ** 2 / self.scatter, axis=1))
 
-    def posterior(self, hypothesis: Hypothesis, measured: Array, rng: np.random.Generator, effort: int = 1) -> Posterior:
+    def posterior(
+        self, hypothesis: Hypothesis, measured: Array, rng: np.random.Generator, effort: float = 1.0
+    ) -> Posterior:
         """Posterior of the hypothesis's parameters, and its evidence."""
         dimensions = sum(len(cause.parameters) for cause in hypothesis)
-        points = effort * 200 * max(1, dimensions)
+        points = int(effort * 200 * max(1, dimensions))
         return integrate(self.log_likelihood(hypothesis, measured), dimensions, rng, 2 * points, points)
 
 

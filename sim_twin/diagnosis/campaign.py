@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, pi
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
+from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.chains import through_chains
-from sim_twin.diagnosis.draw import Draw, Named, Observed
+from sim_twin.diagnosis.draw import Draw, Named, Observed, Values
 from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.rigs.cycles import Cycles
 from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.effects.effect import Effect
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.variant import Variant
 from sim_twin.rigs.catalogue import model_of
+from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder
 from sim_twin.twin import AnyTwin
 
@@ -33,13 +36,14 @@ class RunSetting:
     """One run: the nominal `twin` in step with it, and how its records are looked at.
 
     `columns` say at which rate (Hz) and in which cycles; a block has `cycles` of them. The truth is computed
-    at `oversampling` times the rate.
+    at `oversampling` times the rate. `quiet` is the share of the noise's rms that resampling left.
     """
 
     twin: AnyTwin
     columns: Columns
     oversampling: int
     cycles: int
+    quiet: float = 1.0
 
     def samples(self, blocks: int) -> int:
         """How many samples hold so many blocks, wherever the first cycle begins."""
@@ -61,7 +65,7 @@ class RunSetting:
         return self.blocks_of({name: record[cut] for name, record in records.items()})[:blocks]
 
     def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
-        """Fingerprints of all whole blocks in `records`, each (n,); cycles with a sample not `sound` are left out."""
+        """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`."""
         model = model_of(self.twin)
         cycles = model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
         starts, length = cycles.starts(len(records[model.reference])), cycles.length
@@ -92,12 +96,30 @@ class Campaign:
         """What the numbers of a fingerprint are."""
         return Layout(tuple(cell for k, run in enumerate(self.runs) for cell in run.columns.cells(k)))
 
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Every effect that the rig can have, once for each channel in the records that it may sit on."""
+        twin, shown = self.runs[0].twin, set(self.runs[0].columns.channels)
+        found = []
+        for effect in model_of(twin).effects.values():
+            if effect.refusal(twin):
+                continue
+            channels = [name for name in effect.channels if name in shown] if effect.channels else [None]
+            allows = partial(_fine_together, effect)
+            found += [
+                Cause(effect.name, effect.location, effect.parameters, channel, effect.sensing, allows)
+                for channel in channels
+            ]
+        return tuple(found)
+
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate some draws side by side."""
         found = [self._observe_run(k, setting, draws) for k, setting in enumerate(self.runs)]
         return [_joined([run[number] for run in found]) for number in range(len(draws))]
 
-    def _observe_run(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> list[list[Samples | None]]:
+    def _observe_run(
+        self, number: int, setting: RunSetting, draws: Sequence[Draw]
+    ) -> list[list[Samples | None]]:
         variants = [self._variant(number, setting, draw) for draw in draws]
         count = setting.samples(max(draw.blocks for draw in draws))
         rate = setting.columns.rate
@@ -118,6 +140,10 @@ class Campaign:
         return Variant(twin, float(run_rng.uniform(0, 2 * pi)))
 
 
+def _fine_together(effect: Effect, values: Values) -> bool:
+    return not effect.together(values)
+
+
 def _observed(
     setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
     extra: tuple[Named, ...],
@@ -126,7 +152,7 @@ def _observed(
     rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
     stray = model_of(twin).stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
     sensors = [twin.sensors[name] for name in twin.channels]
-    shown = through_chains(stray, sensors, setting.columns.rate, rng)
+    shown = through_chains(stray, sensors, setting.columns.rate, setting.quiet, rng)
     blocks = setting.blocks_of_simulated(dict(zip(twin.channels, shown, strict=True)), draw.blocks)
     return blocks if len(blocks) == draw.blocks and np.isfinite(blocks).all() else None
 
@@ -135,6 +161,8 @@ def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
     """Of each observation, the fingerprints of all runs side by side."""
     together = zip(*runs, strict=True)
     return tuple(
-        None if any(one is None for one in each) else np.concatenate([one for one in each if one is not None], axis=1)
+        None
+        if any(one is None for one in each)
+        else np.concatenate([one for one in each if one is not None], axis=1)
         for each in together
     )

@@ -83,7 +83,7 @@ def allowed_by(hypothesis: Hypothesis, values: Array) -> NDArray[np.bool_]:
     """Which rows of parameters may be."""
     allowed = np.ones(len(values), dtype=bool)
     for cause, at in zip(hypothesis, parts_of(hypothesis), strict=True):
-        if cause.allows is not _always:
+        if len(cause.parameters) > 1 and cause.allows is not _always:
             allowed &= cause.allowed(values[:, at])
     return allowed
 

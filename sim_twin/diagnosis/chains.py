@@ -17,17 +17,22 @@ Array = NDArray[np.float64]
 
 
 def through_chains(
-    clean: Array, sensors: Sequence[Sensor], rate: float, rng: np.random.Generator
+    clean: Array, sensors: Sequence[Sensor], rate: float, quiet: float, rng: np.random.Generator
 ) -> list[NDArray[np.floating]]:
-    """Samples of `clean` signals, shape (channels, n), as their sensors show them, noise in."""
-    return [_shown(row, sensor, rate, rng) for row, sensor in zip(clean, sensors, strict=True)]
+    """Samples of `clean` signals, shape (channels, n), as their sensors show them.
+
+    Of the noise that they were recorded with, the share `quiet` (rms) is left at this `rate`.
+    """
+    return [_shown(row, sensor, rate, quiet, rng) for row, sensor in zip(clean, sensors, strict=True)]
 
 
-def _shown(clean: Array, sensor: Sensor, rate: float, rng: np.random.Generator) -> NDArray[np.floating]:
+def _shown(
+    clean: Array, sensor: Sensor, rate: float, quiet: float, rng: np.random.Generator
+) -> NDArray[np.floating]:
     if isinstance(sensor, Encoder):
         count = 2 * np.pi / sensor.counts
         return np.asarray(np.floor(clean / count) * count)
-    noise = np.float32(sensor.noise) * rng.standard_normal(len(clean), np.float32)
+    noise = np.float32(quiet * sensor.noise) * rng.standard_normal(len(clean), np.float32)
     if not clean.any():
         return noise
     length = fft.next_fast_len(len(clean), real=True)

@@ -38,7 +38,7 @@ class Emulator:
     squares: Array
 
     def __call__(self, coordinates: Array) -> tuple[Array, Array, Array]:
-        """Means (n, outputs), variances of the mean (n,) and of residuals nearby (n,), both relative to noise 1."""
+        """Means (n, outputs), variances of the mean (n,) and of residuals nearby (n,); noise is 1."""
         x = (coordinates - self.centre) / self.scale
         kernel = _kernel(x, self.known, self.lengths)
         own = 1.0 + _TREND * (1 + np.sum(x**2, axis=1) / 4)
@@ -94,4 +94,4 @@ def _kernel(x: Array, y: Array, lengths: Array) -> Array:
 def _distances(x: Array, y: Array, lengths: Array) -> Array:
     a, b = x / lengths, y / lengths
     squares = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1)[None] - 2 * a @ b.T
-    return np.maximum(squares, 0.0)
+    return np.asarray(np.maximum(squares, 0.0))

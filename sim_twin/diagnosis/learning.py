@@ -28,7 +28,9 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     """Make the most of a library for a measurement of so many `blocks`."""
     healthy = [moments(each) for each in library.fingerprints(())]
     first = np.array([each[0] for each in healthy])
-    known = {h: _features(library, moments, h) for h in library.hypotheses if h and library.count(h) >= _FEWEST}
+    known = {
+        h: _features(library, moments, h) for h in library.hypotheses if h and library.count(h) >= _FEWEST
+    }
     others = np.concatenate([first[:0], *known.values()])
     space = space_of(first, others, moments.tolerance, _directions(len(first) + len(others)))
 
@@ -43,7 +45,9 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     whitener = whitener @ turn
     centre = (space(np.concatenate(healthy)) @ whitener).mean(axis=0)
     places = {h: space(features) @ whitener - centre for h, features in known.items()}
-    singles = {h: _emulator(library, h, place) for h, place in places.items() if len(h) == 1}
+    singles: dict[Hypothesis, Emulator] = {
+        h: _emulator(library, h, place) for h, place in places.items() if len(h) == 1
+    }
     alone = Attribution(moments, space, whitener, centre, scatter, singles)
     pairs = {
         h: _emulator(library, h, place - alone.response(h, library.values(h))[0])
@@ -66,7 +70,7 @@ def _emulator(library: Library, hypothesis: Hypothesis, places: Array) -> Emulat
 
 
 def _whitening(residuals: Array) -> Array:
-    """A matrix that makes residuals (n, directions) of unit variance and independent, small variances lifted."""
+    """A matrix that makes residuals (n, directions) independent and of variance 1, small variances lifted."""
     covariance = residuals.T @ residuals / len(residuals)
     values, vectors = np.linalg.eigh(covariance)
     lifted = (1 - _SHRINK) * np.maximum(values, 0.0) + _SHRINK * np.median(values) + 1e-12

@@ -1,7 +1,7 @@
 """Evidence and posterior of a few parameters by adaptive importance sampling.
 
-Population Monte Carlo: Cappe, Guillin, Marin and Robert 2004, doi:10.1198/106186004X12803; all rounds are kept,
-weighted by the mixture of their proposals (Cornuet et al. 2012, doi:10.1111/j.1467-9469.2011.00756.x).
+Population Monte Carlo: Cappe, Guillin, Marin and Robert 2004, doi:10.1198/106186004X12803; all rounds are
+kept, weighted by the mixture of their proposals (Cornuet et al. 2012, doi:10.1111/j.1467-9469.2011.00756.x).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LEAST_WIDTH = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Places in the unit cube, shape (n, dimensions), with `weights` that sum to 1; logarithm of the evidence."""
+    """Places in the unit cube, (n, dimensions), with `weights` that sum to 1; logarithm of the evidence."""
 
     places: Array
     weights: Array
@@ -29,6 +29,16 @@ class Posterior:
     def sample(self, count: int, rng: np.random.Generator) -> Array:
         """Some of the places, as often as they weigh."""
         return self.places[rng.choice(len(self.places), count, p=self.weights)]
+
+    def flattened(self, distinct: int) -> Posterior:
+        """The same places with weights so even that about `distinct` of them count."""
+        weights = self.weights
+        for _ in range(40):
+            if 1 / np.sum(weights**2) >= min(distinct, 0.5 * len(weights)):
+                break
+            weights = np.maximum(weights, 1e-300) ** 0.75
+            weights /= weights.sum()
+        return Posterior(self.places, weights, self.log_evidence)
 
 
 def integrate(
@@ -50,7 +60,9 @@ def integrate(
         kernels = _around(places, _weights(logs, density), rng)
         added = kernels.sample(each, rng)
         before = sum((each * k.density(added) for k in proposals), np.full(each, float(first)))
-        density = np.concatenate([density + each * kernels.density(places), before + each * kernels.density(added)])
+        density = np.concatenate(
+            [density + each * kernels.density(places), before + each * kernels.density(added)]
+        )
         places, logs = np.concatenate([places, added]), np.concatenate([logs, log_likelihood(added)])
         proposals.append(kernels)
     top = float(np.max(logs))
@@ -69,10 +81,10 @@ class _Kernels:
     def sample(self, count: int, rng: np.random.Generator) -> Array:
         chosen = self.centres[rng.integers(len(self.centres), size=count)]
         moved = chosen + self.widths * rng.standard_normal(chosen.shape)
-        moved = 1 - np.abs(1 - np.abs(moved) % 2)  # what leaves the cube is reflected into it
+        moved = 1 - np.abs(1 - np.abs(moved) % 2)  # reflected where it leaves the cube
         anywhere = rng.uniform(size=count) < _UNIFORM
         moved[anywhere] = rng.uniform(size=(int(anywhere.sum()), chosen.shape[1]))
-        return np.clip(moved, 0.0, np.nextafter(1.0, 0.0))
+        return np.asarray(np.clip(moved, 0.0, np.nextafter(1.0, 0.0)))
 
     def density(self, places: Array) -> Array:
         product = np.ones((len(places), len(self.centres)))
@@ -80,7 +92,7 @@ class _Kernels:
             here, centres = places[:, k, None], self.centres[None, :, k]
             mirrored = (_bell(here - image, width) for image in (centres, -centres, 2 - centres))
             product *= sum(mirrored)
-        return _UNIFORM + (1 - _UNIFORM) * product.mean(axis=1)
+        return np.asarray(_UNIFORM + (1 - _UNIFORM) * product.mean(axis=1))
 
 
 def _bell(distance: Array, width: float) -> Array:

@@ -1,16 +1,15 @@
-"""Simulates where it tells most: every cause first, then what explains the measurement, alone and in pairs."""
+"""Simulates where it tells most: every cause first, then what explains the measurement, alone or in pairs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.cause import Cause, Hypothesis, drawn, values_of
+from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, values_of
 from sim_twin.diagnosis.learning import learned
 from sim_twin.diagnosis.library import Library, Order, order_of
 from sim_twin.diagnosis.posterior import Posterior
@@ -20,17 +19,20 @@ from sim_twin.diagnosis.subject import Execute, Subject
 Array = NDArray[np.float64]
 NONE, SINGLE, PAIR = 0.35, 0.45, 0.20
 """What is believed beforehand of nothing, one, or two effects being missing."""
-TEMPER = 3.0
-"""A synthetic likelihood is too sure of itself by about this factor in its logarithm; measured on blind campaigns."""
 _FIRST, _SECOND = 0.5, 0.28
 _HEALTHY_SHARE = 0.2
 _FEWEST_HEALTHY = 60
 _FEWEST_EACH = 10
 _PAIRS_LOOKED_AT = 24
 _PAIRS_SIMULATED = 6
-_PARTNERS = 10
+_PARTNERS = 8
+_LEAVES_ROOM = 0.9
+"""Misfit of the best explanation by one effect, below which a second one has nothing to explain."""
 _LEAST_SHARE = 0.004
-_FROM_PRIOR = 0.15
+_FROM_PRIOR = 0.1
+_DISTINCT = 40
+_STEP = 0.02
+"""Of a parameter's whole range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,12 @@ class Ranked:
         """The most probable parameters: of each the weighted median, shape (parameters,)."""
         values = self.values()
         return np.array([quantile(column, self.posterior.weights, 0.5) for column in values.T])
+
+
+def _in_order(first: Cause, second: Cause) -> Hypothesis:
+    """A pair is one hypothesis, whichever cause was found first."""
+    one, other = ((cause.name, cause.channel or "") for cause in (first, second))
+    return (first, second) if one < other else (second, first)
 
 
 def quantile(values: Array, weights: Array, share: float) -> float:
@@ -77,43 +85,60 @@ class Search:
         rest = max(0, self.motions - len(first))
         for share in (_SECOND / (1 - _FIRST), 1.0):
             attribution = self.learn()
-            ranked = self.rank(attribution, [*self.singles(), *self.promising_pairs(attribution)])
+            ranked = self.rank(attribution, self.singles())
+            if ranked[0].misfit > _LEAVES_ROOM:
+                pairs = self.promising_pairs(attribution, ranked)
+                ranked = self.rank(attribution, [*self.singles(), *pairs])
             order = self.next_order(ranked, int(share * rest))
             rest -= len(order)
             self._do(order)
         attribution = self.learn()
         pairs = [h for h in attribution.emulators if len(h) == 2]
-        return attribution, self.rank(attribution, [*self.singles(), *pairs], effort=2)
+        return attribution, self.rank(attribution, [*self.singles(), *pairs], effort=2.0)
 
     def learn(self) -> Attribution:
+        """What the library says so far."""
         return learned(self.library, Moments(self.subject.layout), len(self.measured))
 
     def singles(self) -> list[Hypothesis]:
-        return [(), *((cause,) for cause in self.subject.causes if self.library.count((cause,)) >= _FEWEST_EACH // 2)]
+        """Nothing, and every effect alone."""
+        return [
+            (),
+            *((cause,) for cause in self.subject.causes if self.library.count((cause,)) >= _FEWEST_EACH // 2),
+        ]
 
     def first_order(self) -> Order:
-        """Healthy rigs, and every cause evenly over its parameters; those of sensors ride on healthy motions."""
+        """Healthy rigs, and every cause evenly over its parameters; those of sensors share motions."""
         causes = self.subject.causes
         moving = [cause for cause in causes if not cause.sensing]
         motions = int(_FIRST * self.motions)
         healthy = max(_FEWEST_HEALTHY, int(_HEALTHY_SHARE * motions))
-        each = max(_FEWEST_EACH, (motions - healthy) // max(1, len(moving) + (len(causes) - len(moving)) // 6))
-        cases = {(cause,): drawn((cause,), each, self.rng) for cause in causes}
+        each = max(
+            _FEWEST_EACH, (motions - healthy) // max(1, len(moving) + (len(causes) - len(moving)) // 6)
+        )
+        cases: dict[Hypothesis, Array] = {(cause,): drawn((cause,), each, self.rng) for cause in causes}
         return order_of({(): np.zeros((healthy, 0))}, self.rng, blocks=2) + order_of(cases, self.rng)
 
-    def promising_pairs(self, attribution: Attribution) -> list[Hypothesis]:
-        """Pairs whose responses, added up, explain the measurement best."""
+    def promising_pairs(self, attribution: Attribution, ranked: Sequence[Ranked]) -> list[Hypothesis]:
+        """Pairs whose responses, added up, explain the measurement best; one of each is a likely cause."""
         place = attribution.place(self.measured).mean(axis=0)
-        causes = [h[0] for h in self.singles() if h]
-        pairs = [pair for pair in combinations(causes, 2) if pair[0].name != pair[1].name or pair[0].channel]
-        quick = [(attribution.posterior(pair, place, self.rng, 1).log_evidence, k) for k, pair in enumerate(pairs)]
-        return [pairs[k] for _, k in sorted(quick, reverse=True)[:_PAIRS_LOOKED_AT]]
+        causes = [each.hypothesis[0] for each in ranked if each.hypothesis]
+        pairs = [
+            _in_order(first, second)
+            for k, first in enumerate(causes[:_PARTNERS])
+            for second in causes[k + 1 :]
+            if first.name != second.name or first.channel
+        ]
+        found = [attribution.posterior(pair, place, self.rng, 0.5).log_evidence for pair in pairs]
+        return [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
 
-    def rank(self, attribution: Attribution, hypotheses: Sequence[Hypothesis], effort: int = 1) -> list[Ranked]:
+    def rank(
+        self, attribution: Attribution, hypotheses: Sequence[Hypothesis], effort: float = 1.0
+    ) -> list[Ranked]:
         """All hypotheses by belief."""
         place = attribution.place(self.measured).mean(axis=0)
         found = [attribution.posterior(h, place, self.rng, effort) for h in hypotheses]
-        logs = np.array([each.log_evidence for each in found]) / TEMPER
+        logs = np.array([each.log_evidence for each in found])
         logs += np.log([self._prior(h) for h in hypotheses])
         belief = np.exp(logs - logs.max())
         belief /= belief.sum()
@@ -145,17 +170,18 @@ class Search:
         counts = np.maximum(6, motions * weight / np.sum(weight * cost)).astype(int)
         counts = np.minimum(counts, np.where(cost < 1, 150, motions))
         cases = {
-            each.hypothesis: self._around(each, int(count)) for each, count in zip(chosen, counts, strict=True)
+            each.hypothesis: self._around(each, int(count))
+            for each, count in zip(chosen, counts, strict=True)
         }
         return order_of(cases, self.rng)
 
     def _around(self, ranked: Ranked, count: int) -> Array:
         """Parameters from the posterior, flattened, and some from anywhere."""
-        weights = ranked.posterior.weights ** (1 / TEMPER)
-        places = ranked.posterior.places
-        some = places[self.rng.choice(len(places), count, p=weights / weights.sum())]
-        near = values_of(ranked.hypothesis, some)
+        some = ranked.posterior.flattened(_DISTINCT).sample(count, self.rng)
+        moved = some + _STEP * self.rng.standard_normal(some.shape)
+        near = values_of(ranked.hypothesis, np.clip(moved, 0.0, np.nextafter(1.0, 0.0)))
         anywhere = self.rng.uniform(size=count) < _FROM_PRIOR
+        anywhere |= ~allowed_by(ranked.hypothesis, near)
         near[anywhere] = drawn(ranked.hypothesis, count, self.rng)[anywhere]
         return near
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from sim_twin.diagnosis.fingerprint.layout import SLICES, Layout
 
@@ -13,7 +14,7 @@ Array = NDArray[np.float64]
 _LINEAR_TO = 5.0
 """In healthy scatters: beyond it, distances count by their logarithm."""
 _TOLERANCE = {"energy": 0.05, "rms": 0.05, "peak": 0.02, "crest": 0.02, "coherence": 0.01, "quadrature": 0.01}
-"""What two careful programs may differ by in one and the same motion; logarithms of energies and amplitudes."""
+"""What two careful programs may differ by in the same motion; logarithms of energies and amplitudes."""
 _SPREAD = np.linspace(-0.5, 0.5, SLICES)
 
 
@@ -31,13 +32,11 @@ class Moments:
 
     def _distributed(self) -> NDArray[np.intp]:
         chosen = np.array([cell.size == SLICES for cell in self.layout.cells])
-        return self.layout.starts[:-1][chosen][:, None] + np.arange(SLICES)
+        return np.asarray(self.layout.starts[:-1][chosen][:, None] + np.arange(SLICES))
 
     def _single(self) -> NDArray[np.intp]:
         cells, starts = self.layout.cells, self.layout.starts
-        alone = [
-            np.arange(starts[k], starts[k + 1]) for k, cell in enumerate(cells) if cell.size != SLICES
-        ]
+        alone = [np.arange(starts[k], starts[k + 1]) for k, cell in enumerate(cells) if cell.size != SLICES]
         return np.concatenate([np.zeros(0, np.intp), *alone])
 
     @property
@@ -65,7 +64,9 @@ class Space:
         """Features about a healthy rig's, far ones by their logarithm, shape (..., features)."""
         x = (features - self.centre) / self.scale
         far = np.maximum(np.abs(x), _LINEAR_TO)
-        return np.asarray(np.where(np.abs(x) > _LINEAR_TO, np.sign(x) * _LINEAR_TO * (1 + np.log(far / _LINEAR_TO)), x))
+        return np.asarray(
+            np.where(np.abs(x) > _LINEAR_TO, np.sign(x) * _LINEAR_TO * (1 + np.log(far / _LINEAR_TO)), x)
+        )
 
     def __call__(self, features: Array) -> Array:
         """From shape (..., features) to (..., directions)."""
@@ -88,5 +89,15 @@ def space_of(healthy: Array, others: Array, tolerance: Array, directions: int) -
     plain = Space(centre, scale, np.zeros((len(centre), 0)))
     x = plain.scaled(np.concatenate([healthy, others]))
     size = np.linalg.norm(x, axis=1, keepdims=True)
-    _, _, turned = np.linalg.svd(x / np.maximum(size, np.sqrt(x.shape[1])), full_matrices=False)
-    return Space(centre, scale, turned[:directions].T)
+    return Space(centre, scale, _main_directions(x / np.maximum(size, np.sqrt(x.shape[1])), directions))
+
+
+def _main_directions(x: Array, count: int) -> Array:
+    """Right singular vectors of the largest singular values, shape (features, count); by a Gram matrix."""
+    if x.shape[0] >= x.shape[1]:
+        last = x.shape[1] - 1
+        _, vectors = eigh(x.T @ x, subset_by_index=(last - count + 1, last))
+        return np.asarray(vectors[:, ::-1])
+    last = x.shape[0] - 1
+    values, vectors = eigh(x @ x.T, subset_by_index=(last - count + 1, last))
+    return np.asarray((x.T @ (vectors / np.sqrt(np.maximum(values, 1e-12))))[:, ::-1])

@@ -1,4 +1,4 @@
-"""True signals of several runs on the grid of their samples: anti-aliased, before the rest of their chains."""
+"""True signals of several runs on their samples' grid, anti-aliased, before the rest of their chains."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.side_by_side import Truths
 from sim_twin.sensors import oversampling
 from sim_twin.status import Status
-from sim_twin.stream import TwinStream
+from sim_twin.stream import Truth, TwinStream
 
 Array = NDArray[np.float32]
 Reduce = Callable[[Array], Any]

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating]
+_LEAST_SHARE = 0.5
+"""Of its power, that a signal has at the frequency of the sine that it is taken for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +36,8 @@ class Cycles:
 def sine_cycles(values: Array, rate: float, frequency: float) -> Cycles:
     """Follow a sine of nearly `frequency` Hz: its phases in two halves of the record tell how near.
 
-    Harmonics of it do not matter, since whole periods under a Hann window see none of them.
+    Harmonics of it do not matter, since whole periods under a Hann window see none of them. Raises ValueError
+    where there is no such sine.
     """
     first = drift = 0.0
     for _ in range(2):
@@ -47,6 +50,9 @@ def sine_cycles(values: Array, rate: float, frequency: float) -> Cycles:
         second = float(np.angle(np.sum((values[count : 2 * count] - level) * turn) * moved))
         drift = (second - first + np.pi) % (2 * np.pi) - np.pi
         frequency += drift * rate / (2 * np.pi * count)
+    share = 2 * abs(np.sum((values[:count] - level) * turn)) ** 2 / window.sum() ** 2 / np.var(values[:count])
+    if not share > _LEAST_SHARE:
+        raise ValueError("no sine of that frequency")
     return Cycles(frequency, (first - drift / 2 + np.pi / 2) % (2 * np.pi), rate)
 
 
@@ -60,10 +66,12 @@ def angle_cycles(values: Array, rate: float, _: float) -> Cycles:
 
 
 def mark_cycles(values: Array, rate: float, _: float) -> Cycles:
-    """Follow a once-per-revolution mark that rises at the start of every cycle."""
+    """Follow a once-per-revolution mark that rises at the start of every cycle; ValueError without two."""
     level = (float(np.min(values)) + float(np.max(values))) / 2
     rises = np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
     share = (level - values[rises]) / (values[rises + 1] - values[rises])
     at = rises + share
+    if len(at) < 2:
+        raise ValueError("no marks")
     slope, start = np.polyfit(np.arange(len(at)), at, 1)
     return Cycles(rate / float(slope), float(-start / slope * 2 * np.pi), rate)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
+from sim_twin.healthy import Tolerance, moved
+from sim_twin.matched import Matched
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import Sensor, oversampling
@@ -29,13 +31,16 @@ class RigModel:
     - `nominal_sensors(rig, drive)`: the chains without tolerances, noise in place.
     - `draw_healthy(twin, rng, run_rng)`: the twin as a healthy rig may really be; `rng` draws what belongs to
       the rig, `run_rng` what is set anew for each run.
+    - `tolerances(twin)`: all that a healthy rig like it may differ by, by name.
     - `truth(twin, rate, drive_changes)`: its motion on a grid of `rate` Hz; `drive_changes` where the drive
       will get an offset or harmonics later on.
     - `solver_values(twin, settle, duration)`: figures of the motion from rest, before any sensor, in the
       units that their names say; None where there is nothing to tell.
     - `side_by_side`: the same for many runs at once, where the rig has a faster way.
     - `smooth_channels`: those that an anti-alias filter leaves as they are.
-    - `reference`: the channel that tells the cycles; `follow(its samples, rate, nominal frequency)` finds them.
+    - `reference`: the channel that tells the cycles; `follow(samples, rate, nominal frequency)` finds them.
+    - `fine_rate`: Hz at which motions are computed where many are compared.
+    - `speed`: s of motion that one processor simulates and looks at in one s then, with room to spare.
     - `stray(twin, signals, rng)`: clean signals (channels, n) with what a healthy rig's channels may pick up
       besides.
     """
@@ -50,8 +55,11 @@ class RigModel:
     solver_values: Callable[[Any, float, float], SolverValues]
     reference: str
     follow: Follow
+    fine_rate: float
+    speed: float
     side_by_side: SideBySide | None = None
     smooth_channels: tuple[str, ...] = ()
+    tolerances: Callable[[Any], tuple[Tolerance, ...]] = lambda _: ()
     stray: Callable[[Any, Array, np.random.Generator], Array] = lambda _, signals, __: signals
 
     def stream(
@@ -68,3 +76,11 @@ class RigModel:
     def with_effects(self, twin: AnyTwin, effects: Iterable[tuple[str, ParameterValues]]) -> AnyTwin:
         """Return `twin` with effects in; raises ValueError for what the rig cannot have."""
         return apply_effects(self.effects, twin, effects)
+
+    def matched(self, twin: AnyTwin, matched: Matched) -> AnyTwin:
+        """Return the nominal `twin` as a calibration found its rig.
+
+        It has the means of what was found; `draw_healthy` about it differs by what was left open.
+        """
+        full = replace(twin, sensors={**self.nominal_sensors(twin.rig, twin.drive), **twin.sensors})
+        return moved(full, self.tolerances(full), matched)

@@ -71,4 +71,11 @@ KIND = TwinKind(
     in_step=_in_step,
     phase_at=_phase_at,
     untouched=_untouched,
+    variations=(
+        {"frequency": 2.0},
+        {"frequency": 0.5},
+        {"clearance": 2.0},
+        {"amplitude": 1.3},
+        {"clearance": 0.5},
+    ),
 )

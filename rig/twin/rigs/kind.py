@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -23,7 +23,7 @@ class TwinKind:
     that phase and mean frequency are taken from, by `align(values, sample rate, first sample, drive)`.
     `in_step(drive, alignment)` is the drive at the measured frequency, `phase_at(that drive, alignment,
     time)` its phase or crank angle (rad) at `time` s since sample 0; `untouched(drive)` the alignment where
-    nothing was measured.
+    nothing was measured. `variations` are settings that a bench can change, as factors of scenario keys.
     """
 
     model: RigModel
@@ -33,6 +33,7 @@ class TwinKind:
     in_step: Callable[[Any, Alignment], Any]
     phase_at: Callable[[Any, Alignment, float], float]
     untouched: Callable[[Any], Alignment]
+    variations: tuple[Mapping[str, float], ...]
 
 
 def given(section: Any) -> dict[str, Any]:

@@ -32,4 +32,5 @@ KIND = TwinKind(
     in_step=in_step,
     phase_at=angle_at,
     untouched=untouched,
+    variations=({"speed": 1.5}, {"speed": 0.6}, {"speed": 1.25}, {"speed": 0.8}),
 )

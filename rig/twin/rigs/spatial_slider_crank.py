@@ -41,4 +41,5 @@ KIND = TwinKind(
     in_step=in_step,
     phase_at=angle_at,
     untouched=untouched,
+    variations=({"speed": 1.3}, {"speed": 0.6}),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,8 @@ class Columns:
 
     def _of_channel(self, run: int, name: str) -> Sequence[Cell]:
         edges, phases = self.harmonics * self.frequency, np.arange(_PHASES + 1) / _PHASES
-        bands = [(float(low), float(high)) for low, high in zip(edges[:-1], edges[1:], strict=True)]
-        parts = [(float(low), float(high)) for low, high in zip(phases[:-1], phases[1:], strict=True)]
+        bands = [(float(low), float(high)) for low, high in pairwise(edges)]
+        parts = [(float(low), float(high)) for low, high in pairwise(phases)]
         return [
             *(Cell(run, name, "energy", band=band) for band in bands),
             *(Cell(run, name, "mean", phase=part) for part in parts),
@@ -70,11 +70,11 @@ class Columns:
             Cell(run, one, part, 1, (float(low), float(high)), partner=other)
             for one, other in combinations(self.coupled, 2)
             for part in ("coherence", "quadrature")
-            for low, high in zip(edges[:-1], edges[1:], strict=True)
+            for low, high in pairwise(edges)
         ]
 
-    def numbers(self, records: Array, starts: NDArray[np.intp], length: int) -> CycleTable:
-        """Look at `records`, shape (channels, n), in the cycles of `length` samples from `starts` on."""
+    def numbers(self, records: Sequence[Array], starts: NDArray[np.intp], length: int) -> CycleTable:
+        """Look at `records` of the channels, each (n,), in cycles of `length` samples from `starts` on."""
         at = starts[:, None] + np.arange(length)
         half = length // 2
         window = np.hanning(length).astype(np.float32)
@@ -155,11 +155,11 @@ class CycleTable:
 
 def _fifths(values: Array) -> Array:
     """Means of the lowest to highest fifth of each column, shape (columns, SLICES)."""
-    ordered = np.sort(values, axis=0)
+    ordered = np.sort(values.astype(np.float64), axis=0)
     count = len(ordered)
     edges = np.linspace(0, count, SLICES + 1)
-    sums = np.vstack([np.zeros(ordered.shape[1], ordered.dtype), np.cumsum(ordered, axis=0)])
+    sums = np.vstack([np.zeros(ordered.shape[1]), np.cumsum(ordered, axis=0)])
     whole = np.floor(edges).astype(np.intp)
-    share = (edges - whole)[:, None].astype(np.float32)
+    share = (edges - whole)[:, None]
     at = sums[whole] + share * ordered[np.minimum(whole, count - 1)]
-    return (np.diff(at, axis=0) * SLICES / count).T
+    return (np.diff(at, axis=0) * SLICES / count).T.astype(np.float32)

@@ -141,7 +141,7 @@ class SineDrive:
         return np.asarray(self.offset + self.amplitude * (np.sin(phase) + second + third))
 
     def force_at_steps(self, phase: float, step: float, count: int) -> NDArray[np.float64]:
-        """Force in N at phases `phase` + k `step` (rad), k = 0 ... `count` - 1: products in place of sines."""
+        """Force in N at phases `phase` + k `step` (rad), k = 0 ... `count` - 1, without sines."""
         wide = 256
         coarse = np.exp(1j * (phase + step * wide * np.arange(-(-count // wide))))
         turn = np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sim_twin.rigs.cycles import sine_cycles
 from sim_twin.rigs.impact_beam.channels import channel_unit
 from sim_twin.rigs.impact_beam.effects import EFFECTS
-from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors, stray
+from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors, stray, tolerances
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.side_by_side import SIDE_BY_SIDE
 from sim_twin.rigs.impact_beam.solver_values import solver_values
@@ -19,11 +19,14 @@ MODEL = RigModel(
     channel_unit=channel_unit,
     nominal_sensors=nominal_sensors,
     draw_healthy=draw_healthy,
+    tolerances=tolerances,
     truth=BeamTruth,
     solver_values=solver_values,
     side_by_side=SIDE_BY_SIDE,
     smooth_channels=("drive.force",),
     reference="drive.force",
     follow=sine_cycles,
+    fine_rate=204_800.0,
+    speed=40.0,
     stray=stray,
 )

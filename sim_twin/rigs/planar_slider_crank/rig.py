@@ -5,7 +5,7 @@ from __future__ import annotations
 from sim_twin.rigs.cycles import angle_cycles
 from sim_twin.rigs.planar_slider_crank.channels import channel_unit
 from sim_twin.rigs.planar_slider_crank.effects import EFFECTS
-from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy, nominal_sensors
+from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy, nominal_sensors, tolerances
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.solver_values import solver_values
 from sim_twin.rigs.planar_slider_crank.truth import CrankTruth
@@ -18,8 +18,11 @@ MODEL = RigModel(
     channel_unit=channel_unit,
     nominal_sensors=nominal_sensors,
     draw_healthy=draw_healthy,
+    tolerances=tolerances,
     truth=CrankTruth,
     solver_values=solver_values,
     reference="crank.angle",
     follow=angle_cycles,
+    fine_rate=51_200.0,
+    speed=40.0,
 )

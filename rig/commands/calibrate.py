@@ -1,0 +1,108 @@
+"""`rattle calibrate`: fits what a healthy rig may differ by to reference runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from daq.errors import RattleError
+from daq.log import LogReader
+from rig.commands.arguments import RunFiles
+from rig.diagnosis.recordings import Recorded, recorded
+from rig.diagnosis.workers import Simulated
+from rig.ensembles.executors import cores, worker_processes
+from rig.session.progress import Screen
+from rig.twin.matched_twin import as_model_text, found, tolerances_of
+from rig.twin.overlay import scenario_of
+from sim_twin.diagnosis.matching import Match, match
+from sim_twin.matched import Matched
+from sim_twin.twin import AnyTwin
+
+_TOLD = 0.9
+"""Of its deviation before: a tolerance that is still as open was not told by the runs."""
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    def calibrate(
+        runs: RunFiles,
+        out: Annotated[Path, typer.Option("-o", "--out", metavar="MODEL.toml", help="The model to write.")],
+        rigs: Annotated[
+            int, typer.Option("--rigs", min=100, help="How many healthy rigs to simulate.")
+        ] = 400,
+        seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
+        budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 600,
+    ) -> None:
+        """Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it."""
+        if out.exists():
+            raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
+        screen = Screen(Console())
+        with screen.busy("reading"):
+            read = recorded(runs)
+        for remark in read.remarks:
+            screen.warn(remark)
+        outcome = _match(read, rigs, seed, budget, screen)
+        _refuse_unhealthy(outcome)
+        twin = read.campaign.runs[0].twin
+        _show(twin, outcome, screen)
+        out.write_text(as_model_text(twin, outcome.matched, [run.name for run in runs], _scenarios(runs)))
+        screen.say(f"model      {out}")
+
+
+def _match(read: Recorded, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
+    with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
+        done: list[int] = []
+
+        def report(count: int) -> None:
+            done.append(count)
+            bar.at(sum(done))
+
+        deadline = time.monotonic() + budget
+        simulate = Simulated(read.campaign, workers.executor, deadline, report)
+        return match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
+
+
+def _refuse_unhealthy(outcome: Match) -> None:
+    if outcome.healthy:
+        return
+    text = f"their misfit is {outcome.misfit:.2g}, where one healthy rig in a hundred passes 1"
+    if outcome.suspicious:
+        text += f", and they ask for too much of {', '.join(outcome.suspicious)}"
+    raise RattleError(
+        f"these runs are not of a healthy rig: {text}. A model of them would hide what is wrong, so none was "
+        f"written; rattle diagnose tells what it is"
+    )
+
+
+def _show(twin: AnyTwin, outcome: Match, screen: Screen) -> None:
+    known = outcome.matched
+    table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)
+    for each in tolerances_of(twin):
+        if _deviation(known, each.name) < _TOLD:
+            place = f"{known.mean_of(each.name):+.2f} +- {_deviation(known, each.name):.2f}"
+            table.add_row(each.name, found(each, twin, known), place)
+    screen.console.print(table)
+    if outcome.suspicious:
+        names = ", ".join(outcome.suspicious)
+        screen.warn(f"more than three standard deviations off: {names}. Is the rig healthy?")
+
+
+def _deviation(known: Matched, name: str) -> float:
+    return float(known.deviation[known.names.index(name)])
+
+
+def _scenarios(runs: Sequence[Path]) -> list[str]:
+    names = []
+    for run in runs:
+        with LogReader(run) as log:
+            names.append(scenario_of(log).name)
+    return list(dict.fromkeys(names))

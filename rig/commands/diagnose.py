@@ -1,0 +1,78 @@
+"""`rattle diagnose` and `rattle gap`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from daq.errors import RattleError
+from rig.commands.arguments import EffectsFile, Json, print_json
+from rig.diagnosis.diagnose import diagnose_runs
+from rig.diagnosis.document import gap_block
+from rig.diagnosis.gap import measured_gap
+from rig.session.progress import Screen
+from sim_twin.diagnosis.findings import Findings
+
+RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN.mcap...", help="Logs of runs on one rig.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
+_LISTED = 4
+_WORTH_LISTING = 0.005
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+
+    @app.command()
+    def diagnose(
+        runs: RunFiles,
+        out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the answer goes.")],
+        seed: Seed = 0,
+        budget: Annotated[
+            float, typer.Option("--budget", min=10.0, metavar="SECONDS", help="Time to spend, about.")
+        ] = 120.0,
+        machine: Json = False,
+    ) -> None:
+        """Say where rig and twin differ, which effect causes it, and how far the gap shrinks with it in."""
+        if out.exists() and not out.is_dir():
+            raise RattleError(f"{out}: is a file; name a folder")
+        screen = Screen(Console(stderr=machine))
+        written = diagnose_runs(runs, out, seed, budget, screen)
+        if machine:
+            typer.echo(written.diagnosis.read_text(encoding="utf-8"), nl=False)
+            return
+        _show(written.findings, screen)
+        screen.say(f"diagnosis  {written.diagnosis}")
+        screen.say(f"effects    {written.effects}")
+
+    @app.command()
+    def gap(
+        runs: RunFiles,
+        effects: EffectsFile = None,
+        seed: Seed = 0,
+        machine: Json = False,
+    ) -> None:
+        """Measure how far runs lie from their twin, and from the twin with some effects in."""
+        screen = Screen(Console(stderr=machine))
+        layout, found = measured_gap(runs, effects, seed, screen)
+        if machine:
+            print_json(gap_block(layout, found, {}))
+            return
+        screen.say(f"gap     {found.before:.2f}   (1 = as far as a healthy rig)")
+        if effects is not None:
+            shrink = "" if found.shrink is None else f"   shrink {found.shrink:.0%}"
+            screen.say(f"with {effects.name}   {found.after:.2f}{shrink}")
+
+
+def _show(findings: Findings, screen: Screen) -> None:
+    lines = {"nothing is missing": findings.none, "something unknown": findings.unknown}
+    for each in findings.judged[:_LISTED]:
+        where = f" on {each.cause.channel}" if each.cause.channel else ""
+        lines[f"{each.cause.name}{where}"] = each.probability
+    for text, share in sorted(lines.items(), key=lambda item: -item[1]):
+        if share >= _WORTH_LISTING:
+            screen.say(f"{share:6.1%}  {text}")
+    after = "" if not findings.selected else f" -> {findings.gap.after:.2f} with it in the twin"
+    screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")

@@ -1,0 +1,1 @@
+"""Reads recorded runs, has them diagnosed, and writes what came out."""

@@ -1,0 +1,87 @@
+"""`rattle diagnose`: from recorded runs to diagnosis.json, effects.json and report.html."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rig.diagnosis.document import document, effects_file, write_json
+from rig.diagnosis.experiments import Experiment, options
+from rig.diagnosis.recordings import Recorded, recorded
+from rig.diagnosis.workers import Simulated
+from rig.ensembles.executors import Workers, cores, worker_processes
+from rig.session.progress import Screen
+from sim_twin.diagnosis.diagnose import diagnose
+from sim_twin.diagnosis.draw import Named
+from sim_twin.diagnosis.effort import effort_for
+from sim_twin.diagnosis.findings import Findings
+from sim_twin.diagnosis.horizon import horizon_s
+from sim_twin.diagnosis.next_experiment import told_apart
+
+_OVERTIME = 1.6
+"""Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
+_LAST = 1.9
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The files of a diagnosis, and what it found."""
+
+    findings: Findings
+    diagnosis: Path
+    effects: Path
+
+
+def diagnose_runs(runs: Sequence[Path], out: Path, seed: int, budget_s: float, screen: Screen) -> Written:
+    """Diagnose a campaign; raises ConfigurationError or LogError for runs that cannot be used."""
+    began = time.monotonic()
+    with screen.busy("reading"):
+        data = recorded(runs)
+    remarks = list(data.remarks)
+    for remark in remarks:
+        screen.warn(remark)
+    out.mkdir(parents=True, exist_ok=True)
+    effort = effort_for(data.campaign, budget_s, cores())
+    with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
+        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
+        findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
+        experiment = _next_experiment(data, findings, workers, began + _LAST * budget_s, seed)
+    if simulated.cut_short:
+        remarks.append(
+            "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
+        )
+    reach = min(horizon_s(setting, _response_row(data)) for setting in data.campaign.runs)
+    content = document(findings, runs, reach, experiment, time.monotonic() - began, remarks)
+    write_json(out / "diagnosis.json", content)
+    write_json(out / "effects.json", effects_file(findings))
+    return Written(findings, out / "diagnosis.json", out / "effects.json")
+
+
+def _response_row(data: Recorded) -> int:
+    columns, twin = data.campaign.runs[0].columns, data.campaign.runs[0].twin
+    return twin.channels.index(columns.coupled[0])
+
+
+def _next_experiment(
+    data: Recorded, findings: Findings, workers: Workers, deadline: float, seed: int
+) -> Experiment | None:
+    """For the two most probable effects; none where there are not two."""
+    rivals = [each for each in findings.judged if each.parameters][:2]
+    if len(rivals) < 2 or findings.verdict == "none":
+        return None
+    effects: list[tuple[Named, ...]] = []
+    for each in rivals:
+        values = np.array([estimate.value for estimate in each.parameters.values()])
+        effects.append((each.cause.named(values),))
+    names = (rivals[0].cause.name, rivals[1].cause.name)
+    columns = data.campaign.runs[0].columns
+    found = []
+    for option in options(data.scenarios[0], columns.channels, columns.rate):
+        simulated = Simulated(option.campaign, workers.executor, deadline, lambda _: None)
+        share = told_apart(option.campaign, (effects[0], effects[1]), simulated, np.random.default_rng(seed))
+        found.append(Experiment(option.scenario, names, share))
+    return max(found, key=lambda each: each.expected_probability) if found else None

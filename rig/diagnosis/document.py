@@ -1,0 +1,137 @@
+"""diagnosis.json and effects.json, as the interface has them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.diagnosis.experiments import Experiment
+from sim_twin.diagnosis.findings import Findings, Gap, Judged
+from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+
+SCHEMA = "rattle.diagnosis/1"
+
+
+def document(
+    findings: Findings,
+    runs: Sequence[Path],
+    horizon_s: float | None,
+    experiment: Experiment | None,
+    seconds: float,
+    remarks: Sequence[str],
+) -> dict[str, Any]:
+    """The diagnosis as JSON holds it."""
+    probabilities = {"none": findings.none, "effect": findings.effect, "unknown": findings.unknown}
+    content: dict[str, Any] = _finite(
+        {
+            "schema": SCHEMA,
+            "runs": [str(run) for run in runs],
+            "verdict": findings.verdict,
+            "verdict_probability": probabilities,
+            "gap": gap_block(findings.layout, findings.gap, findings.by_location),
+            "effects": [_effect(each) for each in findings.judged],
+            "selected": [cause.name for cause in findings.selected],
+            "horizon_s": horizon_s,
+            "next_experiment": None if experiment is None else experiment.as_json(),
+            "cost": {"simulations": findings.simulations, "seconds": seconds},
+            "remarks": list(remarks),
+        }
+    )
+    return content
+
+
+def effects_file(findings: Findings) -> list[dict[str, Any]]:
+    """What was selected, at its best values."""
+    return [{"name": name, "parameters": dict(values)} for name, values in findings.effects]
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write JSON without NaN."""
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dict[str, Any]:
+    """The `gap` block: the whole, and by channel, run, band, phase and location."""
+    cells, unit = gap.cells_before, gap.unit
+    runs = sorted({cell.run for cell in layout.cells})
+    channels = list(dict.fromkeys(cell.channel for cell in layout.cells))
+    return {
+        "before": gap.before,
+        "after": gap.after,
+        "shrink": gap.shrink,
+        "shrink_ci95": gap.shrink_ci95,
+        "recording": gap.recording,
+        "by_channel": {name: _part(layout, gap, "channel", name) for name in channels},
+        "by_run": [_part(layout, gap, "run", run) for run in runs],
+        "by_band": _by(layout, cells, unit, _band_of, ("low_hz", "high_hz")),
+        "by_phase": _by(layout, cells, unit, _phase_of, ("from", "to")),
+        "by_location": dict(by_location),
+    }
+
+
+def _band_of(cell: Cell) -> tuple[float, float] | None:
+    return cell.band if cell.what == "energy" else None
+
+
+def _phase_of(cell: Cell) -> tuple[float, float] | None:
+    return cell.phase
+
+
+def _by(
+    layout: Layout,
+    cells: np.ndarray,
+    unit: float,
+    place: Callable[[Cell], tuple[float, float] | None],
+    names: tuple[str, str],
+) -> list[dict[str, Any]]:
+    """Cells of one channel and place together, over the runs and what is told of the place."""
+    placed = [
+        (cell.channel, tuple(round(end, 6) for end in place(cell) or ()), float(g))
+        for cell, g in zip(layout.cells, cells, strict=True)
+        if place(cell) is not None
+    ]
+    found = []
+    for (channel, ends), group in groupby(sorted(placed, key=lambda e: e[:2]), key=lambda e: e[:2]):
+        gap = float(np.sqrt(np.mean([g**2 for _, _, g in group]))) / unit
+        found.append({"channel": channel, names[0]: ends[0], names[1]: ends[1], "gap": gap})
+    return found
+
+
+def _part(layout: Layout, gap: Gap, which: str, value: object) -> float:
+    cells = zip(layout.cells, gap.cells_before, strict=True)
+    kept = [float(g) ** 2 for cell, g in cells if getattr(cell, which) == value]
+    return float(np.sqrt(np.mean(kept))) / gap.unit
+
+
+def _effect(judged: Judged) -> dict[str, Any]:
+    parameters: dict[str, Any] = {}
+    if judged.cause.channel is not None:
+        parameters["channel"] = {"value": judged.cause.channel}
+    for name, estimate in judged.parameters.items():
+        parameters[name] = {"value": estimate.value, "ci95": [estimate.low, estimate.high]}
+    return {
+        "name": judged.cause.name,
+        "location": judged.cause.location,
+        "probability": judged.probability,
+        "parameters": parameters,
+        "gap_after": judged.after,
+        "shrink": judged.shrink,
+        "indistinguishable_from": list(judged.indistinguishable_from),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """The same with null for what is no number."""
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if isfinite(value) else None
+    return value

@@ -1,0 +1,122 @@
+"""The one further run that would tell two causes apart best."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from daq.errors import ConfigurationError
+from rig.diagnosis.recordings import setting_of
+from rig.files.scenario import parse_scenario
+from rig.twin.rigs import KINDS
+from rig.twin.scenario_twin import twin_of
+from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.rigs.rig_model import RigModel
+
+_MOST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """A run that could be made, as a scenario and as a campaign of it alone."""
+
+    scenario: str
+    campaign: Campaign
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """The run that separates two effects, and the probability of choosing right between them after it."""
+
+    scenario: str
+    separates: tuple[str, str]
+    expected_probability: float
+
+    def as_json(self) -> dict[str, Any]:
+        """As the diagnosis file has it."""
+        return {
+            "scenario": self.scenario,
+            "separates": list(self.separates),
+            "expected_probability": self.expected_probability,
+        }
+
+
+def options(scenario_text: str, channels: Sequence[str], rate: float) -> list[Option]:
+    """Other settings of the rig within what its scenario files allow, most different first."""
+    table = tomllib.loads(scenario_text)
+    kind = KINDS[table["rig"]]
+    found = []
+    for variation in kind.variations:
+        changed = _changed(table, variation, kind.model)
+        if changed is None:
+            continue
+        text = toml_of(changed)
+        try:
+            scenario = parse_scenario(text, "next experiment")
+            twin = twin_of(scenario, tuple(channels))
+        except ConfigurationError:
+            continue
+        seconds = scenario.acquisition.duration
+        found.append(Option(text, Campaign((setting_of(twin, channels, rate, seconds),))))
+    return found[:_MOST]
+
+
+def _changed(
+    table: Mapping[str, Any], variation: Mapping[str, float], model: RigModel
+) -> dict[str, Any] | None:
+    """The scenario with some quantities multiplied; None where it does not give one of them."""
+    changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    said = []
+    for key, factor in variation.items():
+        section = next((name for name in ("drive", "model") if key in changed.get(name, {})), None)
+        if section is None:
+            return None
+        unit, value = _number(changed[section][key])
+        scaled = float(f"{value * factor:.3g}")
+        changed[section][key] = f"{scaled:g} {unit}".strip() if unit else scaled
+        said.append(f"{key} {changed[section][key]}")
+    changed["name"] = f"{table.get('name', model.name)}: {', '.join(said)}"
+    return changed
+
+
+def _number(value: object) -> tuple[str, float]:
+    """Unit and number of a quantity as written."""
+    if isinstance(value, int | float):
+        return "", float(value)
+    number, _, unit = str(value).strip().partition(" ")
+    return unit, float(number)
+
+
+def toml_of(table: Mapping[str, Any]) -> str:
+    """A scenario's table as TOML."""
+    lines = [f"{key} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)]
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            lines += ["", *_section(key, value)]
+    return "\n".join(lines) + "\n"
+
+
+def _section(name: str, table: Mapping[str, Any]) -> list[str]:
+    plain = [
+        f"{_key(key)} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)
+    ]
+    nested = [(f"{name}.{_key(key)}", value) for key, value in table.items() if isinstance(value, Mapping)]
+    lines = [f"[{name}]", *plain] if plain or not nested else []
+    for path, value in nested:
+        lines += ["", *_section(path, value)]
+    return lines
+
+
+def _key(key: str) -> str:
+    return key if key.replace("_", "").replace("-", "").isalnum() else f'"{key}"'
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    escaped = str(value).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

@@ -1,0 +1,89 @@
+"""Gaps of groups of cells: by channel, run, band and phase."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.diagnosis.report.reported import Reported
+from sim_twin.diagnosis.fingerprint.layout import Cell
+
+Array = NDArray[np.float64]
+Span = tuple[float, float]
+
+
+def gap_of(reported: Reported, chosen: Callable[[Cell], bool], after: bool = False) -> float:
+    """Gap of the chosen cells, 1 for a healthy rig; NaN where there are none."""
+    gap = reported.findings.gap
+    cells = gap.cells_after if after else gap.cells_before
+    kept = [value for cell, value in zip(reported.findings.layout.cells, cells, strict=True) if chosen(cell)]
+    return float(np.sqrt(np.mean(np.square(kept)))) / gap.unit if kept else float("nan")
+
+
+def channels(reported: Reported) -> list[str]:
+    """Channels in the fingerprint, in its order."""
+    return list(dict.fromkeys(cell.channel for cell in reported.findings.layout.cells))
+
+
+def runs(reported: Reported) -> list[int]:
+    """Numbers of the runs in the fingerprint."""
+    return sorted({cell.run for cell in reported.findings.layout.cells})
+
+
+def largest_channels(reported: Reported) -> list[tuple[str, int, float]]:
+    """Channels, largest gap first, each with the run in which it is largest, and the gap there."""
+    found = [
+        max(
+            ((name, run, gap_of(reported, within(name, run))) for run in runs(reported)),
+            key=lambda each: each[2],
+        )
+        for name in channels(reported)
+    ]
+    return sorted(found, key=lambda each: -each[2])
+
+
+def largest_span(
+    reported: Reported, channel: str, run: int, spans: Callable[[Cell], Span | None]
+) -> Span | None:
+    """Of a channel's bands or phases (`spans` tells which), the one with the largest gap."""
+    cells = zip(reported.findings.layout.cells, reported.findings.gap.cells_before, strict=True)
+    found = [
+        (float(value), spans(cell))
+        for cell, value in cells
+        if within(channel, run)(cell) and not cell.partner
+    ]
+    return max(((value, span) for value, span in found if span), default=(0.0, None))[1]
+
+
+def largest_cells(reported: Reported, count: int) -> list[tuple[Cell, float, float]]:
+    """The cells with the largest gaps, with the gap before and after."""
+    gap = reported.findings.gap
+    order = np.argsort(-gap.cells_before)[:count]
+    cells = reported.findings.layout.cells
+    return [(cells[k], gap.cells_before[k] / gap.unit, gap.cells_after[k] / gap.unit) for k in order]
+
+
+def grid(
+    cells: Sequence[Cell], values: Array, rows: Sequence[str], columns: Callable[[Cell], Span | str | None]
+) -> tuple[list[Span | str], Array]:
+    """Root mean squares of cells by channel and column, shape (rows, columns); NaN where there is no cell.
+
+    A cell of two channels counts for both; one that `columns` gives nothing for counts for none.
+    """
+    labels = list(dict.fromkeys(label for cell in cells if (label := columns(cell)) is not None))
+    sums, counts = np.zeros((len(rows), len(labels))), np.zeros((len(rows), len(labels)))
+    for cell, value in zip(cells, values, strict=True):
+        label = columns(cell)
+        for name in {cell.channel, cell.partner} & set(rows) if label is not None else ():
+            at = rows.index(name or ""), labels.index(label or "")
+            sums[at] += value**2
+            counts[at] += 1
+    with np.errstate(invalid="ignore"):
+        return labels, np.sqrt(sums / counts)
+
+
+def within(channel: str, run: int) -> Callable[[Cell], bool]:
+    """Chooses the cells of a channel in a run."""
+    return lambda cell: cell.channel == channel and cell.run == run

@@ -1,0 +1,56 @@
+"""Puts the report of a diagnosis together: one HTML file that opens anywhere and asks for nothing."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
+
+from rig.diagnosis.report.reported import Reported, RunFacts
+from rig.diagnosis.report.sections import SECTIONS
+from sim_twin.diagnosis.findings import Findings
+
+
+def write_report(
+    path: Path,
+    findings: Findings,
+    diagnosis: Mapping[str, Any],
+    runs: Sequence[RunFacts],
+    remarks: Sequence[str],
+    floor: NDArray[np.float64] | None = None,
+) -> None:
+    """Write the report of a diagnosis as HTML; raises OSError where `path` cannot be written.
+
+    `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings. `floor`
+    is how far a healthy rig's cells lie from the nominal twin, shape (cells,), for the bands in the plots.
+    """
+    page = render(Reported(findings, diagnosis, runs, remarks, floor))
+    path.write_text(page, encoding="utf-8")
+
+
+def render(reported: Reported) -> str:
+    """Return the page."""
+    return _template().render(
+        title="Diagnosis",
+        subtitle=" · ".join(run.name for run in reported.runs),
+        sections=[(section.heading, section.parts(reported)) for section in SECTIONS],
+        plotly=get_plotlyjs(),
+    )
+
+
+@functools.cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rig", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("diagnosis/report/page.html.j2")

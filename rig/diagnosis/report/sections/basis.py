@@ -1,0 +1,49 @@
+"""What all this rests on, and how to argue with it."""
+
+from __future__ import annotations
+
+from rig.diagnosis.report.content import Part
+from rig.diagnosis.report.reported import Reported
+from rig.diagnosis.report.words import floors, number
+from rig.report.content import Listing, Sentence, Table
+
+_UNSTEADY = 1.5
+_CHANGED = " Something changed while they were recorded."
+
+
+def parts(reported: Reported) -> list[Part]:
+    """Runs, what was lost, figures of trust, and the commands that repeat it."""
+    return [_runs(reported), *_trust(reported), *_again(reported)]
+
+
+def _runs(reported: Reported) -> Table:
+    rows = [[run.name, run.scenario] for run in reported.runs] or [["not named", ""]]
+    return Table(("run", "scenario"), rows, "Runs", words=True)
+
+
+def _trust(reported: Reported) -> list[Part]:
+    found = reported.findings
+    cost = reported.diagnosis.get("cost") or {}
+    seconds = f" in {number(cost['seconds'])} s" if cost.get("seconds") is not None else ""
+    unsteady = found.gap.recording > _UNSTEADY
+    steady = Sentence(
+        f"The recordings' own parts lie {floors(found.gap.recording)} from their mean, where those of "
+        f"healthy rigs lie 1.0 from the twin.{_CHANGED if unsteady else ''}",
+        warning=unsteady,
+    )
+    misfit = Sentence(
+        f"What the best explanation leaves open is {number(found.misfit)} times what it leaves open of rigs "
+        "that it is true for; far above 1 speaks for a cause outside the catalogue."
+    )
+    made = Sentence(
+        f"{len(found.layout.cells)} cells of {found.layout.size} numbers were compared with "
+        f"{cost.get('simulations', found.simulations)} simulated recordings{seconds}."
+    )
+    return [steady, misfit, made]
+
+
+def _again(reported: Reported) -> list[Part]:
+    names = " ".join(run.name for run in reported.runs) or "RUN.mcap"
+    first = reported.runs[0].name if reported.runs else "RUN.mcap"
+    text = f"rattle gap {names} --effects effects.json\nrattle overlay {first} --effects effects.json"
+    return [Sentence("To repeat it with these effects, or with others of your own:"), Listing(text)]

@@ -1,0 +1,83 @@
+"""What a diagnosis found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.cause import Cause, Hypothesis
+from sim_twin.diagnosis.draw import Named
+from sim_twin.diagnosis.fingerprint.layout import Layout
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A parameter's best value and the interval that holds it with 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """An effect (on its most probable channel): its share of belief as the largest cause.
+
+    `after` is the gap that is left with it alone in the twin, None where that was not simulated.
+    """
+
+    cause: Cause
+    probability: float
+    parameters: Mapping[str, Estimate]
+    after: float | None
+    shrink: float | None
+    indistinguishable_from: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Gap figures; cells are in floors, `unit` is what their root mean square is divided by.
+
+    `recording` is how far the recording's own blocks lie apart, in what healthy rigs' blocks do.
+    """
+
+    before: float
+    after: float
+    shrink: float | None
+    shrink_ci95: tuple[float, float] | None
+    cells_before: Array
+    cells_after: Array
+    unit: float
+    recording: float
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Everything a report tells. `fingerprints` are mean ones: measured, nominal twin, repaired twin."""
+
+    layout: Layout
+    none: float
+    effect: float
+    unknown: float
+    judged: tuple[Judged, ...]
+    selected: Hypothesis
+    effects: tuple[Named, ...]
+    gap: Gap
+    by_location: Mapping[str, float]
+    separability: Mapping[tuple[str, str], float]
+    measured: Array
+    nominal: Array
+    repaired: Array
+    simulations: int
+    misfit: float
+
+    @property
+    def verdict(self) -> str:
+        """The most probable of "none", "effect" and "unknown"."""
+        shares = {"none": self.none, "effect": self.effect, "unknown": self.unknown}
+        return max(shares, key=lambda each: shares[each])

@@ -1,0 +1,99 @@
+"""How far the gap shrinks: twins repaired by what fits some cycles, held against others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.attribution import Attribution
+from sim_twin.diagnosis.cause import Hypothesis
+from sim_twin.diagnosis.findings import Gap
+from sim_twin.diagnosis.gap import GapMeasure, shrink_of
+from sim_twin.diagnosis.library import Library, Order, order_of
+from sim_twin.diagnosis.search import Ranked
+from sim_twin.diagnosis.subject import Execute
+
+Array = NDArray[np.float64]
+Blocks = NDArray[np.float32]
+_FEWEST_JUDGED = 6
+_RESAMPLED = 400
+_NEAREST = 6
+
+
+def halves(measured: Blocks) -> tuple[Blocks, Blocks]:
+    """Blocks to fit to and blocks to judge on; with one block there is nothing to hold out."""
+    half = (len(measured) + 1) // 2
+    return (measured[:half], measured[half:]) if len(measured) > 1 else (measured, measured)
+
+
+def repaired_twins(
+    candidates: Sequence[Ranked],
+    attribution: Attribution,
+    fitted_to: Blocks,
+    motions: int,
+    execute: Execute,
+    rng: np.random.Generator,
+) -> dict[Hypothesis, Array]:
+    """Fingerprints (n, numbers) of healthy rigs with each candidate in, as it fits some blocks best."""
+    each = max(_FEWEST_JUDGED, motions // max(1, len(candidates)))
+    place = attribution.place(fitted_to).mean(axis=0)
+    orders = []
+    for candidate in candidates:
+        posterior = attribution.posterior(candidate.hypothesis, place, rng)
+        best = Ranked(candidate.hypothesis, 1.0, posterior, 0.0).best()
+        orders.append(order_of({candidate.hypothesis: np.tile(best, (each, 1))}, rng))
+    shown = iter(execute(sum(orders, Order()).draws))
+    repaired = {}
+    for candidate, order in zip(candidates, orders, strict=True):
+        blocks = [one[0] for _ in range(len(order)) for one in next(shown) if one is not None]
+        repaired[candidate.hypothesis] = np.array(blocks, dtype=np.float64)
+    return {hypothesis: twins for hypothesis, twins in repaired.items() if len(twins)}
+
+
+def near_best(library: Library, ranked: Ranked) -> Array:
+    """Fingerprints simulated in the search nearest to the best parameters of one effect."""
+    hypothesis = ranked.hypothesis
+    cause = hypothesis[0]
+    places = cause.places(library.values(hypothesis))
+    nearest = np.argsort(np.sum((places - cause.places(ranked.best()[None])) ** 2, axis=1))[:_NEAREST]
+    return np.array([library.fingerprints(hypothesis)[k][0] for k in nearest], dtype=np.float64)
+
+
+def gap_between(
+    measure: GapMeasure,
+    judged_on: Blocks,
+    measured: Blocks,
+    repaired: Array | None,
+    rng: np.random.Generator,
+) -> Gap:
+    """Gap of the blocks `judged_on` from the nominal twin and from `repaired` fingerprints (n, numbers).
+
+    The interval is from resampled blocks and resampled rigs.
+    """
+    cells = measure.cells(judged_on)
+    before = measure.total(cells)
+    own = measure.total(measure.cells(measured, np.mean(measured, axis=0, dtype=np.float64)))
+    if repaired is None:
+        return Gap(before, before, shrink_of(before, before), None, cells, cells, measure.unit, own)
+    cells_after = measure.cells(judged_on, repaired.mean(axis=0))
+    after = measure.total(cells_after)
+    interval = _interval(measure, judged_on, repaired, rng) if before > 1.0 else None
+    return Gap(before, after, shrink_of(before, after), interval, cells, cells_after, measure.unit, own)
+
+
+def _interval(
+    measure: GapMeasure, judged_on: Blocks, repaired: Array, rng: np.random.Generator
+) -> tuple[float, float] | None:
+    shrinks = []
+    for _ in range(_RESAMPLED):
+        data = judged_on[rng.integers(len(judged_on), size=len(judged_on))]
+        twin = repaired[rng.integers(len(repaired), size=len(repaired))].mean(axis=0)
+        shrink = shrink_of(measure.total(measure.cells(data)), measure.total(measure.cells(data, twin)))
+        if shrink is not None:
+            shrinks.append(shrink)
+    if not shrinks:
+        return None
+    low, high = np.percentile(shrinks, (2.5, 97.5))
+    return float(low), float(high)

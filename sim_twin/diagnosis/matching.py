@@ -1,0 +1,241 @@
+"""Fits what a healthy rig may differ by to what reference runs show, so that its twin is matched.
+
+Where the tolerances of simulated healthy rigs lie is regressed on their fingerprints. What that regression
+makes of a fingerprint is a summary of it (Fearnhead and Prangle 2012, doi:10.1111/j.1467-9868.2011.01010.x),
+nearly linear in the tolerances and normally scattered: so their posterior is normal, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from daq.errors import SimulationFailed
+from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.diagnosis.draw import Draw, Observed
+from sim_twin.diagnosis.space import Moments, Space, space_of
+from sim_twin.healthy import drawn_places
+from sim_twin.matched import Matched
+from sim_twin.rigs.catalogue import model_of
+
+Array = NDArray[np.float64]
+SimulateAll: TypeAlias = Callable[[Sequence[Draw]], Sequence[Observed]]
+_BLOCKS = 2
+_DIRECTIONS = 40
+_RARE = 0.99
+_PENALTIES = np.geomspace(1e-3, 100.0, 26)
+"""In mean squares of healthy features."""
+_TOLD = 3.0
+"""Standard errors of a correlation from which on it is no chance."""
+_LEAST_SCATTER = 0.05
+_SUSPICIOUS, _IMPOSSIBLE = 3.0, 4.0
+_FAR = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Rigs:
+    """Simulated healthy rigs: `places` (n, tolerances), `features` of their blocks (n, blocks, features)."""
+
+    names: tuple[str, ...]
+    places: Array
+    features: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """What reference runs say of their rig's tolerances.
+
+    `misfit` is how far the runs lie from healthy rigs, where 1 is as far as one healthy rig in a hundred.
+    """
+
+    matched: Matched
+    misfit: float
+
+    @property
+    def healthy(self) -> bool:
+        """Whether a healthy rig may have made these runs."""
+        return self.misfit < _FAR and bool(np.max(np.abs(self.matched.mean)) < _IMPOSSIBLE)
+
+    @property
+    def suspicious(self) -> tuple[str, ...]:
+        """Tolerances of which the runs ask for more than three standard deviations."""
+        far = np.abs(self.matched.mean) > _SUSPICIOUS
+        return tuple(name for name, is_far in zip(self.matched.names, far, strict=True) if is_far)
+
+
+def healthy_draws(count: int, rng: np.random.Generator) -> list[Draw]:
+    """`count` healthy rigs to be simulated."""
+    return [Draw((), int(rng.integers(2**62)), blocks=_BLOCKS) for _ in range(count)]
+
+
+def match(
+    campaign: Campaign,
+    measured: NDArray[np.float32],
+    simulate: SimulateAll,
+    count: int,
+    rng: np.random.Generator,
+) -> Match:
+    """Match the campaign's rig to its `measured` fingerprints (blocks, numbers), by `count` simulated rigs.
+
+    `simulate` has the campaign observe draws; () stands for one that there was no time for. Raises
+    SimulationFailed where too few came out.
+    """
+    draws = healthy_draws(count, rng)
+    rigs = simulated_rigs(campaign, draws, simulate(draws))
+    return match_among(rigs, Moments(campaign.layout), measured)
+
+
+def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence[Observed]) -> Rigs:
+    """What became of `healthy_draws`, less those that failed; SimulationFailed where few are left."""
+    moments = Moments(campaign.layout)
+    kept = [
+        (_places(campaign, draw), moments(shown[0]))
+        for draw, shown in zip(draws, observed, strict=True)
+        if shown and shown[0] is not None
+    ]
+    names = tolerances_of(campaign)
+    if len(kept) < 2 * len(names):
+        raise SimulationFailed(
+            f"only {len(kept)} of {len(draws)} healthy rigs could be simulated",
+            f"a calibration of {len(names)} tolerances needs {2 * len(names)} at least",
+        )
+    places, features = zip(*kept, strict=True)
+    return Rigs(names, np.array(places), np.array(features))
+
+
+def tolerances_of(campaign: Campaign) -> tuple[str, ...]:
+    """Names of the tolerances that belong to the campaign's rig, not to one run."""
+    twin = campaign.runs[0].twin
+    return tuple(each.name for each in model_of(twin).tolerances(twin) if not each.each_run)
+
+
+def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:
+    """The same runs of a twin that was matched: nominal at the means, healthy rigs by what was left open."""
+    return Campaign(
+        tuple(replace(run, twin=model_of(run.twin).matched(run.twin, matched)) for run in campaign.runs)
+    )
+
+
+def _places(campaign: Campaign, draw: Draw) -> Array:
+    """Where the rig of a draw lies: the campaign draws it from the same seed."""
+    twin = campaign.runs[0].twin
+    rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
+    return drawn_places(twin, model_of(twin).tolerances(twin), rng)
+
+
+def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Match:
+    """Match `measured` fingerprints (blocks, numbers) by what simulated healthy rigs show."""
+    space = space_of(rigs.features[:, 0], rigs.features[:0, 0], moments.tolerance, _DIRECTIONS)
+    shown = space.scaled(rigs.features)
+    seen = space.scaled(moments(measured))
+    regression = _regressed(shown.mean(axis=1), rigs.places)
+    response = _response(rigs.places, regression, shown, len(seen))
+    place = regression(seen.mean(axis=0)) - response.centre
+    misfit = max(
+        response.misfit(place[None])[0] / np.quantile(response.misfit(response.of_rigs), _RARE),
+        _distance(space, shown.mean(axis=1), seen.mean(axis=0)),
+    )
+    return Match(response.posterior(place, rigs.names), float(misfit))
+
+
+def _distance(space: Space, shown: Array, seen: Array) -> float:
+    """How far a fingerprint lies from healthy rigs' in the directions in which these differ most."""
+    centre = shown.mean(axis=0)
+    along = (shown - centre) @ space.basis
+    scatter = np.sqrt(np.mean(along**2, axis=0))
+    squares = np.mean((along / scatter) ** 2, axis=1)
+    return float(np.mean(((seen - centre) @ space.basis / scatter) ** 2) / np.quantile(squares, _RARE))
+
+
+@dataclass(frozen=True, slots=True)
+class _Regression:
+    """From scaled features to where the tolerances lie that they tell.
+
+    `left_out` (n, told tolerances) is what the others make of each rig.
+    """
+
+    centre: Array
+    mean: Array
+    weights: Array
+    left_out: Array
+
+    def __call__(self, features: Array) -> Array:
+        return np.asarray((features - self.centre) @ self.weights + self.mean)
+
+
+def _regressed(features: Array, places: Array) -> _Regression:
+    """Ridge regression, by the penalty that tells most of rigs that were left out."""
+    centre, mean = features.mean(axis=0), places.mean(axis=0)
+    x, z = features - centre, places - mean
+    values, vectors = np.linalg.eigh(x @ x.T / x.shape[1])
+    turned = vectors.T @ z
+    found = []
+    for penalty in _PENALTIES:
+        share = values / (values + penalty)
+        leverage = 1 / len(z) + (vectors**2) @ share
+        left_out = z - (z - (vectors * share) @ turned) / (1 - leverage[:, None])
+        correlation = _correlation(left_out, z)
+        found.append((-np.sum(np.log(1 - correlation**2)), penalty, left_out, correlation))
+    _, penalty, left_out, correlation = max(found, key=lambda each: each[0])
+    weights = x.T @ (vectors / (values + penalty)) @ turned / x.shape[1]
+    # Where nothing tells, the guess is the mean of the others, which gives away the one left out.
+    told = correlation >= min(_TOLD / np.sqrt(len(z)), correlation.max())
+    return _Regression(centre, mean[told], weights[:, told], (left_out + mean)[:, told])
+
+
+def _correlation(guessed: Array, places: Array) -> Array:
+    """Between guesses (n, tolerances) and places, shape (tolerances,); none where it is negative."""
+    spread = guessed - guessed.mean(axis=0)
+    size = np.sqrt(np.sum(spread**2, axis=0) * np.sum(places**2, axis=0)) + 1e-12
+    return np.asarray(np.clip(np.sum(spread * places, axis=0) / size, 0.0, 0.999))
+
+
+@dataclass(frozen=True, slots=True)
+class _Response:
+    """Summaries are `centre` + `slope` @ places + scatter; `precision` is the inverse of its covariance."""
+
+    centre: Array
+    slope: Array
+    precision: Array
+    of_rigs: Array
+
+    def posterior(self, place: Array, names: tuple[str, ...]) -> Matched:
+        """Where the tolerances lie for a summary, less the centre; prior 0 and 1."""
+        pull = self.slope.T @ self.precision
+        covariance = np.asarray(np.linalg.inv(np.eye(len(names)) + pull @ self.slope), np.float64)
+        return Matched(names, covariance @ pull @ place, covariance)
+
+    def misfit(self, places: Array) -> Array:
+        """Mean squares of summaries (n, told), less the centre, in healthy scatter; shape (n,)."""
+        spread = self.slope @ self.slope.T + np.linalg.inv(self.precision)
+        return np.asarray(np.mean(places * np.linalg.solve(spread, places.T).T, axis=1))
+
+
+def _response(places: Array, regression: _Regression, shown: Array, blocks: int) -> _Response:
+    """How summaries of so many measured `blocks` follow the places."""
+    count, size = regression.left_out.shape
+    given = np.column_stack([np.ones(count), places])
+    solved = np.linalg.pinv(given)
+    fit = solved @ regression.left_out
+    leverage = np.sum(given * solved.T, axis=1)
+    residual = (regression.left_out - given @ fit) / (1 - leverage[:, None])
+    scatter = residual.T @ residual / count - _averaged(regression, shown, blocks)
+    values, vectors = np.linalg.eigh(scatter)
+    precision = (vectors / np.maximum(values, _LEAST_SCATTER * np.median(values))) @ vectors.T
+    slope = fit[1:].T
+    # James and Stein: what no more than chance explains, is nothing.
+    strength = count * np.sum(slope * (precision @ slope), axis=0)
+    slope = slope * np.maximum(0.0, 1 - size / np.maximum(strength, 1e-12))
+    return _Response(fit[0], slope, precision, regression.left_out - fit[0])
+
+
+def _averaged(regression: _Regression, shown: Array, blocks: int) -> Array:
+    """Covariance that measured summaries have less than simulated ones, being of more blocks."""
+    apart = (shown[:, 0] - shown[:, 1]) @ regression.weights
+    of_a_block = apart.T @ apart / (2 * len(apart))
+    return np.asarray((1 / _BLOCKS - 1 / blocks) * of_a_block)
