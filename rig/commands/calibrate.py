@@ -60,14 +60,7 @@ def add_to(app: typer.Typer) -> None:
 
 def _match(read: Recorded, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
     with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
-        done: list[int] = []
-
-        def report(count: int) -> None:
-            done.append(count)
-            bar.at(sum(done))
-
-        deadline = time.monotonic() + budget
-        simulate = Simulated(read.campaign, workers.executor, deadline, report)
+        simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar.at)
         return match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
 
 

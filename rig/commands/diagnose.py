@@ -46,6 +46,7 @@ def add_to(app: typer.Typer) -> None:
         _show(written.findings, screen)
         screen.say(f"diagnosis  {written.diagnosis}")
         screen.say(f"effects    {written.effects}")
+        screen.say(f"report     {written.report}")
 
     @app.command()
     def gap(

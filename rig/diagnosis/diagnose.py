@@ -12,8 +12,10 @@ import numpy as np
 from rig.diagnosis.document import document, effects_file, write_json
 from rig.diagnosis.experiments import Experiment, options
 from rig.diagnosis.recordings import Recorded, recorded
+from rig.diagnosis.report import RunFacts, write_report
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import Workers, cores, worker_processes
+from rig.files.scenario import parse_scenario
 from rig.session.progress import Screen
 from sim_twin.diagnosis.diagnose import diagnose
 from sim_twin.diagnosis.draw import Named
@@ -21,6 +23,7 @@ from sim_twin.diagnosis.effort import effort_for
 from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.horizon import horizon_s
 from sim_twin.diagnosis.next_experiment import told_apart
+from sim_twin.rigs.catalogue import model_of
 
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
@@ -34,6 +37,7 @@ class Written:
     findings: Findings
     diagnosis: Path
     effects: Path
+    report: Path
 
 
 def diagnose_runs(runs: Sequence[Path], out: Path, seed: int, budget_s: float, screen: Screen) -> Written:
@@ -54,11 +58,22 @@ def diagnose_runs(runs: Sequence[Path], out: Path, seed: int, budget_s: float, s
         remarks.append(
             "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
         )
+    if not findings.held_out:
+        remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
     reach = min(horizon_s(setting, _response_row(data)) for setting in data.campaign.runs)
     content = document(findings, runs, reach, experiment, time.monotonic() - began, remarks)
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
-    return Written(findings, out / "diagnosis.json", out / "effects.json")
+    report = out / "report.html"
+    write_report(report, findings, content, _facts(data, runs), remarks, findings.floor)
+    return Written(findings, out / "diagnosis.json", out / "effects.json", report)
+
+
+def _facts(data: Recorded, runs: Sequence[Path]) -> list[RunFacts]:
+    model = model_of(data.campaign.runs[0].twin)
+    units = {name: model.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
+    pairs = zip(runs, data.scenarios, strict=True)
+    return [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
 
 
 def _response_row(data: Recorded) -> int:

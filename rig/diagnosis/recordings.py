@@ -200,7 +200,8 @@ def setting_of(
     whole = int(seconds * frequency - 1.5)
     cycles = min(max(_BLOCK_CYCLES, round(_BLOCK_S * frequency)), whole // 2)
     oversampling = 2 * max(1, round(model.fine_rate / rate / 2))
-    columns = Columns(tuple(channels), coupled, frequency, rate)
+    angles = tuple(name for name in channels if isinstance(twin.sensors.get(name), Encoder))
+    columns = Columns(tuple(channels), coupled, frequency, rate, angles)
     return RunSetting(twin, columns, oversampling, cycles, _quiet(step))
 
 

@@ -22,6 +22,7 @@ from sim_twin.diagnosis.space import Moments, Space
 Array = NDArray[np.float64]
 _FREEDOM = 20.0
 _FORBIDDEN = -1e12
+_POINTS = 120
 TEMPER = 3.0
 """A synthetic likelihood is too sure of itself by about this factor in its logarithm: directions are not
 quite independent, scatters are estimates, and other programs differ a little; judged on campaigns that
@@ -50,25 +51,23 @@ class Attribution:
         return np.asarray(self.space(self.moments(fingerprints)) @ self.whitener - self.healthy)
 
     def response(self, hypothesis: Hypothesis, values: Array) -> tuple[Array, Array]:
-        """Means (n, directions) and excess variance (n,) of a hypothesis at parameters (n, parameters)."""
-        count, directions = len(values), len(self.scatter)
+        """Means and excess variances of a hypothesis at parameters (n, parameters), both (n, directions)."""
         if not hypothesis:
-            return np.zeros((count, directions)), np.zeros(count)
+            nothing = np.zeros((len(values), len(self.scatter)))
+            return nothing, nothing
         if len(hypothesis) == 1:
             return self._emulated(hypothesis, values)
         parts = zip(hypothesis, parts_of(hypothesis), strict=True)
         singles = [self._emulated((cause,), values[:, at]) for cause, at in parts]
         mean = np.sum([single for single, _ in singles], axis=0)
-        excess = np.sum([more for _, more in singles], axis=0)
         if hypothesis in self.emulators:
-            correction, more = self._emulated(hypothesis, values)
-            return mean + correction, more
-        smaller = np.min([np.mean(single**2, axis=1) for single, _ in singles], axis=0)
-        return mean, excess + _INTERPLAY * smaller
+            correction, excess = self._emulated(hypothesis, values)
+            return mean + correction, excess
+        smaller = np.min([np.mean(single**2, axis=1, keepdims=True) for single, _ in singles], axis=0)
+        return mean, np.sum([excess for _, excess in singles], axis=0) + _INTERPLAY * smaller
 
     def _emulated(self, hypothesis: Hypothesis, values: Array) -> tuple[Array, Array]:
-        mean, of_mean, local = self.emulators[hypothesis](coordinates_of(hypothesis, values))
-        return mean, of_mean + np.maximum(local - 1.0, 0.0)
+        return self.emulators[hypothesis](coordinates_of(hypothesis, values))
 
     def log_likelihood(self, hypothesis: Hypothesis, measured: Array) -> Callable[[Array], Array]:
         """Tempered, of places in the unit cube of the hypothesis, for a measured place (directions,)."""
@@ -82,7 +81,7 @@ class Attribution:
         return of
 
     def _density(self, difference: Array, excess: Array) -> Array:
-        variance = self.scatter + excess[:, None]
+        variance = self.scatter + excess
         squares = np.sum(difference**2 / variance, axis=1)
         size = len(self.scatter)
         spread = 0.5 * np.sum(np.log(variance), axis=1)
@@ -90,16 +89,16 @@ class Attribution:
         return np.asarray(level - spread - 0.5 * (_FREEDOM + size) * np.log1p(squares / _FREEDOM))
 
     def misfit(self, hypothesis: Hypothesis, values: Array, measured: Array) -> Array:
-        """Mean square of what is left of a measured place, in its own scatter; about 1 where all is right."""
-        mean, _ = self.response(hypothesis, values)
-        return np.asarray(np.mean((measured - mean) ** 2 / self.scatter, axis=1))
+        """Mean square of what is left of a measured place, in its own scatter and the emulator's; about 1."""
+        mean, excess = self.response(hypothesis, values)
+        return np.asarray(np.mean((measured - mean) ** 2 / (self.scatter + excess), axis=1))
 
     def posterior(
         self, hypothesis: Hypothesis, measured: Array, rng: np.random.Generator, effort: float = 1.0
     ) -> Posterior:
         """Posterior of the hypothesis's parameters, and its evidence."""
         dimensions = sum(len(cause.parameters) for cause in hypothesis)
-        points = int(effort * 200 * max(1, dimensions))
+        points = int(effort * _POINTS * max(1, dimensions))
         return integrate(self.log_likelihood(hypothesis, measured), dimensions, rng, 2 * points, points)
 
 

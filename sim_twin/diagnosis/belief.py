@@ -83,6 +83,8 @@ def _outside(
 ) -> float:
     """Square of what lies in no direction, in that of like rigs."""
     moments, space = attribution.moments, attribution.space
+    if space.basis.shape[1] >= space.basis.shape[0]:
+        return 0.0  # the directions hold everything
     here = float(np.mean(space.outside(moments(measured))))
     hypothesis = best.hypothesis
     fingerprints = library.fingerprints(hypothesis)

@@ -56,6 +56,8 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         measured=np.mean(measured, axis=0, dtype=np.float64),
         nominal=measure.twin,
         repaired=measure.twin if twins is None else twins.mean(axis=0),
+        floor=measure.floor,
+        held_out=len(measured) > 1,
         simulations=library.observations + sum(len(each) for each in repaired.values()),
         misfit=belief.misfit,
     )

@@ -12,77 +12,108 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _LENGTHS = (0.35, 0.7, 1.5, 4.0)
-_NOISES = (0.003, 0.01, 0.03, 0.1, 0.3)
+_NOISES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+_LEAST_NOISE = 1e-3
 _TREND = 0.5
 _LOCAL = 0.7
 """Standardised coordinates within which residuals tell how well an emulator does."""
 _PRIOR_WEIGHT = 6.0
 _OUTLIER = 30.0
+_UNIFORM_SHARE = 0.5
+"""Of what is believed of an output's residuals, by those of all outputs; few residuals tell little of one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Emulator:
-    """Mean response (outputs) at coordinates, and how uncertain it is in units of the responses' own scatter.
+    """Mean responses at coordinates, and how uncertain they are in units of the responses' own scatter, 1.
 
-    `left_out` (n, outputs) is what each simulated response differs by from its prediction by the others.
+    Every output has its own ratio of noise to response. The kernel's eigenvalues are `values`, its
+    eigenvectors `vectors`. `left_out` (n, outputs) is what each simulated response differs by from its
+    prediction by the others.
     """
 
     centre: Array
     scale: Array
     lengths: Array
-    noise: float
     known: Array
     weights: Array
-    inverse: Array
+    noises: Array
+    values: Array
+    vectors: Array
     left_out: Array
-    squares: Array
 
-    def __call__(self, coordinates: Array) -> tuple[Array, Array, Array]:
-        """Means (n, outputs), variances of the mean (n,) and of residuals nearby (n,); noise is 1."""
+    def __call__(self, coordinates: Array) -> tuple[Array, Array]:
+        """Means and excess variances at coordinates (n, m), both (n, outputs).
+
+        The excess is the mean's own variance, and what residuals nearby have beyond a scatter of 1.
+        """
         x = (coordinates - self.centre) / self.scale
         kernel = _kernel(x, self.known, self.lengths)
+        excess = self._nearby(x)
         own = 1.0 + _TREND * (1 + np.sum(x**2, axis=1) / 4)
-        variance = own - np.einsum("ij,jk,ik->i", kernel, self.inverse, kernel)
+        squares = (kernel @ self.vectors) ** 2
+        for noise in np.unique(self.noises):
+            variance = np.maximum(own - squares @ (1 / (self.values + noise)), 0.0)
+            excess[:, self.noises == noise] += (variance / max(noise, _LEAST_NOISE))[:, None]
+        return kernel @ self.weights, excess
+
+    def _nearby(self, x: Array) -> Array:
         near = np.exp(-0.5 * _distances(x, self.known, np.full(x.shape[1], _LOCAL)))
-        local = (near @ self.squares + _PRIOR_WEIGHT) / (near.sum(axis=1) + _PRIOR_WEIGHT)
-        return kernel @ self.weights, np.maximum(variance, 0.0) / self.noise, local
+        squares = np.minimum(self.left_out**2, _OUTLIER)
+        squares = (1 - _UNIFORM_SHARE) * squares + _UNIFORM_SHARE * squares.mean(axis=1, keepdims=True)
+        local = (near @ squares + _PRIOR_WEIGHT) / (near.sum(axis=1, keepdims=True) + _PRIOR_WEIGHT)
+        return np.asarray(np.maximum(local - 1.0, 0.0))
 
 
 def fitted(coordinates: Array, responses: Array) -> Emulator:
     """Fit to `coordinates` (n, m) and `responses` (n, outputs) of about unit scatter; n of 4 at least.
 
-    Lengths and noise are those that predict each response best from the others.
+    Lengths and noises are those that predict each response best from the others.
     """
     centre, scale = coordinates.mean(axis=0), coordinates.std(axis=0) + 1e-9
     x = (coordinates - centre) / scale
     lengths = np.full(x.shape[1], 1.5)
-    best = _loss(x, responses, lengths)
+    best = _left_out(x, responses, lengths)
     for _ in range(2 if x.shape[1] > 1 else 1):
         for k in range(x.shape[1]):
             for length in _LENGTHS:
                 tried = lengths.copy()
                 tried[k] = length
-                found = _loss(x, responses, tried)
-                if found[0] < best[0]:
+                found = _left_out(x, responses, tried)
+                if found.loss < best.loss:
                     best, lengths = found, tried
-    _, noise, inverse, left_out = best
-    squares = np.minimum(np.mean(left_out**2, axis=1), _OUTLIER)
-    return Emulator(centre, scale, lengths, noise, x, inverse @ responses, inverse, left_out, squares)
+    turned = (best.vectors.T @ responses) / (best.values[:, None] + best.noises)
+    weights = best.vectors @ turned
+    return Emulator(
+        centre, scale, lengths, x, weights, best.noises, best.values, best.vectors, best.residuals
+    )
 
 
-def _loss(x: Array, responses: Array, lengths: Array) -> tuple[float, float, Array, Array]:
-    """Mean square of what each response differs by from its prediction by the others, for the best noise."""
-    kernel = _kernel(x, x, lengths)
-    values, vectors = np.linalg.eigh(kernel)
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """One choice of lengths: the best noise of each output, and what is left then."""
+
+    values: Array
+    vectors: Array
+    noises: Array
+    residuals: Array
+
+    @property
+    def loss(self) -> float:
+        return float(np.mean(np.minimum(self.residuals**2, _OUTLIER)))
+
+
+def _left_out(x: Array, responses: Array, lengths: Array) -> _Tried:
+    """What each response differs by from its prediction by the others."""
+    values, vectors = np.linalg.eigh(_kernel(x, x, lengths))
     turned = vectors.T @ responses
-    found = []
-    for noise in _NOISES:
-        weights = vectors @ (turned / (values + noise)[:, None])
+    residuals = np.empty((len(_NOISES), *responses.shape))
+    for k, noise in enumerate(_NOISES):
         diagonal = (vectors**2) @ (1 / (values + noise))
-        left_out = weights / diagonal[:, None]
-        found.append((float(np.mean(np.minimum(left_out**2, _OUTLIER))), noise, left_out))
-    loss, noise, left_out = min(found, key=lambda each: each[0])
-    return loss, noise, vectors @ (vectors / (values + noise)).T, left_out
+        residuals[k] = vectors @ (turned / (values + noise)[:, None]) / diagonal[:, None]
+    best = np.argmin(np.mean(np.minimum(residuals**2, _OUTLIER), axis=1), axis=0)
+    outputs = np.arange(responses.shape[1])
+    return _Tried(values, vectors, np.array(_NOISES)[best], residuals[best, :, outputs].T)
 
 
 def _kernel(x: Array, y: Array, lengths: Array) -> Array:

@@ -58,7 +58,12 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Everything a report tells. `fingerprints` are mean ones: measured, nominal twin, repaired twin."""
+    """Everything a report tells.
+
+    `measured`, `nominal` and `repaired` twin are mean fingerprints (numbers,), `floor` what a healthy rig's
+    block differs by from the twin in each cell (cells,). `held_out` is False where there was one block only,
+    so that the gap was judged on what was fitted.
+    """
 
     layout: Layout
     none: float
@@ -73,6 +78,8 @@ class Findings:
     measured: Array
     nominal: Array
     repaired: Array
+    floor: Array
+    held_out: bool
     simulations: int
     misfit: float
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.space import TOLERANCE
 
 Array = NDArray[np.float64]
-_TOLERANCE = {"energy": 0.05, "rms": 0.05, "peak": 0.02, "crest": 0.02, "coherence": 0.01, "quadrature": 0.01}
 _FARTHEST = 40.0
 """In floors; one cell says no more than that."""
 
@@ -48,7 +48,7 @@ def gap_measure(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> GapM
     blocks = np.concatenate(healthy).astype(np.float64)
     twin = blocks.mean(axis=0)
     apart = np.add.reduceat(np.abs(blocks - twin), layout.starts[:-1], axis=1) / np.diff(layout.starts)
-    tolerance = np.array([_TOLERANCE.get(cell.what, 0.0) for cell in layout.cells])
+    tolerance = np.array([TOLERANCE.get(cell.what, 0.0) for cell in layout.cells])
     floor = np.hypot(apart.mean(axis=0), tolerance)
     floor[floor < 1e-9] = np.inf
     plain = GapMeasure(layout, twin, floor, 1.0)

@@ -34,12 +34,14 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     others = np.concatenate([first[:0], *known.values()])
     space = space_of(first, others, moments.tolerance, _directions(len(first) + len(others)))
 
-    rough = _whitening(space(first) - space(first).mean(axis=0))
+    tolerated = space.tolerated(moments)
+    rough = _whitening(space(first) - space(first).mean(axis=0), tolerated)
     y = {h: space(features) @ rough for h, features in known.items()}
     centre = (space(np.concatenate(healthy)) @ rough).mean(axis=0)
     left = [space(first) @ rough - centre]
     left += [_emulator(library, h, y[h] - centre).left_out for h in known if len(h) == 1]
-    whitener = rough @ _whitening(np.clip(np.concatenate(left), -_FARTHEST, _FARTHEST))
+    residuals = np.clip(np.concatenate(left), -_FARTHEST, _FARTHEST)
+    whitener = rough @ _whitening(residuals, rough.T @ tolerated @ rough)
 
     scatter, turn = _scatter([space(each) @ whitener for each in healthy], blocks)
     whitener = whitener @ turn
@@ -69,9 +71,12 @@ def _emulator(library: Library, hypothesis: Hypothesis, places: Array) -> Emulat
     return fitted(coordinates_of(hypothesis, library.values(hypothesis)), places)
 
 
-def _whitening(residuals: Array) -> Array:
-    """A matrix that makes residuals (n, directions) independent and of variance 1, small variances lifted."""
-    covariance = residuals.T @ residuals / len(residuals)
+def _whitening(residuals: Array, tolerated: Array) -> Array:
+    """A matrix that makes residuals (n, directions) independent and of variance 1, small variances lifted.
+
+    What is `tolerated` between programs (a covariance) counts as scatter, too.
+    """
+    covariance = residuals.T @ residuals / len(residuals) + tolerated
     values, vectors = np.linalg.eigh(covariance)
     lifted = (1 - _SHRINK) * np.maximum(values, 0.0) + _SHRINK * np.median(values) + 1e-12
     return np.asarray(vectors / np.sqrt(lifted))

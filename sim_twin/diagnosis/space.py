@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,20 @@ from sim_twin.diagnosis.fingerprint.layout import SLICES, Layout
 Array = NDArray[np.float64]
 _LINEAR_TO = 5.0
 """In healthy scatters: beyond it, distances count by their logarithm."""
-_TOLERANCE = {"energy": 0.05, "rms": 0.05, "peak": 0.02, "crest": 0.02, "coherence": 0.01, "quadrature": 0.01}
-"""What two careful programs may differ by in the same motion; logarithms of energies and amplitudes."""
+TOLERANCE = {
+    "energy": 0.1,
+    "rms": 0.1,
+    "peak": 0.04,
+    "crest": 0.04,
+    "coherence": 0.02,
+    "quadrature": 0.02,
+    "swing": 2e-4,
+}
+"""What two careful programs may differ by in the same motion; logarithms of energies and amplitudes, rad."""
 _SPREAD = np.linspace(-0.5, 0.5, SLICES)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Moments:
     """Takes a fingerprint's distributions by their mean and their spread, and leaves other numbers alone."""
 
@@ -27,29 +36,41 @@ class Moments:
     def __call__(self, fingerprints: NDArray[np.floating]) -> Array:
         """From shape (..., numbers) to (..., features): means, spreads, others."""
         values = np.asarray(fingerprints, dtype=np.float64)
-        picked = values[..., self._distributed()]
-        return np.concatenate([picked.mean(axis=-1), picked @ _SPREAD, values[..., self._single()]], axis=-1)
+        distributed = values[..., self._distributed]
+        alone = values[..., self._alone]
+        return np.concatenate([distributed.mean(axis=-1), distributed @ _SPREAD, alone], axis=-1)
 
-    def _distributed(self) -> NDArray[np.intp]:
-        chosen = np.array([cell.size == SLICES for cell in self.layout.cells])
-        return np.asarray(self.layout.starts[:-1][chosen][:, None] + np.arange(SLICES))
-
-    def _single(self) -> NDArray[np.intp]:
-        cells, starts = self.layout.cells, self.layout.starts
-        alone = [np.arange(starts[k], starts[k + 1]) for k, cell in enumerate(cells) if cell.size != SLICES]
-        return np.concatenate([np.zeros(0, np.intp), *alone])
-
-    @property
+    @cached_property
     def tolerance(self) -> Array:
         """Of each feature, in its unit."""
-        spread = [_TOLERANCE.get(cell.what, 0.0) for cell in self.layout.cells if cell.size == SLICES]
-        alone = [
-            _TOLERANCE.get(cell.what, 0.0)
-            for cell in self.layout.cells
-            if cell.size != SLICES
-            for _ in range(cell.size)
-        ]
-        return np.array([*spread, *spread, *alone])
+        each = np.array([TOLERANCE.get(cell.what, 0.0) for cell in self.layout.cells])
+        spread = each[self._sizes == SLICES]
+        alone = np.repeat(each, np.where(self._sizes == SLICES, 0, self._sizes))
+        return np.concatenate([spread, spread, alone])
+
+    @cached_property
+    def kinds(self) -> NDArray[np.intp]:
+        """Which features go up and down together where programs differ: of one run, channel and figure."""
+        names = [(cell.run, cell.channel, cell.what) for cell in self.layout.cells]
+        numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
+        each = np.array([numbers[name] for name in names])
+        spread = each[self._sizes == SLICES]
+        alone = np.repeat(each, np.where(self._sizes == SLICES, 0, self._sizes))
+        return np.concatenate([spread, spread + len(numbers), alone])
+
+    @cached_property
+    def _sizes(self) -> NDArray[np.intp]:
+        return np.array([cell.size for cell in self.layout.cells], dtype=np.intp)
+
+    @cached_property
+    def _distributed(self) -> NDArray[np.intp]:
+        starts = self.layout.starts[:-1][self._sizes == SLICES]
+        return np.asarray(starts[:, None] + np.arange(SLICES))
+
+    @cached_property
+    def _alone(self) -> NDArray[np.intp]:
+        of_cell = np.repeat(self._sizes, self._sizes)
+        return np.flatnonzero(of_cell != SLICES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +92,17 @@ class Space:
     def __call__(self, features: Array) -> Array:
         """From shape (..., features) to (..., directions)."""
         return np.asarray(self.scaled(features) @ self.basis)
+
+    def tolerated(self, moments: Moments) -> Array:
+        """Covariance (directions, directions) of what two careful programs may differ by.
+
+        One half of it each feature has for itself, the other all of one kind have together.
+        """
+        share = np.sqrt(0.5) * moments.tolerance / self.scale
+        alone = (self.basis * share[:, None] ** 2).T @ self.basis
+        common = np.zeros((moments.kinds.max() + 1, self.basis.shape[1]))
+        np.add.at(common, moments.kinds, self.basis * share[:, None])
+        return np.asarray(alone + common.T @ common)
 
     def outside(self, features: Array) -> Array:
         """Root mean square of what no direction holds, shape (...,)."""
@@ -94,6 +126,7 @@ def space_of(healthy: Array, others: Array, tolerance: Array, directions: int) -
 
 def _main_directions(x: Array, count: int) -> Array:
     """Right singular vectors of the largest singular values, shape (features, count); by a Gram matrix."""
+    count = min(count, *x.shape)
     if x.shape[0] >= x.shape[1]:
         last = x.shape[1] - 1
         _, vectors = eigh(x.T @ x, subset_by_index=(last - count + 1, last))

@@ -12,6 +12,8 @@ from sim_twin.diagnosis.fingerprint.layout import Cell
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
+_ALIKE = 0.7
+"""Share of the largest gap from which on its neighbours are named with it."""
 
 
 def gap_of(reported: Reported, chosen: Callable[[Cell], bool], after: bool = False) -> float:
@@ -47,14 +49,26 @@ def largest_channels(reported: Reported) -> list[tuple[str, int, float]]:
 def largest_span(
     reported: Reported, channel: str, run: int, spans: Callable[[Cell], Span | None]
 ) -> Span | None:
-    """Of a channel's bands or phases (`spans` tells which), the one with the largest gap."""
+    """Where a channel's gap is largest over its bands or phases (`spans` tells which), and its like around.
+
+    None where it is much the same everywhere, or where there are no spans.
+    """
+    sizes: dict[Span, float] = {}
     cells = zip(reported.findings.layout.cells, reported.findings.gap.cells_before, strict=True)
-    found = [
-        (float(value), spans(cell))
-        for cell, value in cells
-        if within(channel, run)(cell) and not cell.partner
-    ]
-    return max(((value, span) for value, span in found if span), default=(0.0, None))[1]
+    for cell, value in cells:
+        here = spans(cell)
+        if here and within(channel, run)(cell) and not cell.partner:
+            sizes[here] = max(float(value), sizes.get(here, 0.0))
+    order = sorted(sizes)
+    if not order:
+        return None
+    high = [sizes[here] >= _ALIKE * max(sizes.values()) for here in order]
+    first = last = order.index(max(order, key=lambda here: sizes[here]))
+    while first > 0 and high[first - 1]:
+        first -= 1
+    while last + 1 < len(order) and high[last + 1]:
+        last += 1
+    return None if (first, last) == (0, len(order) - 1) else (order[first][0], order[last][1])
 
 
 def largest_cells(reported: Reported, count: int) -> list[tuple[Cell, float, float]]:

@@ -127,7 +127,7 @@ def _where(reported: Reported) -> str:
     phase = gaps.largest_span(reported, channel, run, lambda cell: cell.phase)
     spots = [f"at {band[0]:.0f} to {band[1]:.0f} Hz"] if band else []
     spots += [f"from {phase[0]:.2f} to {phase[1]:.2f} of the cycle"] if phase else []
-    most = f", most {listed(spots)}" if spots else ""
+    most = f", most {listed(spots)}" if spots else ", much the same all over it"
     return (
         f"The gap is {floors(reported.findings.gap.before)}, where 1.0 is a healthy rig, "
         f"and largest in {channel} ({floors(size)}){most}."

@@ -10,6 +10,7 @@ from sim_twin.diagnosis.fingerprint.layout import Cell
 from sim_twin.effects.effect import Parameter
 
 _UNITS = ("_hz", "_kg", "_nm", "_n_per_m15", "_n_per_m", "_ns_per_m", "_rad")
+_LARGE = 1e5
 _SHORT_TIMES = ((1e-3, 1e6, "µs"), (0.1, 1e3, "ms"))
 
 
@@ -55,8 +56,8 @@ def number(value: float, unit: str = "") -> str:
         for limit, factor, short in _SHORT_TIMES:
             if 0 < abs(value) < limit:
                 return f"{factor * value:.3g} {short}"
-    rounded = float(f"{value:.3g}")
-    text = f"{rounded:g}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
+    shown = f"{value:.3g}" if abs(value) >= _LARGE else f"{float(f'{value:.3g}'):g}"
+    text = shown.replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
     return f"{text} {unit}".rstrip()
 
 
@@ -68,8 +69,8 @@ def unit_words(unit: str) -> str:
 def span(low: float, high: float, unit: str) -> str:
     """From one number to another; the unit is said once."""
     first, last = number(low, unit), number(high, unit)
-    shared = " " + last.split(" ")[-1]
-    return f"{first.removesuffix(shared) if ' ' in last else first} to {last}"
+    _, space, shared = last.partition(" ")
+    return f"{first.removesuffix(space + shared)} to {last}"
 
 
 def floors(gap: float | None) -> str:

@@ -25,15 +25,17 @@ FIGURES = ("peak", "crest", "share of time", "contacts", "early or late", "first
 
 @dataclass(frozen=True)
 class Columns:
-    """How records of `channels` with cycles of `frequency` Hz (nominal) at `rate` Hz become numbers.
+    """How records of `channels` with cycles of `frequency` Hz at `rate` Hz become numbers.
 
-    The coherence between each two of `coupled` channels goes in, too.
+    The coherence between each two of `coupled` channels goes in, too. Of `angles` there is only the swing
+    over the cycle: the rest of what an encoder shows is the pattern of its own counts.
     """
 
     channels: tuple[str, ...]
     coupled: tuple[str, ...]
     frequency: float
     rate: float
+    angles: tuple[str, ...] = ()
 
     @cached_property
     def harmonics(self) -> NDArray[np.intp]:
@@ -57,6 +59,8 @@ class Columns:
         edges, phases = self.harmonics * self.frequency, np.arange(_PHASES + 1) / _PHASES
         bands = [(float(low), float(high)) for low, high in pairwise(edges)]
         parts = [(float(low), float(high)) for low, high in pairwise(phases)]
+        if name in self.angles:
+            return [Cell(run, name, "swing", phase=part) for part in parts]
         return [
             *(Cell(run, name, "energy", band=band) for band in bands),
             *(Cell(run, name, "mean", phase=part) for part in parts),
@@ -81,6 +85,9 @@ class Columns:
         columns, spectra = [], {}
         for name, record in zip(self.channels, records, strict=True):
             cycles = record[at]
+            if name in self.angles:
+                columns.append(_course(cycles)[0])
+                continue
             turned = fft.rfft(np.stack([cycles, record[at + half]]) * window, axis=2)
             columns.append(np.concatenate([self._energies(turned), *_course(cycles)], axis=1))
             if name in self.coupled:

@@ -36,7 +36,7 @@ def parts(reported: Reported) -> list[Part]:
 
 def _places(reported: Reported) -> list[Part]:
     shares = sorted(reported.findings.by_location.items(), key=lambda each: -each[1])
-    if not shares:
+    if not shares or reported.verdict == "none":
         return [Sentence("No place has a share: nothing is believed to be missing.")]
     rows = [Bar(location, share, percent(share)) for location, share in shares if share >= _WORTH_TELLING]
     rest = 1 - sum(row.share for row in rows)

@@ -1,0 +1,166 @@
+"""`rattle calibrate`: a model from a reference run, used by --model; what it must refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.block import SampleBlock, sample_time_ns
+from daq.channel import Channel
+from daq.log import LogWriter
+from rig.commands import calibrate
+from rig.diagnosis.recordings import recorded
+from rig.files.model_file import load_model
+from rig.files.scenario import parse_scenario
+from rig.twin.matched_twin import campaign_with_model, carried, with_model
+from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.diagnosis.matching import Match
+from sim_twin.matched import Matched
+from sim_twin.rigs.catalogue import model_of
+from sim_twin.sensors import SensorChain
+from sim_twin.twin import AnyTwin
+from tests.rig.commands.cli import Call
+
+RATE, SECONDS = 25_600.0, 1.2
+SCENARIO = """
+name = "reference"
+rig = "impact_beam"
+
+[drive]
+frequency = "20 Hz"
+
+[acquisition]
+sample_rate = "25.6 kHz"
+duration = "1.2 s"
+"""
+
+
+def record(path: Path, seed: int) -> Path:
+    """A run of a healthy rig by the exact solver."""
+    twin = twin_of(parse_scenario(SCENARIO))
+    model, rng = model_of(twin), np.random.default_rng(seed)
+    healthy = model.draw_healthy(twin, rng, rng)
+    stream = model.stream(healthy, RATE, rng)
+    stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
+    stream.advance(round(RATE))
+    _write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)))
+    return path
+
+
+def _write(path: Path, channels: tuple[Channel, ...], samples: np.ndarray) -> None:
+    step = round(0.1 * RATE)
+    with LogWriter(path) as log:
+        log.add_metadata("scenario", {"toml": SCENARIO})
+        for channel in channels:
+            log.declare("measured", channel)
+        for first in range(0, samples.shape[1], step):
+            time_ns = sample_time_ns(0, first, RATE)
+            for channel, row in zip(channels, samples, strict=True):
+                block = SampleBlock(
+                    channel.name, first, time_ns, RATE, row[first : first + step].astype(np.float32)
+                )
+                log.add_block("measured", block, time_ns)
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("reference") / "reference.mcap", seed=6)
+
+
+def nominal() -> AnyTwin:
+    return twin_of(parse_scenario(SCENARIO))
+
+
+def test_a_reference_run_gives_a_model_that_predictions_use(
+    call: Call, reference: Path, tmp_path: Path
+) -> None:
+    model_path = tmp_path / "model.toml"
+    answer = call("calibrate", reference, "-o", model_path, "--rigs", 100)
+    assert answer.code == 0, answer.err
+    assert "yoke_frequency" in answer.out
+    model = load_model(model_path, "impact_beam")
+    assert (model.runs, model.scenarios) == (("reference.mcap",), ("reference",))
+    matched = with_model(nominal(), model, pytest.fail)
+    assert matched.rig.yoke_frequency == pytest.approx(
+        700 * (1 + 0.02 * model.matched.mean_of("yoke_frequency"))
+    )
+
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(SCENARIO)
+    plain = call("predict", scenario, "--out", tmp_path / "plain.mcap", "--json")
+    fitted = call("predict", scenario, "--model", model_path, "--out", tmp_path / "fitted.mcap", "--json")
+    assert fitted.code == 0, fitted.err
+    values = [json.loads(each.out)["first_peak_n"] for each in (plain, fitted)]
+    assert values[0] != values[1]
+    # Tolerances of section 5 move the first peak by some per cent, no more.
+    assert values[1] == pytest.approx(values[0], rel=0.1)
+    again = call("calibrate", reference, "-o", model_path)
+    assert again.code == 1
+    assert "is there already" in again.err
+
+
+def test_a_run_with_a_fault_gives_no_model(
+    call: Call, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = Match(Matched(("yoke.force.gain",), np.array([9.0]), np.array([[0.1]])), 20.0)
+    monkeypatch.setattr(calibrate, "_match", lambda *_: far)
+    answer = call("calibrate", reference, "-o", tmp_path / "model.toml")
+    assert answer.code == 1
+    assert "not of a healthy rig" in answer.err
+    assert "too much of yoke.force.gain" in answer.err
+    assert not (tmp_path / "model.toml").exists()
+
+
+MODEL = """
+rig = "impact_beam"
+runs = ["a.mcap"]
+scenarios = ["a"]
+
+[[tolerances]]
+name = "contact_stiffness"
+nominal = 1.5e7
+mean = 2.0
+deviation = 0.1
+correlations = []
+
+[[tolerances]]
+name = "yoke.force.gain"
+nominal = 1.0
+mean = -1.0
+deviation = 0.3
+correlations = [0.0]
+"""
+
+
+def test_a_part_that_was_changed_since_is_open_again(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL)
+    model, told = load_model(path, "impact_beam"), list[str]()
+    other = parse_scenario(SCENARIO + '\n[model]\ncontact_stiffness = "2e7 N/m"\n')
+    twin = with_model(twin_of(other), model, told.append)
+    assert twin.rig.contact_stiffness == 2e7
+    yoke = twin.sensors["yoke.force"]
+    assert isinstance(yoke, SensorChain)
+    assert yoke.gain == pytest.approx(0.99)
+    assert told == ["not as it was calibrated, so its tolerance is open again: contact_stiffness"]
+    assert carried(model, [nominal(), twin_of(other)], told.append).names == ("yoke.force.gain",)
+
+
+def test_a_campaign_is_matched_as_a_whole(reference: Path, tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL)
+    campaign = campaign_with_model(
+        recorded([reference]).campaign, load_model(path, "impact_beam"), pytest.fail
+    )
+    assert campaign.runs[0].twin.rig.contact_stiffness == pytest.approx(1.5e7 * 1.1)
+
+
+def test_a_model_of_another_rig_is_refused(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    scenario = Path("scenarios/planar_slider_crank.toml")
+    answer = call("predict", scenario, "--model", tmp_path / "model.toml", "--out", tmp_path / "p.mcap")
+    assert answer.code == 2
+    assert "the rig of the scenario" in answer.err

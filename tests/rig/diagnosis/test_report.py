@@ -1,0 +1,256 @@
+"""The report of a diagnosis says what the findings say."""
+
+from __future__ import annotations
+
+import html as markup
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.diagnosis.report import RunFacts, write_report
+from rig.diagnosis.report import verdict as verdicts
+from rig.diagnosis.report.content import BarTable
+from rig.diagnosis.report.reported import Reported
+from rig.diagnosis.report.sections import SECTIONS
+from rig.diagnosis.report.sections.gap_map import parts as gap_map
+from rig.diagnosis.report.sections.ranking import parts as ranking
+from rig.report.content import Figure, Table
+from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.findings import Estimate, Findings, Gap, Judged
+from sim_twin.diagnosis.fingerprint.columns import Columns
+from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.effects.effect import Parameter
+from tests.rig.browser import browser_page, needs_chromium
+
+UPPER, LOWER = "contact.force_upper", "contact.force_lower"
+COLUMNS = Columns((UPPER, LOWER, "drive.force"), (UPPER, LOWER), 20.0, 25_600.0)
+LAYOUT = Layout((*COLUMNS.cells(0), *COLUMNS.cells(1)))
+UNIT = 1.2
+FLOOR = np.full(len(LAYOUT.cells), 0.1)
+RUNS = [RunFacts(f"run{k}.mcap", "impact_beam, 20 Hz, 9 N", {UPPER: "N", LOWER: "N"}) for k in (1, 2)]
+SCENARIO = 'name = "slower"\nrig = "impact_beam"\n[drive]\nfrequency = "7 Hz"\n'
+DIAGNOSIS: Mapping[str, Any] = {
+    "horizon_s": 0.41,
+    "next_experiment": {"scenario": SCENARIO, "separates": ["clearance"], "expected_probability": 0.93},
+    "cost": {"simulations": 5200, "seconds": 140.0},
+}
+
+BASE = Cause("base_flexibility", "base", (Parameter("frequency_hz", "Hz", ((150.0, 1500.0),)),))
+GAP = Cause("clearance", "contact joint", (Parameter("scale", "", ((0.5, 0.9), (1.1, 2.0))),))
+SKEW = Cause("time_skew", "clock", (Parameter("seconds", "s", ((5e-5, 2e-3),)),), channel=UPPER, sensing=True)
+
+
+def judged(cause: Cause, probability: float, found: Estimate, alike: tuple[str, ...] = ()) -> Judged:
+    return Judged(cause, probability, {cause.parameters[0].name: found}, 1.3, 0.95, alike)
+
+
+def gap(before: float, after: float, shrink: float | None) -> Gap:
+    """Floors of a gap that is largest in the upper contact force of the second run, at 400 Hz."""
+    cells = np.ones(len(LAYOUT.cells))
+    for k, cell in enumerate(LAYOUT.cells):
+        if cell.channel == UPPER and cell.run == 1:
+            cells[k] = 3.0 if cell.band is None or not cell.band[0] <= 400.0 < cell.band[1] else 30.0
+    interval = None if shrink is None else (0.91, 0.99)
+    return Gap(before, after, shrink, interval, cells, np.ones_like(cells), UNIT, 0.9)
+
+
+def findings(none: float, effect: float, unknown: float, selected: tuple[Cause, ...] = (BASE,)) -> Findings:
+    """Findings whose judgements add up to `effect`, the base first."""
+    rng = np.random.default_rng(1)
+    nominal = rng.normal(size=LAYOUT.size)
+    return Findings(
+        layout=LAYOUT,
+        none=none,
+        effect=effect,
+        unknown=unknown,
+        judged=(
+            judged(GAP, 0.2 * effect, Estimate(1.31, 1.22, 1.44)),
+            judged(BASE, 0.7 * effect, Estimate(431.0, 419.0, 444.0)),
+            judged(SKEW, 0.1 * effect, Estimate(62e-6, 55e-6, 71e-6)),
+        ),
+        selected=selected,
+        effects=tuple((cause.name, {cause.parameters[0].name: 430.0}) for cause in selected),
+        gap=gap(7.4, 1.1 if selected else 7.4, 0.98 if selected else 0.0),
+        by_location={"base": 0.81, "contact joint": 0.19},
+        separability={("base_flexibility", "clearance"): 0.99, ("clearance", "base_flexibility"): 0.62},
+        measured=nominal + 0.4,
+        nominal=nominal,
+        repaired=nominal + 0.39 if selected else nominal,
+        simulations=5200,
+        misfit=1.04,
+    )
+
+
+def reported(found: Findings, remarks: tuple[str, ...] = ()) -> Reported:
+    return Reported(found, DIAGNOSIS, RUNS, remarks, FLOOR)
+
+
+def nothing_missing() -> Findings:
+    return findings(none=0.96, effect=0.03, unknown=0.01, selected=())
+
+
+def outside_the_catalogue() -> Findings:
+    return findings(none=0.0, effect=0.2, unknown=0.8, selected=())
+
+
+def test_the_verdict_names_effect_place_probability_parameter_and_shrink() -> None:
+    what, far = verdicts.sentences(reported(findings(none=0.01, effect=0.96, unknown=0.03)))
+    assert what == (
+        "The gap probably comes from base flexibility at the base (probability 67 %): "
+        "frequency 431 Hz, 95 % interval 419 to 444 Hz."
+    )
+    assert "falls from 7.40 to 1.10" in far
+    assert "98 % of it is gone, 95 % interval 91 to 99 %" in far
+
+
+def test_the_verdict_is_worded_by_how_sure_it_is() -> None:
+    wording = {}
+    for share in (0.95, 0.7, 0.5):
+        found = findings(none=0.0, effect=0.96, unknown=0.04)
+        one = judged(BASE, share, Estimate(431.0, 419.0, 444.0))
+        wording[share] = verdicts.sentences(reported(replace(found, judged=(one,))))[0]
+    assert wording[0.95].startswith("The gap comes from base flexibility")
+    assert wording[0.7].startswith("The gap probably comes from")
+    assert wording[0.5].startswith("The gap may come from")
+
+
+def test_effects_that_look_alike_are_named_together() -> None:
+    found = findings(none=0.01, effect=0.96, unknown=0.03)
+    alike = replace(found.judged[1], indistinguishable_from=("time_skew",))
+    what, _ = verdicts.sentences(reported(replace(found, judged=(alike, found.judged[0], found.judged[2]))))
+    assert "base flexibility at the base (probability 67 %) or from time skew in the clock of" in what
+    assert what.endswith(f"{UPPER} (10 %), which these sensors and settings cannot tell apart.")
+
+
+def test_a_pair_names_both_and_the_larger() -> None:
+    what, far = verdicts.sentences(reported(findings(0.01, 0.96, 0.03, selected=(GAP, BASE))))
+    assert "base flexibility at the base and clearance at the contact joint together" in what
+    assert "base flexibility is the larger (probability 67 %)" in what
+    assert far.startswith("With both in the twin")
+
+
+def test_nothing_missing_tells_what_could_still_hide() -> None:
+    what, hidden = verdicts.sentences(reported(nothing_missing()))
+    assert what.startswith("Nothing is missing: the twin explains the runs (probability 96 %)")
+    assert "3 effects, base flexibility at the base is the hardest to rule out (2 %)" in hidden
+    assert "it could hide with frequency from 419 to 444 Hz" in hidden
+
+
+def test_unknown_tells_the_nearest_effect_and_where_the_rest_lies() -> None:
+    what, where = verdicts.sentences(reported(outside_the_catalogue()))
+    assert what.startswith(
+        "Something that no effect of the catalogue explains is in the rig (probability 80 %)"
+    )
+    assert "the nearest, base flexibility at the base, has 14 %" in what
+    assert f"largest in {UPPER}" in where
+    assert where.endswith("most at 400 to 500 Hz.")
+
+
+def test_a_repaired_twin_that_nobody_had_time_for_is_not_shown() -> None:
+    found = replace(findings(0.01, 0.96, 0.03), repaired=np.full(LAYOUT.size, np.nan))
+    _, far = verdicts.sentences(reported(found))
+    assert "no time to simulate the repaired twin" in far
+    assert "repaired twin" not in json.dumps([part.traces for part in figures(reported(found))])
+
+
+def figures(of: Reported) -> list[Figure]:
+    return [part for section in SECTIONS for part in section.parts(of) if isinstance(part, Figure)]
+
+
+@pytest.mark.parametrize(
+    "found",
+    [findings(0.01, 0.96, 0.03), nothing_missing(), outside_the_catalogue()],
+    ids=["effect", "none", "unknown"],
+)
+def test_no_view_is_empty(found: Findings) -> None:
+    for section in SECTIONS:
+        parts = section.parts(reported(found))
+        assert parts, section.heading
+        assert all(part.rows for part in parts if isinstance(part, Table | BarTable)), section.heading
+    assert len(figures(reported(found))) == 1 + len(RUNS)
+    assert all(figure.traces for figure in figures(reported(found)))
+
+
+def test_probabilities_in_the_ranking_add_up_and_are_those_of_the_findings() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    table = next(part for part in ranking(reported(found)) if isinstance(part, BarTable))
+    shares = {row.label: row.share for row in table.rows}
+    expected = {"base flexibility": 0.672, "clearance": 0.192, "time skew": 0.096}
+    assert shares == pytest.approx({**expected, "nothing missing": 0.01, "unknown to the catalogue": 0.03})
+    assert [row.share for row in table.rows] == sorted(shares.values(), reverse=True)
+
+
+def test_the_map_shows_each_cell_in_units_of_a_healthy_rigs_gap() -> None:
+    maps = [part for part in gap_map(reported(findings(0.01, 0.96, 0.03))) if isinstance(part, Figure)]
+    spectra = maps[1].traces[0]
+    row = spectra["y"].index(UPPER)
+    column = next(k for k, low in enumerate(spectra["x"]) if low == 400.0)
+    assert spectra["customdata"][row][column] == pytest.approx(30.0 / UNIT)
+    assert spectra["customdata"][spectra["y"].index(LOWER)][column] == pytest.approx(1.0 / UNIT, abs=1e-3)
+    assert len(spectra["x"]) == len(spectra["customdata"][row]) + 1
+
+
+def test_channels_gaps_are_root_mean_squares_of_their_cells() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    table = next(part for part in gap_map(reported(found)) if isinstance(part, Table))
+    cells = found.gap.cells_before[[cell.channel == UPPER for cell in LAYOUT.cells]]
+    shown = {row[0]: float(row[1]) for row in table.rows}
+    # Two decimals are shown.
+    assert shown[UPPER] == pytest.approx(np.sqrt(np.mean(cells**2)) / UNIT, abs=0.005)
+
+
+def text_of(path: Path) -> str:
+    page = path.read_text(encoding="utf-8").split("<script>")[0]
+    bare = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    return " ".join(markup.unescape(re.sub(r"<[^>]*>", " ", bare)).split())
+
+
+def test_the_page_holds_parameters_lookalikes_remarks_and_the_next_scenario(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    remark = "run1.mcap: no yoke.force: what only it shows cannot be found"
+    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [remark], FLOOR)
+    text = text_of(path)
+    assert remark in text
+    assert "base flexibility frequency 431 Hz 419 to 444 Hz 150 to 1500 Hz 67 % 430 Hz" in text
+    assert "62 µs 55 to 71 µs 50 µs to 2 ms" in text
+    assert "cannot tell base flexibility from clearance: right in 62 % of cases" in text
+    assert 'frequency = "7 Hz"' in text
+    assert "expected to be 93 %" in text
+    assert "5200 simulated recordings in 140 s" in text
+
+
+def test_markup_in_names_stays_text(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(path, nothing_missing(), DIAGNOSIS, [RunFacts("<b>x</b>", "<i>")], ["<img src=x>"])
+    page = path.read_text(encoding="utf-8")
+    assert "<img src=x>" not in page
+    assert "&lt;img src=x&gt;" in page
+
+
+@pytest.mark.browser
+@needs_chromium
+def test_every_plot_is_drawn_and_nothing_is_fetched(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [], FLOOR)
+    complaints: list[str] = []
+    fetched: list[str] = []
+    with browser_page() as page:
+        page.set_viewport_size({"width": 1200, "height": 900})
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: fetched.append(request.url))
+        page.goto(path.as_uri())
+        page.wait_for_function("[...document.querySelectorAll('.plot')].every(plot => plot.calcdata)")
+        drawn = page.evaluate("[...document.querySelectorAll('.plot')].map(plot => plot.calcdata.length)")
+        wide = page.evaluate("document.documentElement.scrollWidth")
+    # Nine plots with a band's two lines and three lines each; maps of two states with four views each.
+    assert drawn == [8, 8, 9 * 5]
+    assert wide <= 1200
+    assert complaints == []
+    assert fetched == [path.as_uri()]

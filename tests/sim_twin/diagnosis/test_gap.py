@@ -1,0 +1,94 @@
+"""Gap figures: healthy rigs are 1 on average, and what shrinks is counted from there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import norm, wasserstein_distance
+
+from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell, Layout
+from sim_twin.diagnosis.gap import gap_measure, shrink_of
+
+Array = NDArray[np.float64]
+CELLS = 40
+LAYOUT = Layout(tuple(Cell(0, "a" if k < 20 else "b", "mean") for k in range(CELLS)))
+
+
+def rigs(count: int, seed: int, moved: float = 0.0) -> list[Array]:
+    """Two blocks of each rig: what belongs to the rig, and what scatters from block to block."""
+    rng = np.random.default_rng(seed)
+    own = moved + rng.normal(size=(count, 1, CELLS, 1))
+    block = rng.normal(size=(count, 2, CELLS, 1)) + 0.5 * np.linspace(-1, 1, SLICES)
+    return list((own + block).reshape(count, 2, LAYOUT.size))
+
+
+def test_healthy_rigs_that_the_measure_never_saw_are_1_on_average() -> None:
+    measure = gap_measure(rigs(100, 1), LAYOUT)
+    totals = [measure.total(measure.cells(each)) for each in rigs(100, 2)]
+    assert np.mean([measure.total(measure.cells(each)) for each in rigs(100, 1)]) == pytest.approx(1.0)
+    # a hundred rigs, each of 40 cells that scatter by a half: 1 %; and the twin's own error of 1 / 100
+    assert np.mean(totals) == pytest.approx(1.0, abs=0.05)
+    assert np.std(totals) < 0.2
+
+
+def test_the_gap_grows_with_the_distance() -> None:
+    measure = gap_measure(rigs(100, 1), LAYOUT)
+    totals = [measure.total(measure.cells(rigs(1, 3, moved)[0])) for moved in (0, 2, 4, 8, 16)]
+    assert np.all(np.diff(totals[1:]) > 0)
+    # far away the distance is the shift, in floors: mean |x| of a bell of variance 2, over the healthy unit
+    assert totals[-1] == pytest.approx(16 / (2 / np.sqrt(np.pi)) / measure.unit, rel=0.1)
+
+
+def test_a_cell_is_the_wasserstein_distance_of_its_distributions() -> None:
+    middles = (np.arange(SLICES) + 0.5) / SLICES
+    one, other = norm.ppf(middles), 3 + 2 * norm.ppf(middles)
+    single = Layout((Cell(0, "a", "mean"),))
+    floor = np.full(SLICES, 1.0)
+    measure = gap_measure([floor[None], -floor[None]], single)
+    assert measure.cells(other[None], one)[0] == pytest.approx(wasserstein_distance(one, other))
+
+
+def test_one_cell_says_no_more_than_forty_floors_and_one_that_never_changes_nothing() -> None:
+    healthy = [each.copy() for each in rigs(50, 4)]
+    for each in healthy:
+        each[:, :SLICES] = 0.0
+    measure = gap_measure(healthy, LAYOUT)
+    cells = measure.cells(healthy[0] + 1e9)
+    assert cells[0] == 0
+    assert cells[1:] == pytest.approx(np.full(CELLS - 1, 40.0))
+
+
+def test_a_part_of_the_cells_has_a_gap_of_its_own() -> None:
+    measure = gap_measure(rigs(100, 1), LAYOUT)
+    moved = rigs(1, 5)[0]
+    moved[:, : 20 * SLICES] += 10
+    cells = measure.cells(moved)
+    one, other = (measure.total(cells, lambda cell, name=name: cell.channel == name) for name in "ab")
+    assert one > 5 * other
+    assert measure.total(cells) == pytest.approx(np.sqrt((one**2 + other**2) / 2))
+    assert measure.total(cells, lambda _: False) == 0
+
+
+def test_a_tolerance_of_other_programs_is_in_the_floor() -> None:
+    layout = Layout((Cell(0, "a", "energy"), Cell(0, "a", "mean")))
+    quiet = [np.tile(1e-3 * sign, (1, 2 * SLICES)) for sign in (-1.0, 1.0)]
+    measure = gap_measure(quiet, layout)
+    assert measure.floor == pytest.approx([np.hypot(0.05, 1e-3), 1e-3])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "shrink"),
+    [
+        (7.4, 1.1, 1 - 0.1 / 6.4),
+        (7.4, 0.8, 1.0),
+        (7.4, 7.4, 0.0),
+        (3.0, 5.0, -1.0),
+        (1.0, 1.0, None),
+        (0.7, 0.5, None),
+    ],
+)
+def test_shrink_counts_from_the_floor_and_means_nothing_below_it(
+    before: float, after: float, shrink: float | None
+) -> None:
+    assert shrink_of(before, after) == (None if shrink is None else pytest.approx(shrink))

@@ -1,0 +1,145 @@
+"""How far the gap shrinks is judged on blocks that nothing was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+
+from sim_twin.diagnosis.attribution import Attribution
+from sim_twin.diagnosis.draw import Draw, Observed
+from sim_twin.diagnosis.gap import GapMeasure, gap_measure
+from sim_twin.diagnosis.judging import gap_between, halves, near_best, repaired_twins
+from sim_twin.diagnosis.library import Library
+from sim_twin.diagnosis.search import Ranked, Search
+from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Blocks, Toy, recording
+
+TOY = Toy()
+RIG = 10**6
+LEFT_2 = (("left", {"size": 2.0}),)
+
+
+@cache
+def searched() -> tuple[Attribution, list[Ranked], Library]:
+    library = Library()
+    search = Search(TOY, recording(LEFT_2, RIG), TOY.observe, np.random.default_rng(0), library, 220)
+    return (*search.run(), library)
+
+
+@cache
+def measure() -> GapMeasure:
+    return gap_measure([recording((), seed, 2) for seed in range(60)], TOY.layout)
+
+
+def twins(size: float, count: int = 24) -> Blocks:
+    return np.concatenate([recording((("left", {"size": size}),), 500 + k, 1) for k in range(count)])
+
+
+@pytest.mark.parametrize(("blocks", "fitted"), [(2, 1), (3, 2), (6, 3)])
+def test_half_of_the_blocks_are_held_out(blocks: int, fitted: int) -> None:
+    measured = recording((), 1, blocks)
+    to, on = halves(measured)
+    assert (len(to), len(on)) == (fitted, blocks - fitted)
+    assert np.array_equal(np.concatenate([to, on]), measured)
+
+
+def test_one_block_is_both() -> None:
+    measured = recording((), 1, 1)
+    assert all(part is measured for part in halves(measured))
+
+
+def test_repaired_twins_are_new_rigs_at_what_fits_the_given_blocks() -> None:
+    attribution, ranked, library = searched()
+    asked: list[Draw] = []
+
+    def kept(draws: Sequence[Draw]) -> list[Observed]:
+        asked.extend(draws)
+        return TOY.observe(draws)
+
+    candidates = [each for each in ranked if each.hypothesis][:2]
+    assert candidates[0].hypothesis == (LEFT,)
+    other = recording((("left", {"size": 3.0}),), RIG + 1)
+    repaired = repaired_twins(candidates, attribution, other, 40, kept, np.random.default_rng(1))
+    assert {h: twins.shape for h, twins in repaired.items()} == {
+        each.hypothesis: (20, TOY.layout.size) for each in candidates
+    }
+    assert len({draw.seed for draw in asked}) == 40
+    sizes = {float(values["size"]) for draw in asked for name, values in draw.effects if name == "left"}
+    # fitted to the blocks that it was given, of size 3, not to those of the search, of size 2
+    assert len(sizes) == 1
+    assert sizes.pop() == pytest.approx(3.0, abs=0.4)
+    assert library.count((LEFT,)) == len(library.values((LEFT,)))
+
+
+def test_what_could_not_be_simulated_is_not_judged() -> None:
+    attribution, ranked, _ = searched()
+    repaired = repaired_twins(
+        [each for each in ranked if each.hypothesis][:2],
+        attribution,
+        recording(LEFT_2, RIG),
+        20,
+        lambda draws: [(None,) for _ in draws],
+        np.random.default_rng(1),
+    )
+    assert repaired == {}
+
+
+def test_near_best_are_the_simulated_ones_nearest_in_the_cube() -> None:
+    _, ranked, library = searched()
+    right = next(each for each in ranked if each.hypothesis == (RIGHT,))
+    near = near_best(library, right)
+    assert near.shape == (6, TOY.layout.size)
+    values = library.values((RIGHT,))
+    distances = np.abs(RIGHT.places(values) - RIGHT.places(right.best()[None]))[:, 0]
+    expected = [library.fingerprints((RIGHT,))[k][0] for k in np.argsort(distances)[:6]]
+    assert np.array_equal(near, np.array(expected, dtype=np.float64))
+
+
+def test_the_right_repair_closes_the_gap_and_the_interval_holds_that() -> None:
+    measured = recording(LEFT_2, RIG, 6)
+    gap = gap_between(measure(), measured, measured, twins(2.0), np.random.default_rng(2))
+    assert gap.before > 2
+    # as a healthy rig: 48 cells of one rig, four dozen of which average to some per cents
+    assert gap.after == pytest.approx(1.0, abs=0.2)
+    assert gap.shrink == pytest.approx(1 - max(gap.after - 1, 0) / (gap.before - 1))
+    assert gap.shrink_ci95 is not None
+    assert gap.shrink_ci95[0] <= gap.shrink <= gap.shrink_ci95[1] <= 1
+    assert len(gap.cells_before) == len(gap.cells_after) == len(TOY.layout.cells)
+
+
+def test_half_a_repair_shrinks_the_gap_by_less() -> None:
+    measured, rng = recording(LEFT_2, RIG, 6), np.random.default_rng(3)
+    shrinks = [gap_between(measure(), measured, measured, twins(size), rng).shrink for size in (2.0, 1.0, 4.0)]
+    right, half, beyond = (float("nan") if each is None else each for each in shrinks)
+    assert right > half > 0
+    assert beyond < 0  # farther away on the other side
+
+
+def test_without_a_repair_nothing_shrinks() -> None:
+    measured = recording(LEFT_2, RIG)
+    gap = gap_between(measure(), measured, measured, None, np.random.default_rng(4))
+    assert (gap.after, gap.shrink, gap.shrink_ci95) == (gap.before, 0.0, None)
+
+
+def test_where_there_is_no_gap_shrink_means_nothing() -> None:
+    measured = recording((), RIG + 3)
+    gap = gap_between(measure(), measured, measured, twins(2.0), np.random.default_rng(5))
+    if gap.before <= 1:
+        assert gap.shrink is None
+        assert gap.shrink_ci95 is None
+    near = gap_between(
+        measure(), measured * 0 + measure().twin.astype(np.float32), measured, twins(2.0),
+        np.random.default_rng(5),
+    )  # fmt: skip
+    assert (near.before, near.shrink, near.shrink_ci95) == (pytest.approx(0.0, abs=1e-6), None, None)
+
+
+def test_a_recording_s_own_blocks_lie_apart_as_blocks_of_one_rig() -> None:
+    values = [
+        gap_between(measure(), each, each, None, np.random.default_rng(0)).recording
+        for each in (recording((), RIG + k, BLOCKS) for k in range(20))
+    ]
+    # four blocks scatter by 1 about their mean, less a quarter of it; a healthy rig's by 1 and its own half
+    assert np.mean(values) == pytest.approx(np.sqrt(0.75 / 1.25), abs=0.03)

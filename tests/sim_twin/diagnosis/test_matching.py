@@ -1,0 +1,153 @@
+"""Calibration: tolerances are recovered from runs of another program, and what is not healthy is refused."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from daq.errors import SimulationFailed
+from sim_twin.diagnosis.campaign import Campaign, RunSetting
+from sim_twin.diagnosis.fingerprint.columns import Columns
+from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.matching import (
+    Match,
+    Rigs,
+    healthy_draws,
+    match_among,
+    matched_campaign,
+    simulated_rigs,
+)
+from sim_twin.diagnosis.space import Moments
+from sim_twin.matched import Matched
+from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import MODEL
+from sim_twin.twin import Twin
+
+RATE, FREQUENCY = 25_600.0, 20.0
+SCENARIO = {
+    "beam": "steel", "clearance": 0.127e-3, "frequency": FREQUENCY, "amplitude": 9.0,
+    "sample_rate": RATE, "settle": 1.0, "duration": 2.0,
+}  # fmt: skip
+RIG_SEED = 4
+
+
+def twin() -> Twin[Any, Any]:
+    rig, drive = nominal(), SineDrive(9.0, FREQUENCY)
+    return Twin(rig, drive, MODEL.nominal_sensors(rig, drive))
+
+
+def campaign() -> Campaign:
+    channels = twin().channels
+    columns = Columns(channels, channels[1:], FREQUENCY, RATE)
+    return Campaign((RunSetting(twin(), columns, 8, 12),))
+
+
+@cache
+def rigs() -> Rigs:
+    draws = healthy_draws(160, np.random.default_rng(1))
+    return simulated_rigs(campaign(), draws, campaign().observe(draws))
+
+
+def matched_to_recording(effects: tuple[dict[str, Any], ...] = ()) -> Match:
+    pytest.importorskip("exudyn", reason="the other program is not installed")
+    from benchmarks.blind.beam.record import record
+
+    recording = record(SCENARIO, effects, RIG_SEED, 1)
+    shown = {name: values.astype(np.float32) for name, values in recording.channels.items()}
+    blocks = campaign().runs[0].blocks_of(shown)
+    return match_among(rigs(), Moments(campaign().layout), blocks)
+
+
+def test_the_rig_of_another_program_is_found() -> None:
+    pytest.importorskip("exudyn", reason="the other program is not installed")
+    from benchmarks.blind.beam.rig import jittered
+    from benchmarks.blind.beam.rig import nominal as nominal_truth
+
+    truth = jittered(nominal_truth(SCENARIO), np.random.default_rng([RIG_SEED, 0]))
+    found = matched_to_recording()
+    assert found.healthy
+    known = found.matched
+    places = {
+        "yoke_frequency": (truth.head / 700 - 1) / 0.02,
+        "contact_stiffness": (truth.upper.stiffness / 1.5e7 - 1) / 0.05,
+    }
+    for name, place in places.items():
+        deviation = known.deviation[known.names.index(name)]
+        assert deviation < 0.6
+        # Three deviations, which are themselves known to a tenth from so few rigs.
+        assert abs(known.mean_of(name) - place) < 3.3 * deviation, name
+    assert known.deviation[known.names.index("shaker_mass")] > 0.95
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"name": "sensor_gain", "parameters": {"channel": "contact.force_upper", "gain": 0.8}},
+        {
+            "name": "base_flexibility",
+            "parameters": {"frequency_hz": 600.0, "mass_kg": 3.0, "damping_ratio": 0.02},
+        },
+    ],
+    ids=lambda effect: str(effect["name"]),
+)
+def test_a_rig_with_a_fault_is_not_calibrated_away(effect: dict[str, Any]) -> None:
+    assert not matched_to_recording((effect,)).healthy
+
+
+def test_the_campaign_draws_rigs_where_they_are_said_to_lie() -> None:
+    found = Matched(("yoke_frequency",), np.array([1.0]), np.array([[1e-12]]))
+    matched = matched_campaign(campaign(), found).runs[0].twin
+    assert matched.rig.yoke_frequency == pytest.approx(714.0)
+    drawn = [
+        MODEL.draw_healthy(matched, *(np.random.default_rng(seed) for _ in range(2))) for seed in range(3)
+    ]
+    # The deviation left is 1e-6 of 2 %.
+    assert [each.rig.yoke_frequency for each in drawn] == pytest.approx([714.0] * 3, rel=1e-6)
+
+
+def test_too_few_rigs_are_no_calibration() -> None:
+    draws = healthy_draws(20, np.random.default_rng(0))
+    with pytest.raises(SimulationFailed, match="only 0 of 20 healthy rigs"):
+        simulated_rigs(campaign(), draws, [()] * 20)
+
+
+MAP = np.random.default_rng(8).standard_normal((3, 60))
+NAMES = ("told", "hardly told", "told, too", "untold", "untold, too")
+CELLS = Layout(tuple(Cell(0, f"number {k}", "share of time", 1) for k in range(60)))
+
+
+def linear_rigs(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 5) and two blocks of 60 numbers that follow the first three, with scatter."""
+    places = rng.standard_normal((count, 5))
+    strength = np.array([3.0, 0.1, 1.0])
+    own = (places[:, :3] * strength) @ MAP
+    return places, own[:, None] + 3 * rng.standard_normal((count, 2, 60))
+
+
+@cache
+def linear_matches() -> tuple[np.ndarray, list[Matched]]:
+    places, shown = linear_rigs(200, np.random.default_rng(0))
+    moments = Moments(CELLS)
+    others, seen = linear_rigs(40, np.random.default_rng(1))
+    known = Rigs(NAMES, places, moments(shown))
+    with threadpool_limits(1, user_api="blas"):  # matrices too small for threads to pay
+        return others, [match_among(known, moments, blocks).matched for blocks in seen]
+
+
+def test_deviations_are_honest_where_everything_is_linear() -> None:
+    places, found = linear_matches()
+    off = np.array([(each.mean - place) / each.deviation for place, each in zip(places, found, strict=True)])
+    # A mean square of 40 normal numbers is 1 +- 0.22; three of those.
+    assert np.mean(off**2, axis=0) == pytest.approx(1.0, abs=0.67)
+
+
+def test_what_is_told_is_told_and_the_rest_stays_open() -> None:
+    _, found = linear_matches()
+    deviation = np.mean([each.deviation for each in found], axis=0)
+    assert deviation[0] < 0.2
+    assert deviation[2] < 0.5
+    assert deviation[3:] == pytest.approx(1.0, abs=0.03)
