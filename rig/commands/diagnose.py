@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from daq.errors import RattleError
-from rig.commands.arguments import EffectsFile, Json, print_json
+from rig.commands.arguments import EffectsFile, Json, Model, print_json
 from rig.diagnosis.diagnose import diagnose_runs
 from rig.diagnosis.document import gap_block
 from rig.diagnosis.gap import measured_gap
@@ -29,6 +29,7 @@ def add_to(app: typer.Typer) -> None:
     def diagnose(
         runs: RunFiles,
         out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the answer goes.")],
+        model: Model = None,
         seed: Seed = 0,
         budget: Annotated[
             float, typer.Option("--budget", min=10.0, metavar="SECONDS", help="Time to spend, about.")
@@ -39,7 +40,7 @@ def add_to(app: typer.Typer) -> None:
         if out.exists() and not out.is_dir():
             raise RattleError(f"{out}: is a file; name a folder")
         screen = Screen(Console(stderr=machine))
-        written = diagnose_runs(runs, out, seed, budget, screen)
+        written = diagnose_runs(runs, model, out, seed, budget, screen)
         if machine:
             typer.echo(written.diagnosis.read_text(encoding="utf-8"), nl=False)
             return
@@ -52,12 +53,13 @@ def add_to(app: typer.Typer) -> None:
     def gap(
         runs: RunFiles,
         effects: EffectsFile = None,
+        model: Model = None,
         seed: Seed = 0,
         machine: Json = False,
     ) -> None:
         """Measure how far runs lie from their twin, and from the twin with some effects in."""
         screen = Screen(Console(stderr=machine))
-        layout, found = measured_gap(runs, effects, seed, screen)
+        layout, found = measured_gap(runs, model, effects, seed, screen)
         if machine:
             print_json(gap_block(layout, found, {}))
             return

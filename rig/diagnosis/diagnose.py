@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,10 @@ from rig.diagnosis.recordings import Recorded, recorded
 from rig.diagnosis.report import RunFacts, write_report
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import Workers, cores, worker_processes
+from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
 from rig.session.progress import Screen
+from rig.twin.matched_twin import campaign_with_model
 from sim_twin.diagnosis.diagnose import diagnose
 from sim_twin.diagnosis.draw import Named
 from sim_twin.diagnosis.effort import effort_for
@@ -40,11 +42,16 @@ class Written:
     report: Path
 
 
-def diagnose_runs(runs: Sequence[Path], out: Path, seed: int, budget_s: float, screen: Screen) -> Written:
-    """Diagnose a campaign; raises ConfigurationError or LogError for runs that cannot be used."""
+def diagnose_runs(
+    runs: Sequence[Path], model: Path | None, out: Path, seed: int, budget_s: float, screen: Screen
+) -> Written:
+    """Diagnose a campaign, with a calibration's `model` of its rig where there is one.
+
+    Raises ConfigurationError or LogError for runs that cannot be used.
+    """
     began = time.monotonic()
     with screen.busy("reading"):
-        data = recorded(runs)
+        data = recorded_of(runs, model, screen)
     remarks = list(data.remarks)
     for remark in remarks:
         screen.warn(remark)
@@ -67,6 +74,15 @@ def diagnose_runs(runs: Sequence[Path], out: Path, seed: int, budget_s: float, s
     report = out / "report.html"
     write_report(report, findings, content, _facts(data, runs), remarks, findings.floor)
     return Written(findings, out / "diagnosis.json", out / "effects.json", report)
+
+
+def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Recorded:
+    """The runs, their twins as the `model` says that their rig is."""
+    data = recorded(runs)
+    if model is None:
+        return data
+    known = load_model(model, model_of(data.campaign.runs[0].twin).name)
+    return replace(data, campaign=campaign_with_model(data.campaign, known, screen.warn))
 
 
 def _facts(data: Recorded, runs: Sequence[Path]) -> list[RunFacts]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.diagnosis.recordings import recorded
+from rig.diagnosis.diagnose import recorded_of
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.files.effects_file import load_effects
@@ -25,13 +25,15 @@ _HEALTHY, _REPAIRED = 64, 32
 _LONGEST_S = 600.0
 
 
-def measured_gap(runs: Sequence[Path], effects: Path | None, seed: int, screen: Screen) -> tuple[Layout, Gap]:
+def measured_gap(
+    runs: Sequence[Path], model: Path | None, effects: Path | None, seed: int, screen: Screen
+) -> tuple[Layout, Gap]:
     """The gap over all cycles of the runs; with `effects` in the twin too."""
-    data = recorded(runs)
+    data = recorded_of(runs, model, screen)
     for remark in data.remarks:
         screen.warn(remark)
-    model = model_of(data.campaign.runs[0].twin)
-    given = () if effects is None else tuple(load_effects(effects, catalogue_of(model)))
+    catalogue = catalogue_of(model_of(data.campaign.runs[0].twin))
+    given = () if effects is None else tuple(load_effects(effects, catalogue))
     rng = np.random.default_rng(seed)
     draws = [Draw((), int(rng.integers(2**62)), blocks=2) for _ in range(_HEALTHY)]
     draws += [Draw(given, int(rng.integers(2**62))) for _ in range(_REPAIRED if given else 0)]
