@@ -56,7 +56,7 @@ def diagnose_runs(
     for remark in remarks:
         screen.warn(remark)
     out.mkdir(parents=True, exist_ok=True)
-    effort = effort_for(data.campaign, budget_s, cores())
+    effort = effort_for(data.campaign, budget_s)
     with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
         findings = diagnose(data.campaign, data.measured, effort, simulated, seed)

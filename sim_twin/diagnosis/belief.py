@@ -17,10 +17,11 @@ from sim_twin.diagnosis.search import Ranked
 Array = NDArray[np.float64]
 UNKNOWN = 0.15
 """What is believed beforehand of something outside the catalogue."""
-_KNOWN_MISFIT = (np.log(0.8), 0.45)
-_UNKNOWN_MISFIT = (np.log(6.0), 1.2)
+_KNOWN_MISFIT = (np.log(0.38), 0.42)
+_UNKNOWN_MISFIT = (np.log(2.5), 1.1)
 """Means and deviations of the misfit's logarithm, with the true effects in the catalogue and without."""
 _NEAREST = 12
+_TYPICAL = float(np.exp(_KNOWN_MISFIT[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ def contributions(attribution: Attribution, hypothesis: Hypothesis, values: Arra
 def _outside(
     attribution: Attribution, library: Library, best: Ranked, measured: NDArray[np.float32]
 ) -> float:
-    """Square of what lies in no direction, in that of like rigs."""
+    """Square of what lies in no direction, in that of like rigs, the odd ones among them."""
     moments, space = attribution.moments, attribution.space
     if space.basis.shape[1] >= space.basis.shape[0]:
         return 0.0  # the directions hold everything
@@ -94,7 +95,7 @@ def _outside(
         far = np.sum(((values - aim) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
         near = np.argsort(far)[:_NEAREST]
     there = np.array([np.mean(space.outside(moments(fingerprints[int(k)]))) for k in near])
-    return float((here / np.median(there)) ** 2)
+    return float(_TYPICAL * (here / np.percentile(there, 90)) ** 2)
 
 
 def _unknown(misfit: float) -> float:

@@ -9,6 +9,7 @@ from sim_twin.rigs.catalogue import model_of
 
 _SIMULATING = 0.62
 """Of the budget; the rest goes into what is made of it."""
+_CORES = 2
 _LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000
 
 
@@ -25,11 +26,11 @@ class Effort:
         return self.search + self.judge
 
 
-def effort_for(campaign: Campaign, budget_s: float, workers: int) -> Effort:
-    """What fits into `budget_s` seconds of so many workers, by the rig's rated speed."""
+def effort_for(campaign: Campaign, budget_s: float) -> Effort:
+    """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
     seconds = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
     rated = model_of(campaign.runs[0].twin).speed
-    motions = _SIMULATING * budget_s * workers * rated / seconds
+    motions = _SIMULATING * budget_s * _CORES * rated / seconds
     motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
     judge = max(24, motions // 7)
     return Effort(motions - judge, judge)

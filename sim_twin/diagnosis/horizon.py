@@ -10,8 +10,8 @@ from sim_twin.diagnosis.campaign import RunSetting
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.variant import Variant
 
-_KNOWN_TO = 1e-4
-"""Rad: how well a phase is known from its measurement."""
+_APART = 1e-7
+"""Rad between the two starts: less than any measurement tells, and no visible shift in time."""
 _PARTED = 0.1
 _LONGEST_S = 2.0
 
@@ -22,7 +22,7 @@ def horizon_s(setting: RunSetting, response: int) -> float:
     `response` is the row of the channel that is compared. 2 s are the longest that is looked at.
     """
     columns = setting.columns
-    starts = [Variant(setting.twin, pi / 3), Variant(setting.twin, pi / 3 + _KNOWN_TO)]
+    starts = [Variant(setting.twin, pi / 3), Variant(setting.twin, pi / 3 + _APART)]
     pair = clean_samples(starts, columns.rate, 0.0, round(_LONGEST_S * columns.rate), setting.oversampling)
     if pair[0] is None or pair[1] is None:
         return 0.0

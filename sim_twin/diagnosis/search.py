@@ -26,7 +26,7 @@ _FEWEST_EACH = 10
 _PAIRS_LOOKED_AT = 24
 _PAIRS_SIMULATED = 6
 _PARTNERS = 8
-_LEAVES_ROOM = 0.9
+_LEAVES_ROOM = 0.5
 """Misfit of the best explanation by one effect, below which a second one has nothing to explain."""
 _LEAST_SHARE = 0.004
 _FROM_PRIOR = 0.1
