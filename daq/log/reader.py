@@ -25,7 +25,8 @@ from daq.log import codec
 from daq.log.chunk import chunk_records
 from daq.log.records import ClockRecord, Event, Gap
 
-Origin = Literal["measured", "predicted"]
+Origin = Literal["measured", "nominal", "predicted"]
+"""`nominal` is the twin without the effects that `predicted` has, only where it has any."""
 _FOREIGN_ERRORS = (
     McapError,
     DecodeError,

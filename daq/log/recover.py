@@ -5,18 +5,18 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, get_args
 
 from mcap.writer import CompressionType, Writer
 
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.log.codec import decode_block
-from daq.log.reader import LogReader
+from daq.log.reader import LogReader, Origin
 from daq.log.schema import embedded_schema
 from daq.log.writer import MAXIMUM_CHUNK_AGE_S
 
-_SAMPLE_TOPICS = ("/measured/", "/predicted/")
+_SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
 _SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock"}
 
 

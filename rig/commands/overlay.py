@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from rig.commands.arguments import EffectsFile, RunFile
+from rig.commands.arguments import EffectsFile, Model, RunFile
 from rig.commands.summary import report_and_name
+from rig.report import overall_closeness
 from rig.session.progress import Screen
 from rig.twin.overlay import overlay_run
 
@@ -24,10 +25,22 @@ def add_to(app: typer.Typer) -> None:
             Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN.overlay.mcap")
         ] = None,
         effects: EffectsFile = None,
+        model: Model = None,
     ) -> None:
-        """Add the twin's prediction to a recorded run, in a new file; the run is never changed."""
+        """Add the twin's prediction to a recorded run, in a new file; with effects, the nominal twin too."""
         screen = Screen(Console())
         target = out or run.with_suffix(".overlay.mcap")
         with screen.busy("predicting"):
-            overlay_run(run, target, effects)
+            overlay_run(run, target, effects, model, screen.warn)
+        if effects is not None:
+            _show_closeness(target, screen)
         report_and_name(target, screen)
+
+
+def _show_closeness(log: Path, screen: Screen) -> None:
+    found = overall_closeness(log)
+    if found is not None:
+        screen.say(f"nominal    autospectra {found.nominal_db:.1f} dB off those measured")
+        screen.say(
+            f"repaired   {found.repaired_db:.1f} dB; the run's own halves lie {found.halves_db:.1f} dB apart"
+        )

@@ -36,12 +36,13 @@ def add_to(app: typer.Typer) -> None:
         scenario = load_scenario(scenario_file)
         screen, wanted = Screen(Console(stderr=as_json)), scenario.acquisition
         twin = twin_of(scenario)
-        if model is not None:
-            twin = with_model(twin, load_model(model, scenario.rig), screen.warn)
+        fitted = None if model is None else load_model(model, scenario.rig)
+        if fitted is not None:
+            twin = with_model(twin, fitted, screen.warn)
         if effects is not None:
             twin = with_effects(twin, effects)
         with screen.busy("simulating"):
-            drawn = write_prediction(scenario, twin, seed, out, effects)
+            drawn = write_prediction(scenario, twin, seed, out, effects, fitted)
             values = model_of(drawn).solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
         if values is not None:
             print_json(values)

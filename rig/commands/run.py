@@ -12,9 +12,10 @@ import typer
 from rich.console import Console
 
 from daq.clock import SystemClock
-from rig.commands.arguments import BenchFile, Live, ScenarioFile, load_pair
+from rig.commands.arguments import BenchFile, Live, Model, ScenarioFile, load_pair
 from rig.commands.summary import report_and_name, show_summary
 from rig.files.bench import Bench
+from rig.files.model_file import load_model
 from rig.files.pairing import check_pair
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
@@ -34,14 +35,16 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         bench_file: BenchFile = None,
         out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = DEFAULT_FOLDER,
         live: Live = False,
+        model: Model = None,
     ) -> None:
         """Drive the rig, record every instrument, predict, overlay; prints the path of the log."""
         screen = Screen(Console(stderr=False))
         scenario, bench = load_pair(scenario_file, bench_file)
+        fitted = None if model is None else load_model(model, scenario.rig)
         clock = SystemClock()
         check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
         request = RunRequest(
-            scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live
+            scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live, fitted
         )
         log = run_scenario(request, screen, clock)
         show_summary(log, screen)

@@ -18,8 +18,10 @@ _SPECTRUM_PERIOD_S = 2.0
 def rrd_from_log(log: Path, rrd: Path, beam: BeamPicture | None = None) -> None:
     """Write what the live view of the run in `log` showed to `rrd`, all of it; raises LogError."""
     with LogReader(log) as reader:
-        measured, predicted = (list(reader.channels(origin).values()) for origin in ("measured", "predicted"))
-        layout = layout_of(log.stem, measured, predicted, beam)
+        measured, predicted, nominal = (
+            list(reader.channels(origin).values()) for origin in ("measured", "predicted", "nominal")
+        )
+        layout = layout_of(log.stem, measured, predicted, beam, nominal=nominal)
         recording = rr.RecordingStream("rattle", send_properties=False)
         recording.set_sinks(rr.FileSink(rrd), default_blueprint=blueprint(layout))
         scene = Scene(recording, layout, _SPECTRUM_PERIOD_S)

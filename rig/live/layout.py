@@ -17,7 +17,7 @@ _FEWEST, _MOST = 800, 2_500
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Channels of both origins, and how they are shown.
+    """Channels of all origins, drawn in their order, and how they are shown.
 
     `units` has the unit of every channel, in the order of the views. `window_s` is how much of the newest
     data the plots show, None for everything.
@@ -28,6 +28,10 @@ class Layout:
     origins: Mapping[Origin, Sequence[str]]
     beam: BeamPicture | None = None
     window_s: float | None = None
+
+    def whose(self, origin: Origin) -> str:
+        """The origin as the view names it: beside a nominal twin, the prediction is the repaired one."""
+        return "repaired" if origin == "predicted" and self.origins.get("nominal") else origin
 
     @property
     def points_per_s(self) -> float:
@@ -53,13 +57,15 @@ def layout_of(
     predicted: Sequence[Channel],
     beam: BeamPicture | None = None,
     window_s: float | None = None,
+    nominal: Sequence[Channel] = (),
 ) -> Layout:
-    """Layout of the channels of both origins: the measured first, then what is only predicted."""
+    """Layout of the channels of all origins: the measured first, then what is only predicted."""
     return Layout(
         title=title,
         units={channel.name: channel.unit for channel in (*measured, *predicted)},
         origins={
             "measured": [channel.name for channel in measured],
+            "nominal": [channel.name for channel in nominal],
             "predicted": [channel.name for channel in predicted],
         },
         beam=beam,

@@ -7,10 +7,15 @@ import rerun as rr
 from daq.log.reader import Origin
 
 TIMELINE = "time"
-COLOURS: dict[Origin, tuple[int, int, int]] = {"measured": (38, 132, 214), "predicted": (230, 126, 34)}
-"""Blue and orange, apart for every eye, and legible on the viewer's dark and on its light theme."""
+COLOURS = {
+    "measured": (38, 132, 214),
+    "predicted": (230, 126, 34),
+    "nominal": (230, 126, 34),
+    "repaired": (150, 150, 150),
+}
+"""Blue and orange, apart for every eye, and legible on a dark and on a light theme, as is grey."""
 
-WIDTHS: dict[Origin, float] = {"measured": 2.6, "predicted": 1.2}
+WIDTHS = {"measured": 2.6, "predicted": 1.2, "nominal": 1.2, "repaired": 1.2}
 """Predictions are drawn last, and thin, so that what was measured shows on both sides of them."""
 
 DIM = (105, 110, 118)

@@ -19,9 +19,11 @@ from rig.live.spectrum_picture import SpectrumPicture
 from rig.live.trace import Trace
 
 _SPECTRUM_OVER_S = 1.0
-_MARKERS: dict[Origin, MarkerShape] = {
+_MARKERS = {
     "measured": MarkerShape.Circle,
+    "nominal": MarkerShape.Cross,
     "predicted": MarkerShape.Diamond,
+    "repaired": MarkerShape.Diamond,
 }
 _LEVELS = {
     "info": rr.TextLogLevel.INFO,
@@ -41,10 +43,7 @@ class Scene:
         self._layout = layout
         self._spectrum_period_s = spectrum_period_s
         self._start_ns: int | None = None
-        self._peaks: dict[Origin, HalfCyclePeaks] = {
-            "measured": HalfCyclePeaks(),
-            "predicted": HalfCyclePeaks(),
-        }
+        self._peaks: dict[Origin, HalfCyclePeaks] = {origin: HalfCyclePeaks() for origin in layout.origins}
         self._traces: dict[tuple[Origin, str], Trace] = {}
         self._recent: dict[tuple[Origin, str], Recent] = {}
         self._spectrum_due_s: dict[tuple[Origin, str], float] = {}
@@ -55,9 +54,9 @@ class Scene:
         """Log what stays: names, colours, the beam's stops."""
         for origin, names in self._layout.origins.items():
             for name in names:
-                self._recording.log(paths.trace(origin, name), _line(origin), static=True)
+                self._recording.log(paths.trace(origin, name), _line(self._layout.whose(origin)), static=True)
             if names:
-                self._recording.log(paths.peaks(origin), _points(origin), static=True)
+                self._recording.log(paths.peaks(origin), _points(self._layout.whose(origin)), static=True)
         if self._layout.beam is not None:
             self._layout.beam.draw_fixed(self._recording)
 
@@ -118,22 +117,24 @@ class Scene:
         self._at(end_s)
         picture = self._spectra.get(block.channel)
         if picture is not None:
-            picture.draw(origin, autospectrum(values, block.sample_rate), block.sample_rate)
+            picture.draw(
+                self._layout.whose(origin), autospectrum(values, block.sample_rate), block.sample_rate
+            )
 
     def _at(self, time_s: float) -> None:
         self._recording.set_time(paths.TIMELINE, duration=np.timedelta64(round(time_s * NS_PER_S), "ns"))
 
 
-def _line(origin: Origin) -> rr.SeriesLines:
+def _line(whose: str) -> rr.SeriesLines:
     return rr.SeriesLines(
-        colors=[paths.COLOURS[origin]],
-        names=[origin],
-        widths=[paths.WIDTHS[origin]],
+        colors=[paths.COLOURS[whose]],
+        names=[whose],
+        widths=[paths.WIDTHS[whose]],
         aggregation_policy=AggregationPolicy.MinMax,  # the viewer's default averages, and peaks shrink
     )
 
 
-def _points(origin: Origin) -> rr.SeriesPoints:
+def _points(whose: str) -> rr.SeriesPoints:
     return rr.SeriesPoints(
-        colors=[paths.COLOURS[origin]], names=[origin], markers=[_MARKERS[origin]], marker_sizes=[3.0]
+        colors=[paths.COLOURS[whose]], names=[whose], markers=[_MARKERS[whose]], marker_sizes=[3.0]
     )

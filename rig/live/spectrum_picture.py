@@ -8,7 +8,6 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from daq.log.reader import Origin
 from daq.signals import Autospectrum, log_bands
 from rig.live import paths
 
@@ -19,7 +18,7 @@ LEFT, BOTTOM = 2.2, 1.3
 """Room for the labels."""
 
 BANDS = 240
-_DRAW_ORDER: dict[Origin, float] = {"measured": 2.0, "predicted": 3.0}
+_DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0}
 _DECADES = 12
 _LOWEST_HZ = 1.0
 
@@ -37,7 +36,7 @@ class SpectrumPicture:
         self._top_decade = -math.inf
         self._frequency_decades = 1.0
 
-    def draw(self, origin: Origin, spectrum: Autospectrum, sample_rate: float) -> None:
+    def draw(self, whose: str, spectrum: Autospectrum, sample_rate: float) -> None:
         """Log the line of `spectrum` at the recording's current time."""
         positive = spectrum.density > 0
         if not positive.any():
@@ -47,11 +46,11 @@ class SpectrumPicture:
         points = self._points(log_bands(heard, BANDS))
         line = rr.LineStrips2D(
             [points],
-            colors=[paths.COLOURS[origin]],
-            radii=rr.Radius.ui_points(paths.WIDTHS[origin] / 2),
-            draw_order=_DRAW_ORDER[origin],
+            colors=[paths.COLOURS[whose]],
+            radii=rr.Radius.ui_points(paths.WIDTHS[whose] / 2),
+            draw_order=_DRAW_ORDER[whose],
         )
-        self._recording.log(paths.spectrum(self._channel, origin), line)
+        self._recording.log(paths.spectrum(self._channel, whose), line)
 
     def _points(self, spectrum: Autospectrum) -> NDArray[np.float64]:
         x = np.log10(spectrum.frequency_hz / _LOWEST_HZ) / self._frequency_decades * WIDTH

@@ -49,10 +49,11 @@ class LiveView:
         window_s: float = 3.0,
         patience_s: float = 3.0,
         memory_limit: str = "64MB",
+        nominal: Sequence[Channel] = (),
     ) -> None:
         self.url = ""
         self.sink_url = ""
-        self._layout = layout_of(title, measured, predicted, beam, window_s)
+        self._layout = layout_of(title, measured, predicted, beam, window_s, nominal)
         self._patience_s = patience_s
         self._memory_limit = memory_limit
         self._server: psutil.Process | None = None

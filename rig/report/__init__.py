@@ -1,13 +1,16 @@
 """The report of a run: one HTML file that needs nothing else, and its numbers for the terminal."""
 
+from rig.report.closeness import Closeness, overall_closeness
 from rig.report.page import write_report
 from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise
 
 __all__ = [
     "ChannelSummary",
+    "Closeness",
     "HalfCycleStatistics",
     "RunSummary",
     "TraceSummary",
+    "overall_closeness",
     "summarise",
     "write_report",
 ]

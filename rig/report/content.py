@@ -51,13 +51,14 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A plot: Plotly's traces and layout, and its height in pixels."""
+    """A plot: Plotly's traces and layout, its height in pixels, and whose lines its key explains."""
 
     name: str
     traces: Sequence[dict[str, Any]]
     layout: dict[str, Any]
     height_px: int
     caption: str = ""
+    key: Sequence[str] = ()
     kind: str = "figure"
 
 

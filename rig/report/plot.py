@@ -1,4 +1,4 @@
-"""Plotly figures as plain data: small plots in a grid, measured and predicted in their colours."""
+"""Plotly figures as plain data: small plots in a grid, what was measured and each twin in its colour."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.log.reader import Origin
 from rig.report.content import Figure
 
-COLOURS: dict[Origin, str] = {"measured": "#1a6fb5", "predicted": "#d95f02"}
-"""Blue and orange, apart for every kind of colour blindness and in a grey print."""
+COLOURS = {"measured": "#1a6fb5", "predicted": "#d95f02", "nominal": "#d95f02", "repaired": "#111111"}
+"""Blue and orange, apart for every kind of colour blindness and in a grey print; black is what was added."""
 
-_WIDTHS: dict[Origin, float] = {"measured": 2.4, "predicted": 1.1}
+_WIDTHS = {"measured": 2.4, "predicted": 1.1, "nominal": 1.1, "repaired": 1.1}
 """Predictions are drawn last and thin, so that what was measured shows on both sides of them."""
 
 _POINTS_IN_ALL = 140_000
@@ -45,6 +44,7 @@ class PlotGrid:
     _traces: list[dict[str, Any]] = field(default_factory=list)
     _layout: dict[str, Any] = field(default_factory=dict)
     _titles: list[dict[str, Any]] = field(default_factory=list)
+    _barmode: str = "overlay"
 
     def axes(
         self, cell: int, title: str, x: dict[str, Any], y: dict[str, Any], share_x_with: int | None = None
@@ -86,30 +86,38 @@ class PlotGrid:
     def line(
         self,
         cell: int,
-        origin: Origin,
+        whose: str,
         x: NDArray[np.floating],
         y: NDArray[np.floating],
         subject: str,
         shape: str = "linear",
     ) -> None:
-        """Draw a line of one origin in a cell; `subject` (a channel's name) goes with the data."""
-        line = {"color": COLOURS[origin], "width": _WIDTHS[origin], "shape": shape}
+        """Draw a line of one of `COLOURS` in a cell; `subject` (a channel's name) goes with the data."""
+        line = {"color": COLOURS[whose], "width": _WIDTHS[whose], "shape": shape}
         data = {"type": "scatter", "mode": "lines", "x": packed(x), "y": packed(y), "line": line}
-        self._add(cell, origin, {**data, "meta": html.escape(subject)})
+        self._add(cell, whose, {**data, "meta": html.escape(subject)})
 
     def bars(
-        self, cell: int, origin: Origin, centres: NDArray[np.floating], heights: NDArray[np.floating]
+        self, cell: int, whose: str, centres: NDArray[np.floating], heights: NDArray[np.floating]
     ) -> None:
-        """Draw a histogram's bars of one origin in a cell."""
-        marker = {"color": COLOURS[origin], "opacity": 0.55}
-        self._add(cell, origin, {"type": "bar", "x": packed(centres), "y": packed(heights), "marker": marker})
+        """Draw a histogram's bars of one of `COLOURS` in a cell."""
+        marker = {"color": COLOURS[whose], "opacity": 0.55}
+        self._add(cell, whose, {"type": "bar", "x": packed(centres), "y": packed(heights), "marker": marker})
+
+    def lying_bars(
+        self, cell: int, whose: str, rows: NDArray[np.floating], lengths: NDArray[np.floating]
+    ) -> None:
+        """Draw a bar of one of `COLOURS` in every row of a cell; those of a row lie one below the other."""
+        data = {"type": "bar", "orientation": "h", "x": packed(lengths), "y": packed(rows)}
+        self._barmode = "group"
+        self._add(cell, whose, {**data, "marker": {"color": COLOURS[whose]}})
 
     def figure(self, name: str, caption: str = "") -> Figure:
         """Return the figure."""
         layout = {
             **self._layout,
             "annotations": self._titles,
-            "barmode": "overlay",
+            "barmode": self._barmode,
             "bargap": 0.05,
             "font": {"family": "system-ui, sans-serif", "size": 12, "color": _INK},
             "showlegend": False,
@@ -118,14 +126,15 @@ class PlotGrid:
             "plot_bgcolor": "white",
             "hovermode": "closest",
         }
-        return Figure(name, self._traces, layout, self._height_px(), caption)
+        key = tuple(dict.fromkeys(trace["name"] for trace in self._traces))
+        return Figure(name, self._traces, layout, self._height_px(), caption, key)
 
-    def _add(self, cell: int, origin: Origin, trace: dict[str, Any]) -> None:
+    def _add(self, cell: int, whose: str, trace: dict[str, Any]) -> None:
         number = _number(cell)
         self._traces.append(
             {
                 **trace,
-                "name": origin,
+                "name": whose,
                 "xaxis": f"x{number}",
                 "yaxis": f"y{number}",
             }

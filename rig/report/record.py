@@ -15,7 +15,8 @@ from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from daq.log.records import Event, Gap
 
-ORIGINS: tuple[Origin, ...] = ("measured", "predicted")
+ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
+"""In the order in which they are drawn, the last on top."""
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 
 _KEPT_SAMPLES = 64_000_000
@@ -80,6 +81,15 @@ class RunRecord:
     tallies: dict[tuple[Origin, str], Tally]
     events: list[Event]
     gaps: list[Gap]
+
+    @property
+    def repaired(self) -> bool:
+        """True where the prediction has effects and the nominal twin lies beside it."""
+        return any(origin == "nominal" for origin, _ in self.traces)
+
+    def whose(self, origin: Origin) -> str:
+        """The origin as a report names it: beside a nominal twin, the prediction is the repaired one."""
+        return "repaired" if self.repaired and origin == "predicted" else origin
 
     def contact_forces(self, origin: Origin) -> tuple[Trace, Trace] | None:
         """Upper and lower contact force, where the run has both."""

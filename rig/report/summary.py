@@ -34,12 +34,13 @@ class TraceSummary:
 
 @dataclass(frozen=True, slots=True)
 class ChannelSummary:
-    """A channel as measured and as predicted, where there is one."""
+    """A channel as measured and as predicted, where there is one; `nominal` beside a repaired twin."""
 
     name: str
     unit: str
     measured: TraceSummary | None
     predicted: TraceSummary | None
+    nominal: TraceSummary | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,7 @@ class RunSummary:
     channels: tuple[ChannelSummary, ...]
     measured_peaks: HalfCycleStatistics | None
     predicted_peaks: HalfCycleStatistics | None
+    nominal_peaks: HalfCycleStatistics | None
     gaps: tuple[Gap, ...]
 
     @property
@@ -103,11 +105,13 @@ def summary_of(run: RunRecord) -> RunSummary:
                 channel.unit,
                 _trace_summary(run.tallies.get(("measured", name))),
                 _trace_summary(run.tallies.get(("predicted", name))),
+                _trace_summary(run.tallies.get(("nominal", name))),
             )
             for name, channel in run.channels.items()
         ),
         measured_peaks=_statistics(half_cycles_of(run, "measured")),
         predicted_peaks=_statistics(half_cycles_of(run, "predicted")),
+        nominal_peaks=_statistics(half_cycles_of(run, "nominal")),
         gaps=tuple(run.gaps),
     )
 

@@ -87,7 +87,7 @@ def _in_order(log: LogReader) -> Iterator[Item]:
     return heapq.merge(*blocks, events, key=lambda item: item[:1])
 
 
-_ORIGINS: tuple[Origin, Origin] = ("measured", "predicted")
+_ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 
 
 def _blocks_of(log: LogReader, origin: Origin) -> Iterator[Item]:
@@ -116,5 +116,7 @@ class _ShapeFollower:
 def _view(log: LogReader) -> LiveView:
     scenario = scenario_of(log)
     picture = picture_of(twin_of(scenario))
-    measured, predicted = log.channels("measured"), log.channels("predicted")
-    return LiveView(scenario.name, list(measured.values()), list(predicted.values()), picture)
+    measured, predicted, nominal = (
+        list(log.channels(origin).values()) for origin in ("measured", "predicted", "nominal")
+    )
+    return LiveView(scenario.name, measured, predicted, picture, nominal=nominal)

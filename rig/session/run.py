@@ -19,6 +19,7 @@ from daq.log.records import Event
 from daq.recorder import Recorder
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
+from rig.files.model_file import ModelFile
 from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import Scenario
 from rig.live import LiveView
@@ -33,7 +34,9 @@ from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
 from rig.session.supervisor import Supervisor
 from rig.twin.alignment import Alignment
+from rig.twin.matched_twin import with_model
 from rig.twin.picture import picture_of
+from rig.twin.prediction_file import twin_record
 from rig.twin.rigs import KINDS
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from rig.twin.worker import Shape, TwinFailed, TwinWorker
@@ -48,13 +51,17 @@ _LOOKS_EVERY_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
-    """What to run: checked files, turned by `connect` into devices and notes for the log."""
+    """What to run: checked files, turned by `connect` into devices and notes for the log.
+
+    `model`: what calibration found of the rig; None where the twin is the scenario's.
+    """
 
     scenario: Scenario
     bench: Bench
     connect: Callable[[ExitStack, Screen], tuple[Devices, dict[str, str]]]
     folder: Path
     live: bool = False
+    model: ModelFile | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -103,7 +110,7 @@ class _Run:
 
     def execute(self, stack: ExitStack) -> Path:
         scenario = self._scenario
-        twin = twin_of(scenario, self._names)
+        twin = self._twin()
         shaker = Shaker(self._devices.generator, scenario.drive, self._devices.force_per_volt, self._wait)
         shaker.arm(self._soft)
         self._supervisor = Supervisor(self._devices.spare_generator)
@@ -132,6 +139,10 @@ class _Run:
             self._screen.hold("the live view stays open; Enter closes it ")
         return run.log
 
+    def _twin(self) -> AnyTwin:
+        twin, model = twin_of(self._scenario, self._names), self._request.model
+        return twin if model is None else with_model(twin, model, self._screen.warn)
+
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
         if self._request.live:
@@ -149,6 +160,8 @@ class _Run:
         self._recorder.metadata("scenario", {"toml": self._scenario.text})
         record = run_record(self._request.bench, self._devices, run_id, self._clock)
         self._recorder.metadata("run", record | self._notes)
+        if self._request.model is not None:
+            self._recorder.metadata("twin", twin_record(None, self._request.model))
         for channel in self._devices.card.channels:
             self._recorder.declare("measured", channel)
         for channel in self._predicted(twin):

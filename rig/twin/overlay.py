@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from daq.block import sample_time_ns
 from daq.errors import LogError
-from daq.log import LogReader, LogWriter
+from daq.log import LogReader, LogWriter, Origin
 from daq.log.codec import decode_block
 from daq.log.records import Gap
+from rig.files.model_file import load_model
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment
+from rig.twin.matched_twin import with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import removed_if_it_fails, twin_record
 from rig.twin.rigs import kind_of
@@ -25,10 +28,18 @@ def scenario_of(log: LogReader) -> Scenario:
     return parse_scenario(log.scenario, f"scenario in {log.path}")
 
 
-def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
+def overlay_run(
+    run: Path,
+    target: Path,
+    effects: Path | None = None,
+    model: Path | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> None:
     """Copy `run` to the new log `target` with /predicted/... of every measured channel in it.
 
-    The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets.
+    The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets;
+    the twin without them then comes too, as /nominal/... `model`: one that every twin is matched by, of which
+    `warn` hears what does not hold for this run.
     """
     with LogReader(run) as log:
         scenario = scenario_of(log)
@@ -36,12 +47,17 @@ def overlay_run(run: Path, target: Path, effects: Path | None = None) -> None:
         if not measured:
             raise LogError(f"{run}: nothing measured in it")
         twin = twin_of(scenario, measured)
+        fitted = None if model is None else load_model(model, scenario.rig)
+        if fitted is not None:
+            twin = with_model(twin, fitted, warn)
+        twins: dict[Origin, AnyTwin] = {"predicted": twin}
         if effects is not None:
-            twin = with_effects(twin, effects)
+            twins = {"predicted": with_effects(twin, effects), "nominal": twin}
         with LogWriter(target) as copy, removed_if_it_fails(target):
             _copy(log, copy)
-            copy.add_metadata("twin", twin_record(effects))
-            _predict(log, copy, scenario, twin)
+            copy.add_metadata("twin", twin_record(effects, fitted) | _nominal_record(log, twins))
+            for origin, each in twins.items():
+                _predict(log, copy, scenario, origin, each)
 
 
 def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
@@ -72,11 +88,25 @@ def _copy(log: LogReader, copy: LogWriter) -> None:
         copy.add_clock(clock)
 
 
-def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, twin: AnyTwin) -> None:
+def _nominal_record(log: LogReader, twins: Mapping[Origin, AnyTwin]) -> dict[str, str]:
+    """What /nominal is, and the drive's cycle for folding all three; nothing where there is none."""
+    if "nominal" not in twins:
+        return {}
+    cycle = align_to(log, twins["nominal"])
+    return {
+        "predicted": "with these effects",
+        "nominal": "without these effects",
+        "cycle_hz": f"{cycle.frequency:.12g}",
+        "cycle_phase_rad": f"{cycle.phase:.12g}",
+        "from_rest": "false" if cycle.onset is None else "true",
+    }
+
+
+def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin) -> None:
     measured = log.channels("measured")
     wanted = [channel for channel in predicted_channels(twin) if channel.name in measured]
     for channel in wanted:
-        copy.declare("predicted", channel)
+        copy.declare(origin, channel)
     reference = log.series("measured", next(iter(measured)))
     rate = reference.sample_rate
     start_ns = sample_time_ns(reference.time_ns, -reference.first_sample, rate)
@@ -85,4 +115,4 @@ def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, twin: AnyTwin)
     names = {channel.name for channel in wanted}
     for block in aligned.blocks(reference.end_sample, start_ns):
         if block.channel in names:
-            copy.add_block("predicted", block, sample_time_ns(block.time_ns, len(block), rate))
+            copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), rate))

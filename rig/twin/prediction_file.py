@@ -11,6 +11,7 @@ import numpy as np
 from daq.block import SampleBlock, sample_time_ns
 from daq.log import LogWriter
 from rig.files.faults import read_text
+from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
 from rig.twin.prediction import BLOCK_S, as_logged, settling_s, skip
 from rig.twin.rigs import kind_of
@@ -21,13 +22,19 @@ from sim_twin.twin import AnyTwin
 
 
 def write_prediction(
-    scenario: Scenario, twin: AnyTwin, seed: int | None, path: Path, effects: Path | None = None
+    scenario: Scenario,
+    twin: AnyTwin,
+    seed: int | None,
+    path: Path,
+    effects: Path | None = None,
+    fitted: ModelFile | None = None,
 ) -> AnyTwin:
     """Write /predicted/... of `scenario` to the new file `path`; returns the twin that was run.
 
     Without `seed`: nominal, noiseless, from rest with the full drive at t = 0, sample 0 after `settle`. With
     it: a healthy draw with noise and any phase of the drive, settled before sample 0. Timestamps start at the
-    Unix epoch. `effects` is the file whose effects `twin` has, for the record.
+    Unix epoch. `effects` is the file whose effects `twin` has, `fitted` what it was
+    matched by, for the record.
     """
     model, rate = model_of(twin), scenario.acquisition.sample_rate
     noise, phase, before = None, 0.0, scenario.acquisition.settle
@@ -43,16 +50,17 @@ def write_prediction(
         log.add_metadata("scenario", {"toml": scenario.text})
         drawn = {} if seed is None else {"seed": str(seed)}
         log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", **drawn})
-        log.add_metadata("twin", twin_record(effects))
+        log.add_metadata("twin", twin_record(effects, fitted))
         for channel in predicted_channels(twin):
             log.declare("predicted", channel)
         _write(log, stream, round(scenario.acquisition.duration * rate), rate)
     return twin
 
 
-def twin_record(effects: Path | None) -> dict[str, str]:
-    """What a log says of the twin that made its predictions: the effects that it was given."""
-    return {"effects": "[]" if effects is None else read_text(effects)}
+def twin_record(effects: Path | None, model: ModelFile | None = None) -> dict[str, str]:
+    """What a log says of the twin that made its predictions: effects that it was given, its model."""
+    matched = {} if model is None else {"model": model.text}
+    return {"effects": "[]" if effects is None else read_text(effects), **matched}
 
 
 @contextmanager

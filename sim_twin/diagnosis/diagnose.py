@@ -78,7 +78,8 @@ def _judged(
         if len(each.hypothesis) != 1 or each.hypothesis[0].name in found:
             continue
         twins = repaired.get(each.hypothesis, near_best(library, each))
-        after = measure.total(measure.cells(judged_on, twins.mean(axis=0)))
+        mended = measure.of_repaired(twins)
+        after = mended.total(mended.cells(judged_on))
         cause, name = each.hypothesis[0], each.hypothesis[0].name
         told_by = _most_probable_with(name, ranked)
         cause = next(one for one in told_by.hypothesis if one.name == name)

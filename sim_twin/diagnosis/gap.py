@@ -17,6 +17,8 @@ from sim_twin.diagnosis.space import TOLERANCE
 Array = NDArray[np.float64]
 _FARTHEST = 40.0
 """In floors; one cell says no more than that."""
+_LEAST_UNIT = 0.5
+"""Of a floor; a healthy rig lies about one floor away, and few draws may not pretend less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +30,23 @@ class GapMeasure:
     floor: Array
     unit: float
 
-    def cells(self, blocks: NDArray[np.floating], twin: Array | None = None) -> Array:
-        """Distances of blocks (n, numbers) from a twin's mean fingerprint, in floors, shape (cells,)."""
-        return np.asarray(self._each(blocks, self.twin if twin is None else twin).mean(axis=0))
+    def cells(self, blocks: NDArray[np.floating]) -> Array:
+        """Distances of blocks (n, numbers) from the twin, in floors, shape (cells,)."""
+        apart = _by_cell(np.abs(np.asarray(blocks, dtype=np.float64) - self.twin), self.layout)
+        return np.asarray(np.minimum(apart / self.floor, _FARTHEST).mean(axis=0))
 
-    def _each(self, blocks: NDArray[np.floating], twin: Array) -> Array:
-        apart = np.abs(np.asarray(blocks, dtype=np.float64) - twin)
-        sums = np.add.reduceat(apart, self.layout.starts[:-1], axis=1)
-        return np.asarray(np.minimum(sums / np.diff(self.layout.starts) / self.floor, _FARTHEST))
+    def of_repaired(self, rigs: Array) -> GapMeasure:
+        """The same measure from a repaired twin, of which `rigs` (n, numbers) are healthy draws.
+
+        Where they scatter more than nominal ones, their scatter is the floor: a channel that was quiet
+        without the effect is not with it.
+        """
+        others = len(rigs) / max(1, len(rigs) - 1)
+        apart = others * _by_cell(np.abs(rigs - rigs.mean(axis=0)), self.layout)
+        floor = np.maximum(self.floor, apart.mean(axis=0))
+        totals = np.sqrt(np.mean(np.minimum(apart / floor, _FARTHEST) ** 2, axis=1))
+        unit = max(float(np.mean(totals)), _LEAST_UNIT)
+        return GapMeasure(self.layout, rigs.mean(axis=0), floor, unit)
 
     def total(self, cells: Array, chosen: Callable[[Cell], bool] = lambda _: True) -> float:
         """Root mean square over the chosen cells, 1 for a healthy rig."""
@@ -43,11 +54,16 @@ class GapMeasure:
         return float(np.sqrt(np.mean(cells[kept] ** 2))) / self.unit if kept.any() else 0.0
 
 
+def _by_cell(apart: Array, layout: Layout) -> Array:
+    """Mean over the numbers of each cell, from shape (n, numbers) to (n, cells)."""
+    return np.asarray(np.add.reduceat(apart, layout.starts[:-1], axis=1) / np.diff(layout.starts))
+
+
 def gap_measure(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> GapMeasure:
     """Measure by healthy rigs' fingerprints, each (blocks, numbers)."""
     blocks = np.concatenate(healthy).astype(np.float64)
     twin = blocks.mean(axis=0)
-    apart = np.add.reduceat(np.abs(blocks - twin), layout.starts[:-1], axis=1) / np.diff(layout.starts)
+    apart = _by_cell(np.abs(blocks - twin), layout)
     tolerance = np.array([TOLERANCE.get(cell.what, 0.0) for cell in layout.cells])
     floor = np.hypot(apart.mean(axis=0), tolerance)
     floor[floor < 1e-9] = np.inf

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,14 +74,20 @@ def gap_between(
     The interval is from resampled blocks and resampled rigs.
     """
     cells = measure.cells(judged_on)
-    before = measure.total(cells)
-    own = measure.total(measure.cells(measured, np.mean(measured, axis=0, dtype=np.float64)))
+    before, own = measure.total(cells), _within(measure, measured)
     if repaired is None:
         return Gap(before, before, shrink_of(before, before), None, cells, cells, measure.unit, own)
-    cells_after = measure.cells(judged_on, repaired.mean(axis=0))
-    after = measure.total(cells_after)
+    mended = measure.of_repaired(repaired)
+    cells_after = mended.cells(judged_on)
+    after = mended.total(cells_after)
     interval = _interval(measure, judged_on, repaired, rng) if before > 1.0 else None
     return Gap(before, after, shrink_of(before, after), interval, cells, cells_after, measure.unit, own)
+
+
+def _within(measure: GapMeasure, measured: Blocks) -> float:
+    """How far a recording's blocks lie from their own mean."""
+    own = replace(measure, twin=np.mean(measured, axis=0, dtype=np.float64))
+    return own.total(own.cells(measured))
 
 
 def _interval(
@@ -89,8 +96,8 @@ def _interval(
     shrinks = []
     for _ in range(_RESAMPLED):
         data = judged_on[rng.integers(len(judged_on), size=len(judged_on))]
-        twin = repaired[rng.integers(len(repaired), size=len(repaired))].mean(axis=0)
-        shrink = shrink_of(measure.total(measure.cells(data)), measure.total(measure.cells(data, twin)))
+        mended = measure.of_repaired(repaired[rng.integers(len(repaired), size=len(repaired))])
+        shrink = shrink_of(measure.total(measure.cells(data)), mended.total(mended.cells(data)))
         if shrink is not None:
             shrinks.append(shrink)
     if not shrinks:

@@ -18,7 +18,7 @@ RATE = 51_200.0
 BLOCK = 5120
 START_NS = 1_790_000_000_000_000_000
 DRIVE_HZ = 20.0
-PEAK_N: dict[Origin, float] = {"measured": 40.0, "predicted": 36.0}
+PEAK_N: dict[Origin, float] = {"measured": 40.0, "nominal": 20.0, "predicted": 36.0}
 CONTACT_S = 1e-3
 
 CHANNELS = (

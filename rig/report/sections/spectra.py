@@ -1,8 +1,7 @@
-"""Autospectra, measured and predicted."""
+"""Autospectra, measured and of the twin or twins."""
 
 from __future__ import annotations
 
-from daq.log.reader import Origin
 from daq.signals import autospectrum, log_bands
 from rig.report.content import Part, Sentence
 from rig.report.plot import PlotGrid
@@ -26,8 +25,8 @@ def parts(run: RunRecord) -> list[Part]:
         grid.axes(cell, f"{name}, {unit}²/Hz", x, y, share_x_with=0)
         for origin in ORIGINS:
             trace = run.traces.get((origin, name))
-            if trace is not None and not _draw(grid, cell, origin, trace, name):
-                empty.append(f"{name} ({origin})")
+            if trace is not None and not _draw(grid, cell, run.whose(origin), trace, name):
+                empty.append(f"{name} ({run.whose(origin)})")
     text = "Welch: Hann window, 0.5 s segments, half overlap, mean removed; averaged over narrow bands."
     missing = [Sentence(f"Too few samples, or nothing but zeros: {', '.join(empty)}.")] if empty else []
     return [
@@ -37,8 +36,8 @@ def parts(run: RunRecord) -> list[Part]:
     ]
 
 
-def _draw(grid: PlotGrid, cell: int, origin: Origin, trace: Trace, channel: str) -> bool:
+def _draw(grid: PlotGrid, cell: int, whose: str, trace: Trace, channel: str) -> bool:
     spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
     heard = spectrum.density > 0
-    grid.line(cell, origin, spectrum.frequency_hz[heard], spectrum.density[heard], channel)
+    grid.line(cell, whose, spectrum.frequency_hz[heard], spectrum.density[heard], channel)
     return bool(heard.any())

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from rig.report.content import BigNumber, BigNumbers, Part, Sentence, Table
 from rig.report.record import RunRecord
+from rig.report.sections.comparison import parts as comparison
 from rig.report.sections.numbers import DASH, counted, difference, number, spread
 from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summary_of
+
+_NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 
 def parts(run: RunRecord) -> list[Part]:
@@ -16,7 +19,8 @@ def parts(run: RunRecord) -> list[Part]:
         _data_state(summary),
         *_peak_numbers(summary),
     ]
-    return [BigNumbers(numbers), *_warnings(summary), _channel_table(summary)]
+    table = _table_of_three(summary) if run.repaired else _channel_table(summary)
+    return [*comparison(run), BigNumbers(numbers), *_warnings(summary), table]
 
 
 def _data_state(summary: RunSummary) -> BigNumber:
@@ -28,22 +32,36 @@ def _data_state(summary: RunSummary) -> BigNumber:
 
 
 def _peak_numbers(summary: RunSummary) -> list[BigNumber]:
-    measured, predicted = summary.measured_peaks, summary.predicted_peaks
+    measured, predicted, nominal = summary.measured_peaks, summary.predicted_peaks, summary.nominal_peaks
     return [
-        BigNumber(f"Peak force, {name}", _mean(measured, name), _against(measured, predicted, name))
+        BigNumber(f"Peak force, {name}", _mean(measured, name), _remark(measured, predicted, nominal, name))
         for name in ("first", "max")
         if measured or predicted
     ]
+
+
+def _remark(
+    measured: HalfCycleStatistics | None,
+    predicted: HalfCycleStatistics | None,
+    nominal: HalfCycleStatistics | None,
+    name: str,
+) -> str:
+    if nominal is None:
+        return _against(measured, predicted, name, "predicted")
+    twins = _against(measured, nominal, name, "nominal"), _against(measured, predicted, name, "repaired")
+    return "; ".join(twins)
 
 
 def _mean(peaks: HalfCycleStatistics | None, name: str) -> str:
     return DASH if peaks is None else spread(*_pair(peaks, name), "N")
 
 
-def _against(measured: HalfCycleStatistics | None, predicted: HalfCycleStatistics | None, name: str) -> str:
+def _against(
+    measured: HalfCycleStatistics | None, predicted: HalfCycleStatistics | None, name: str, whose: str
+) -> str:
     if predicted is None:
         return "no prediction"
-    text = f"predicted {spread(*_pair(predicted, name), 'N')}"
+    text = f"{whose} {spread(*_pair(predicted, name), 'N')}"
     if measured is None:
         return text
     return f"{text}: {difference(_pair(predicted, name)[0], _pair(measured, name)[0])}"
@@ -91,6 +109,34 @@ def _channel_row(channel: ChannelSummary) -> list[str]:
         str(measured.overloaded_blocks) if measured else DASH,
         str(measured.missing) if measured else DASH,
     ]
+
+
+def _table_of_three(summary: RunSummary) -> Table:
+    headings = (
+        "channel", "unit", "rms measured", "nominal", "repaired", "peak measured", "nominal", "repaired",
+        "overloaded blocks", "missing samples",
+    )  # fmt: skip
+    return Table(headings, [_row_of_three(channel) for channel in summary.channels], "Channels")
+
+
+def _row_of_three(channel: ChannelSummary) -> list[str]:
+    measured = channel.measured
+    return [
+        channel.name,
+        channel.unit or DASH,
+        _value(measured, "rms"),
+        _value_against(channel.nominal, measured),
+        _value_against(channel.predicted, measured),
+        *(_value(each, "peak") for each in (measured, channel.nominal, channel.predicted)),
+        str(measured.overloaded_blocks) if measured else DASH,
+        str(measured.missing) if measured else DASH,
+    ]
+
+
+def _value_against(twin: TraceSummary | None, measured: TraceSummary | None) -> str:
+    if twin is None or measured is None:
+        return _value(twin, "rms")
+    return f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
 
 
 def _value(trace: TraceSummary | None, name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daq.log import LogReader, Origin, verify_log
-from rig.report import summarise
+from rig.report import overall_closeness, summarise
 from rig.twin.overlay import overlay_run
 from tests.rig.commands.cli import Call
 from tests.rig.synthetic_run import SCENARIO, write_log
@@ -63,17 +63,22 @@ def test_a_healthy_foreign_rig_is_close_to_its_prediction(tmp_path: Path) -> Non
 
 @needs_samples
 def test_an_effect_can_be_given_to_the_prediction(tmp_path: Path) -> None:
-    run = SAMPLES / "beam_base_flexibility.mcap"
-    overlay_run(run, tmp_path / "plain.mcap")
-    overlay_run(run, tmp_path / "repaired.mcap", SAMPLES / "beam_base_flexibility.json")
-    rms = {}
-    for name in ("plain", "repaired"):
-        with LogReader(tmp_path / f"{name}.mcap") as log:
-            rms[name] = float(np.std(log.series("predicted", "base.acceleration").values))
-            measured = float(np.std(log.series("measured", "base.acceleration").values))
+    run, effects = SAMPLES / "beam_base_flexibility.mcap", SAMPLES / "beam_base_flexibility.json"
+    overlay_run(run, tmp_path / "overlay.mcap", effects)
+    assert verify_log(tmp_path / "overlay.mcap").sound
+    rms: dict[Origin, float] = {}
+    with LogReader(tmp_path / "overlay.mcap") as log:
+        for origin in ("measured", "nominal", "predicted"):
+            rms[origin] = float(np.std(log.series(origin, "base.acceleration").values))
+        assert log.metadata["twin"]["effects"] == effects.read_text()
+        assert log.metadata["twin"]["nominal"] == "without these effects"
     # a base that is rigid does not move; the repaired one moves as the recorded one within chaos
-    assert rms["plain"] < 0.1 * measured
-    assert rms["repaired"] == pytest.approx(measured, rel=0.3)
+    assert rms["nominal"] < 0.1 * rms["measured"]
+    assert rms["predicted"] == pytest.approx(rms["measured"], rel=0.3)
+    found = overall_closeness(tmp_path / "overlay.mcap")
+    assert found is not None
+    # the recording's halves differ by 0.3 dB, and a healthy rig by its tolerances
+    assert found.repaired_db < 1.5 < 5.0 < found.nominal_db
 
 
 @needs_samples
@@ -98,10 +103,9 @@ def test_the_predicted_crank_turns_with_the_measured_one(tmp_path: Path) -> None
 @needs_samples
 def test_friction_in_a_foreign_cranks_joints_closes_its_gap(tmp_path: Path) -> None:
     run, effects = SAMPLES / "crank_joint_friction.mcap", SAMPLES / "crank_joint_friction.json"
-    overlay_run(run, tmp_path / "nominal.mcap")
-    overlay_run(run, tmp_path / "repaired.mcap", effects)
-    measured = rms_of(tmp_path / "nominal.mcap", "measured")
-    nominal, repaired = (rms_of(tmp_path / f"{name}.mcap", "predicted") for name in ("nominal", "repaired"))
+    overlay_run(run, tmp_path / "overlay.mcap", effects)
+    log = tmp_path / "overlay.mcap"
+    measured, nominal, repaired = (rms_of(log, origin) for origin in ("measured", "nominal", "predicted"))
     for channel in FRAME[:2]:
         assert nominal[channel] > 1.7 * measured[channel]
         assert repaired[channel] == pytest.approx(measured[channel], rel=0.35)
@@ -110,6 +114,30 @@ def test_friction_in_a_foreign_cranks_joints_closes_its_gap(tmp_path: Path) -> N
 def rms_of(log: Path, origin: Origin) -> dict[str, float]:
     with LogReader(log) as read:
         return {name: float(np.std(read.series(origin, name).values)) for name in FRAME}
+
+
+def test_the_nominal_twin_beside_a_repaired_one_is_the_one_of_a_plain_overlay(
+    call: Call, tmp_path: Path
+) -> None:
+    run = write_log(tmp_path / "run.mcap", seconds=0.5, origins=["measured"], scenario=RUN)
+    effects = tmp_path / "effects.json"
+    effects.write_text('[{"name": "structural_damping", "parameters": {"scale": 6.0}}]')
+    overlay_run(run, tmp_path / "plain.mcap")
+    answer = call("overlay", run, "--effects", effects, "-o", tmp_path / "both.mcap")
+    assert answer.code == 0, answer.err
+    assert "nominal    autospectra" in answer.out
+    assert "Repaired twin lies off by" in (tmp_path / "both.html").read_text(encoding="utf-8")
+    accounts = {topic.topic: topic.samples for topic in verify_log(tmp_path / "both.mcap").topics}
+    assert accounts["/nominal/yoke.force"] == accounts["/predicted/yoke.force"] == 25_600
+    with LogReader(tmp_path / "plain.mcap") as plain, LogReader(tmp_path / "both.mcap") as both:
+        assert not plain.channels("nominal")
+        assert list(both.channels("nominal")) == list(both.channels("predicted"))
+        for name, row in plain.table("predicted").items():
+            assert np.array_equal(both.series("nominal", name).values, row.values)
+        force = "contact.force_upper"
+        assert not np.array_equal(
+            both.series("predicted", force).values, both.series("nominal", force).values
+        )
 
 
 def test_a_run_that_a_crash_cut_short_is_overlaid_as_far_as_it_goes(tmp_path: Path) -> None:

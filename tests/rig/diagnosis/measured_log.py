@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 Damage = Callable[[SampleBlock], SampleBlock | None]
 RATE = 25_600.0
 START_NS = 1_790_000_000_000_000_000
-BLOCK = round(0.1 * RATE)
+BLOCK_S = 0.1
+BLOCK = round(BLOCK_S * RATE)
 _SETTLE_S = 0.5
 
 BEAM = """
@@ -51,7 +52,7 @@ duration = "4 s"
 
 
 def recording(
-    scenario: str, effects: Sequence[Named] = (), seed: int = 1, seconds: float | None = None
+    scenario: str, effects: Sequence[Named] = (), seed: int = 1
 ) -> tuple[tuple[Channel, ...], Array]:
     """Channels of a healthy rig with effects in, and what its instruments show, (channels, n)."""
     parsed = parse_scenario(scenario)
@@ -61,8 +62,7 @@ def recording(
     stream = model.stream(twin, RATE, rng)
     stream.drive(twin.drive, float(rng.uniform(0, 2 * np.pi)))
     stream.advance(round(_SETTLE_S * RATE))
-    duration = parsed.acquisition.duration if seconds is None else seconds
-    return predicted_channels(twin), stream.advance(round(duration * RATE))
+    return predicted_channels(twin), stream.advance(round(parsed.acquisition.duration * RATE))
 
 
 def write(
@@ -71,6 +71,7 @@ def write(
     scenario: str | None,
     without: Collection[str] = (),
     damage: Damage = lambda block: block,
+    rate: float = RATE,
 ) -> Path:
     """Write a recording as a measured log; `damage` changes its blocks of 0.1 s, or drops them (None)."""
     channels, samples = recorded
@@ -80,19 +81,19 @@ def write(
             log.add_metadata("scenario", {"toml": scenario})
         for channel, _ in kept:
             log.declare("measured", channel)
-        for first in range(0, samples.shape[1], BLOCK):
+        for first in range(0, samples.shape[1], round(BLOCK_S * rate)):
             for channel, row in kept:
-                block = damage(_block(channel.name, first, row))
+                block = damage(_block(channel.name, first, row, rate))
                 if block is not None:
                     log.add_block("measured", block, block.time_ns)
     return path
 
 
-def _block(name: str, first: int, row: Array) -> SampleBlock:
+def _block(name: str, first: int, row: Array, rate: float) -> SampleBlock:
+    values = row[first : first + round(BLOCK_S * rate)]
     # an unwrapped angle is too long for float32
-    values = row[first : first + BLOCK]
     kept = values if name == "crank.angle" else values.astype(np.float32)
-    return SampleBlock(name, first, sample_time_ns(START_NS, first, RATE), RATE, kept)
+    return SampleBlock(name, first, sample_time_ns(START_NS, first, rate), rate, kept)
 
 
 def flagged(block: SampleBlock, flags: Flag, values: NDArray[np.floating] | None = None) -> SampleBlock:

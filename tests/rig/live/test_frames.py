@@ -52,3 +52,9 @@ def test_a_sender_that_dies_within_a_frame_ends_the_stream(length: int) -> None:
 def test_a_layout_travels_as_text() -> None:
     layout = layout_of("run", CHANNELS, CHANNELS[:2], BeamPicture(0.28, 0.019, 0.127e-3), 0.5)
     assert Layout.from_json(layout.to_json()) == layout
+
+
+def test_beside_a_nominal_twin_the_prediction_is_called_repaired() -> None:
+    alone, both = layout_of("run", CHANNELS, CHANNELS), layout_of("run", CHANNELS, CHANNELS, nominal=CHANNELS)
+    assert [layout.whose("predicted") for layout in (alone, both)] == ["predicted", "repaired"]
+    assert list(both.origins) == ["measured", "nominal", "predicted"]  # drawn in this order, the last on top

@@ -86,7 +86,7 @@ def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> int:
 
 
 def shows_both(picture: Image.Image) -> bool:
-    return all(pixels(picture, colour) > DRAWN_PIXELS for colour in COLOURS.values())
+    return all(pixels(picture, COLOURS[origin]) > DRAWN_PIXELS for origin in ("measured", "predicted"))
 
 
 def views_without_both(client: ViewerClient, folder: Path, names: set[str]) -> set[str]:

@@ -50,7 +50,7 @@ class TimedSink(ListSink):
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    return write_log(tmp_path / "log.mcap", seconds=1.0)
+    return write_log(tmp_path / "log.mcap", seconds=1.0, origins=("measured", "predicted", "nominal"))
 
 
 @pytest.mark.parametrize("cut", [False, True])

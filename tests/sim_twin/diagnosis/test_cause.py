@@ -95,7 +95,10 @@ def test_draws_of_a_hypothesis_are_spread_evenly_over_its_cube() -> None:
 def test_draws_keep_to_what_may_go_together() -> None:
     distortion = BEAM.effects["drive_distortion"]
     one = Cause(
-        "drive_distortion", "drive", distortion.parameters, allows=lambda given: not distortion.together(given)
+        "drive_distortion",
+        "drive",
+        distortion.parameters,
+        allows=lambda given: not distortion.together(given),
     )
     values = drawn((one,), 400, np.random.default_rng(RNG_SEED))
     assert len(values) == 400

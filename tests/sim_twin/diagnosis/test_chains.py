@@ -18,8 +18,12 @@ SETTLED = 2  # periods of a second: what a droop of 1 Hz still remembers is exp(
 
 def lines(highest: float) -> tuple[Array, Array, Array]:
     rng = np.random.default_rng(1)
-    frequencies = BASE_HZ * np.arange(1, int(highest / BASE_HZ))
-    return frequencies, rng.normal(size=len(frequencies)), rng.uniform(0, 2 * np.pi, len(frequencies))
+    frequencies = BASE_HZ * np.arange(1.0, int(highest / BASE_HZ))
+    return (
+        np.asarray(frequencies),
+        rng.normal(size=len(frequencies)),
+        rng.uniform(0, 2 * np.pi, len(frequencies)),
+    )
 
 
 def at_times(times: Array, highest: float) -> Array:
@@ -62,7 +66,18 @@ def at_once(chain: SensorChain, clean: Array, quiet: float = 0.0) -> Array:
         (SensorChain(bandwidth_corner=8000.0), 1e-2),
         (SensorChain(gain=1.3, skew=1e-4, droop_corner=5.0, bandwidth_corner=3000.0), 1e-2),
     ],
-    ids=["healthy", "gain", "turned round", "late", "early", "droop", "10 Hz droop", "800 Hz", "8 kHz", "all"],
+    ids=[
+        "healthy",
+        "gain",
+        "turned round",
+        "late",
+        "early",
+        "droop",
+        "10 Hz droop",
+        "800 Hz",
+        "8 kHz",
+        "all",
+    ],
 )
 def test_a_chain_over_the_whole_record_is_the_chain_in_motion(chain: SensorChain, tolerance: float) -> None:
     highest = 8000.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -137,7 +139,7 @@ def test_coherence_of_a_delayed_noise_turns_with_frequency(delay: int) -> None:
     # the spectrum of what comes later is exp(-i 2 pi f tau) times as large, so the product of one and the
     # conjugate of the other turns the other way; white noise weighs all harmonics in a band alike
     turn = np.exp(2j * np.pi * np.arange(octaves[-1]) * delay / LENGTH)
-    exact = np.array([turn[low:high].mean() for low, high in zip(octaves[:-1], octaves[1:], strict=True)])
+    exact = np.array([turn[low:high].mean() for low, high in pairwise(octaves)])
     # each harmonic is weighed by the noise's own power in 40 cycles (two halves of each), some 1 / sqrt(80)
     # of it; and a delay of 10 of 1280 samples brings 0.8 % of other noise into the window
     allowed = np.abs(exact - np.exp(1j * np.angle(exact))) / np.sqrt(20) + 0.02

@@ -36,7 +36,7 @@ def test_a_sine_with_harmonics_is_followed_nearly_as_well_as_can_be() -> None:
     for seed in range(40):
         frequency, phase = NOMINAL * rng.uniform(0.999, 1.001), rng.uniform(0, 2 * np.pi)
         found = sine_cycles(drive(frequency, phase, noise, seed), RATE, NOMINAL)
-        errors.append((found.frequency - frequency, turned(found.phase - phase)))
+        errors.append((found.frequency - frequency, float(turned(found.phase - phase))))
     hertz, radian = np.sqrt(np.mean(np.square(errors), axis=0))
     # Cramer and Rao for a sine of unknown level, phase and frequency (Kay, Estimation Theory, 3.41)
     share = (noise / 9) ** 2

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.draw import Draw, Observed
@@ -14,7 +15,7 @@ from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import gap_between, halves, near_best, repaired_twins
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
-from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Blocks, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Toy, recording
 
 TOY = Toy()
 RIG = 10**6
@@ -33,8 +34,9 @@ def measure() -> GapMeasure:
     return gap_measure([recording((), seed, 2) for seed in range(60)], TOY.layout)
 
 
-def twins(size: float, count: int = 24) -> Blocks:
-    return np.concatenate([recording((("left", {"size": size}),), 500 + k, 1) for k in range(count)])
+def twins(size: float, count: int = 24) -> NDArray[np.float64]:
+    shown = [recording((("left", {"size": size}),), 500 + k, 1) for k in range(count)]
+    return np.concatenate(shown).astype(np.float64)
 
 
 @pytest.mark.parametrize(("blocks", "fitted"), [(2, 1), (3, 2), (6, 3)])
@@ -104,6 +106,7 @@ def test_the_right_repair_closes_the_gap_and_the_interval_holds_that() -> None:
     # as a healthy rig: 48 cells of one rig, four dozen of which average to some per cents
     assert gap.after == pytest.approx(1.0, abs=0.2)
     assert gap.shrink == pytest.approx(1 - max(gap.after - 1, 0) / (gap.before - 1))
+    assert gap.shrink is not None
     assert gap.shrink_ci95 is not None
     assert gap.shrink_ci95[0] <= gap.shrink <= gap.shrink_ci95[1] <= 1
     assert len(gap.cells_before) == len(gap.cells_after) == len(TOY.layout.cells)
@@ -111,7 +114,9 @@ def test_the_right_repair_closes_the_gap_and_the_interval_holds_that() -> None:
 
 def test_half_a_repair_shrinks_the_gap_by_less() -> None:
     measured, rng = recording(LEFT_2, RIG, 6), np.random.default_rng(3)
-    shrinks = [gap_between(measure(), measured, measured, twins(size), rng).shrink for size in (2.0, 1.0, 4.0)]
+    shrinks = [
+        gap_between(measure(), measured, measured, twins(size), rng).shrink for size in (2.0, 1.0, 4.0)
+    ]
     right, half, beyond = (float("nan") if each is None else each for each in shrinks)
     assert right > half > 0
     assert beyond < 0  # farther away on the other side
@@ -125,15 +130,11 @@ def test_without_a_repair_nothing_shrinks() -> None:
 
 def test_where_there_is_no_gap_shrink_means_nothing() -> None:
     measured = recording((), RIG + 3)
-    gap = gap_between(measure(), measured, measured, twins(2.0), np.random.default_rng(5))
-    if gap.before <= 1:
-        assert gap.shrink is None
-        assert gap.shrink_ci95 is None
-    near = gap_between(
-        measure(), measured * 0 + measure().twin.astype(np.float32), measured, twins(2.0),
-        np.random.default_rng(5),
-    )  # fmt: skip
-    assert (near.before, near.shrink, near.shrink_ci95) == (pytest.approx(0.0, abs=1e-6), None, None)
+    on_the_twin = np.tile(measure().twin.astype(np.float32), (4, 1))
+    near = gap_between(measure(), on_the_twin, measured, twins(2.0), np.random.default_rng(5))
+    assert near.before == pytest.approx(0.0, abs=1e-6)
+    assert near.shrink is None
+    assert near.shrink_ci95 is None
 
 
 def test_a_recording_s_own_blocks_lie_apart_as_blocks_of_one_rig() -> None:

@@ -85,9 +85,7 @@ def test_without_parameters_the_evidence_is_the_likelihood() -> None:
 
 
 def test_what_is_forbidden_takes_its_share_of_the_evidence() -> None:
-    posterior = integrate(
-        lambda u: np.where(u[:, 0] < 0.25, -1e12, 0.0), 1, np.random.default_rng(2)
-    )
+    posterior = integrate(lambda u: np.where(u[:, 0] < 0.25, -1e12, 0.0), 1, np.random.default_rng(2))
     assert posterior.log_evidence == pytest.approx(np.log(0.75), abs=4 * uncertainty(posterior))
     assert posterior.weights[posterior.places[:, 0] < 0.25].max() == 0
 

@@ -116,7 +116,9 @@ def test_of_two_that_look_alike_each_names_the_other(seed: int) -> None:
     assert told.judged[0].indistinguishable_from == ()
 
 
-@pytest.mark.parametrize("effects", [(), (("left", 2.0),), (("strange", 3.0),)], ids=["none", "left", "strange"])
+@pytest.mark.parametrize(
+    "effects", [(), (("left", 2.0),), (("strange", 3.0),)], ids=["none", "left", "strange"]
+)
 def test_probabilities_add_up_and_every_effect_is_judged_once(
     effects: tuple[tuple[str, float], ...],
 ) -> None:

@@ -24,8 +24,8 @@ def test_moments_are_means_then_spreads_then_what_is_no_distribution() -> None:
     fifths = np.linspace(-0.5, 0.5, SLICES)
     assert features == pytest.approx([2.0, 8.0, fifths @ numbers[:5], fifths @ numbers[6:11], 5, 11, 12])
     assert Moments(LAYOUT)(np.tile(numbers, (3, 4, 1))).shape == (3, 4, 7)
-    # 5 % of an energy, in mean and spread, and 1 % of a coherence; other programs compute the rest alike
-    assert list(Moments(LAYOUT).tolerance) == [0.05, 0.0, 0.05, 0.0, 0.01, 0.0, 0.0]
+    # other programs differ in an energy's mean and spread and in a coherence, and compute the rest alike
+    assert list(Moments(LAYOUT).tolerance > 0) == [True, False, True, False, True, False, False]
 
 
 def test_a_spread_of_five_fifths_of_a_bell_is_in_proportion_to_its_deviation() -> None:

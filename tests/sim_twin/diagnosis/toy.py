@@ -1,4 +1,4 @@
-"""A subject of diagnosis whose truth is known in closed form: responses that add up, scatter that is normal."""
+"""A subject of diagnosis whose truth is known: responses add up, scatter is normal."""
 
 from __future__ import annotations
 

@@ -1,0 +1,138 @@
+"""The beam by Euler-Bernoulli finite elements, reduced to its lowest modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh, null_space
+
+Array: TypeAlias = NDArray[np.float64]
+ELEMENTS = 60
+MODES = 30
+FASTEST = 2 * np.pi * 40e3
+"""rad/s; higher modes are made heavier until they are as slow as this. What they yield statically stays."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beam:
+    """A beam and what hangs on it; SI. At x = 0 it is clamped, or pinned (`pivot_stiffness` None), or sprung.
+
+    `drive_at` is a fraction of the length. Mass and stiffness of the shaker sit there.
+    """
+
+    length: float
+    width: float
+    thickness: float
+    modulus: float
+    density: float
+    clamped: bool = False
+    flexure: float = 0.0
+    pivot_stiffness: float | None = None
+    drive_at: float = 0.69
+    shaker_mass: float = 0.0
+    shaker_stiffness: float = 0.0
+    shaker_damping: float = 0.0
+    tip_mass: float = 0.0
+    damping: tuple[float, ...] = (0.01,) * MODES
+
+
+@dataclass(frozen=True, slots=True)
+class Reduced:
+    """M x'' + D x' + K x = loads; x holds tip deflection, drive point's, rotation at the pin, then the rest.
+
+    `pendulum`: x of the lowest mode with a tip deflection of 1 m. The clamped beam has no pin among x.
+    """
+
+    M: Array
+    D: Array
+    K: Array
+    pendulum: Array
+
+
+TIP, DRIVE, PIN = 0, 1, 2
+
+
+def reduced(beam: Beam) -> Reduced:
+    """The beam in its lowest modes, turned so that what is loaded are coordinates."""
+    omega, P, ratios = _gathered(beam)
+    rest = null_space(P)
+    back = np.column_stack([P.T @ np.linalg.inv(P @ P.T), rest])
+    D = back.T @ np.diag(2 * ratios * omega) @ back
+    D[DRIVE, DRIVE] += beam.shaker_damping
+    pendulum = np.concatenate([P[:, 0], rest[0]]) / P[TIP, 0]
+    return Reduced(back.T @ back, D, back.T @ np.diag(omega**2) @ back, pendulum)
+
+
+def _gathered(beam: Beam) -> tuple[Array, Array, Array]:
+    """Circular frequencies, watched rows of the shapes, damping ratios.
+
+    Slowed modes all have one frequency, so only as many of their combinations move as rows are watched.
+    """
+    omega, shapes, watched = _modes(beam)
+    P, ratios, slow = watched @ shapes, np.array(beam.damping), omega > FASTEST
+    if not slow.any():
+        return omega, P, ratios
+    heavy = P[:, slow] * FASTEST / omega[slow]
+    turn, _ = np.linalg.qr(heavy.T)
+    count = turn.shape[1]
+    omega = np.append(omega[~slow], np.full(count, FASTEST))
+    ratios = np.append(ratios[~slow], np.full(count, ratios[slow].mean()))
+    return omega, np.column_stack([P[:, ~slow], heavy @ turn]), ratios
+
+
+def frequencies(beam: Beam) -> Array:
+    """Natural frequencies of the kept modes, Hz."""
+    return _modes(beam)[0] / (2 * np.pi)
+
+
+def _modes(beam: Beam) -> tuple[Array, Array, Array]:
+    """Circular frequencies, shapes at the free degrees of freedom, rows that give the watched ones."""
+    M, K = _assembled(beam)
+    size = len(M)
+    drive = _interpolation(beam)
+    M += beam.shaker_mass * np.outer(drive, drive)
+    K += beam.shaker_stiffness * np.outer(drive, drive)
+    M[-2, -2] += beam.tip_mass
+    K[1, 1] += beam.flexure
+    K[0, 0] += beam.pivot_stiffness or 0.0
+    held = (0, 1) if beam.clamped else (0,) if beam.pivot_stiffness is None else ()
+    free = [i for i in range(size) if i not in held]
+    M, K = M[np.ix_(free, free)], K[np.ix_(free, free)]
+    # Turned about, the slow pendulum is the largest value and keeps its digits.
+    inverse, shapes = eigh(M, K, subset_by_index=(len(free) - MODES, len(free) - 1))
+    omega = 1 / np.sqrt(inverse[::-1])
+    watched = np.array([np.eye(size)[-2], drive] + ([] if beam.clamped else [np.eye(size)[1]]))
+    return omega, shapes[:, ::-1] * omega, watched[:, free]
+
+
+def _assembled(beam: Beam) -> tuple[Array, Array]:
+    """Free-free mass and stiffness; deflection and rotation at each node in turn."""
+    h = beam.length / ELEMENTS
+    area, moment = beam.width * beam.thickness, beam.width * beam.thickness**3 / 12
+    scale = np.array([1, h, 1, h])
+    units = np.outer(scale, scale)
+    k = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]) * units
+    m = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) * units
+    M, K = np.zeros((2, 2 * ELEMENTS + 2, 2 * ELEMENTS + 2))
+    for i in range(0, 2 * ELEMENTS, 2):
+        M[i : i + 4, i : i + 4] += beam.density * area * h / 420 * m
+        K[i : i + 4, i : i + 4] += beam.modulus * moment / h**3 * k
+    return M, K
+
+
+def _interpolation(beam: Beam) -> Array:
+    """The row that gives the deflection where the drive is."""
+    h = beam.length / ELEMENTS
+    element = int(beam.drive_at * ELEMENTS)
+    s = beam.drive_at * ELEMENTS - element
+    row = np.zeros(2 * ELEMENTS + 2)
+    row[2 * element : 2 * element + 4] = (
+        1 - 3 * s**2 + 2 * s**3,
+        h * (s - 2 * s**2 + s**3),
+        3 * s**2 - 2 * s**3,
+        h * (s**3 - s**2),
+    )
+    return row

@@ -1,0 +1,1 @@
+"""The blind check's planar slider-crank: Exudyn's mechanism and contacts, own frame, own sensors."""

@@ -1,0 +1,40 @@
+"""The truth engines, one a rig: programs that share nothing with the twin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any, Protocol
+
+from benchmarks.blind.campaigns import Outsider
+from benchmarks.blind.catalogue import BEAM, CRANK
+from benchmarks.blind.recording import Recording
+
+_MODULES = {BEAM: "benchmarks.blind.beam.record", CRANK: "benchmarks.blind.crank.record"}
+
+
+class Engine(Protocol):
+    """Makes a recording of one run; `OUTSIDE` are the effects that the catalogue does not hold."""
+
+    OUTSIDE: Sequence[Outsider]
+
+    def record(
+        self,
+        scenario: Mapping[str, Any],
+        effects: Sequence[Mapping[str, Any]],
+        rig_seed: int,
+        run_seed: int,
+    ) -> Recording:
+        """Record a run on a healthy rig with `effects` in it."""
+
+
+def engine_of(rig: str) -> Engine:
+    """The truth engine of a rig, imported when it is asked for (it needs the optional extra `peers`)."""
+    engine: Any = import_module(_MODULES[rig])
+    checked: Engine = engine
+    return checked
+
+
+def outside_effects() -> dict[str, Sequence[Outsider]]:
+    """What each rig may have that the catalogue does not hold."""
+    return {rig: engine_of(rig).OUTSIDE for rig in _MODULES}

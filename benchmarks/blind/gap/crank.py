@@ -1,0 +1,65 @@
+"""Features of the planar crank's revolutions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from benchmarks.blind.gap.beam import whole_cycles
+from benchmarks.blind.gap.cycles import Features, Samples, lag, levels, orders
+
+ACCELERATIONS = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
+_LOWEST_HZ, _BANDS_AN_OCTAVE = 20.0, 3
+_ORDERS = (1, 2, 3, 4, 5, 6)
+_HIGH_V = 2.5
+_MARKER_RAD, _ANGLE_RAD = 5e-4, 1e-4
+"""Scatter added to angles, so that a difference below an encoder's count or a sample makes no gap."""
+
+
+def crank_features(channels: Mapping[str, Samples], rate: float, _: float) -> list[dict[str, Features]]:
+    """For each whole revolution, groups of features."""
+    return [_turn(channels, cut, rate) for cut in whole_cycles(channels["crank.angle"])]
+
+
+def _turn(channels: Mapping[str, Samples], cut: slice, rate: float) -> dict[str, Features]:
+    unwrapped = channels["crank.angle"][cut]
+    angle = unwrapped - 2 * np.pi * np.floor(unwrapped[0] / (2 * np.pi))
+    across, along, piston = (channels[name][cut] for name in ACCELERATIONS)
+    found = {
+        name: {
+            **levels(values, rate, _LOWEST_HZ, _BANDS_AN_OCTAVE),
+            **orders(values, angle, _ORDERS),
+            "peak": float(angle[np.argmax(np.abs(values))]),
+        }
+        for name, values in zip(ACCELERATIONS, (across, along, piston), strict=True)
+    }
+    uniform = 2 * np.pi * np.arange(len(angle)) / len(angle)
+    wobble = orders(angle - uniform, uniform, (1, 2, 3, 4))
+    found["crank.angle"] = {"speed": rate / len(angle), **_scattered(wobble, _ANGLE_RAD, cut.start)}
+    marker = _marker(channels["crank.marker"][cut], angle)
+    found["crank.marker"] = _scattered(marker, _MARKER_RAD, cut.start)
+    found["timing"] = {
+        "y to x": lag(_edges(across), _edges(along), rate),
+        "crank to piston": lag(_edges(across), _edges(piston), rate),
+    }
+    return found
+
+
+def _edges(values: Samples) -> Samples:
+    """Where impacts begin, whichever way they push."""
+    steep: Samples = np.diff(values) ** 2
+    return steep
+
+
+def _scattered(features: Features, deviation: float, seed: int) -> Features:
+    rng = np.random.default_rng(seed)
+    return {name: value + deviation * float(rng.standard_normal()) for name, value in features.items()}
+
+
+def _marker(volts: Samples, angle: Samples) -> Features:
+    """Where it rises and falls, rad from the angle's zero; 0 where it does not."""
+    from_zero = (angle + np.pi) % (2 * np.pi) - np.pi
+    high = volts > _HIGH_V
+    where = from_zero[high] if high.any() else np.zeros(1)
+    return {"rise": float(where.min()), "fall": float(where.max())}

@@ -1,0 +1,62 @@
+"""Makes the campaigns: the answers first, sealed, then the logs on two processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from benchmarks.blind.campaigns import Campaign, draw_campaigns
+from benchmarks.blind.engines import engine_of, outside_effects
+from benchmarks.blind.logs import run_names, write_campaign
+from benchmarks.blind.seal import seal
+
+WORKERS = 2
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def make(folder: Path, count: int, seed: int) -> None:
+    """Draw, seal and record `count` campaigns; what is recorded already stays."""
+    campaigns = draw_campaigns(count, seed, outside_effects())
+    print(f"answers sealed: sha256 {seal(folder, campaigns)}", flush=True)
+    with workers() as pool:
+        for done, name in enumerate(each_done(pool, partial(_recorded, folder), campaigns), 1):
+            print(f"recorded {name} ({done} of {count})", flush=True)
+
+
+def logs_of(folder: Path, name: str) -> list[Path]:
+    """The logs of a campaign, in the order of its runs."""
+    return sorted((folder / "logs" / name).glob("*.mcap"))
+
+
+def discard_logs(folder: Path, campaign: Campaign) -> None:
+    """Remove the logs of a campaign."""
+    for name in run_names(campaign):
+        (folder / "logs" / campaign.name / name).unlink(missing_ok=True)
+
+
+@contextmanager
+def workers() -> Iterator[ProcessPoolExecutor]:
+    """Two processes of their own; what waits is dropped where the block is left by an error."""
+    # Not forked: the twin's kernels and Exudyn both hold threads.
+    pool = ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def each_done(pool: ProcessPoolExecutor, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
+    """Results as they come."""
+    for future in as_completed([pool.submit(work, item) for item in items]):
+        yield future.result()
+
+
+def _recorded(folder: Path, campaign: Campaign) -> str:
+    write_campaign(folder / "logs" / campaign.name, campaign, engine_of(campaign.rig))
+    return campaign.name

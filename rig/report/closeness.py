@@ -1,0 +1,84 @@
+"""How far the nominal and the repaired twin lie from the measurement, channel by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.signals import Autospectrum, autospectrum, log_bands
+from rig.report.record import RunRecord, Trace, read_run
+
+_BANDS = 42
+"""Between 2 Hz and 25.6 kHz about a third of an octave each."""
+
+_DEPTH_DB = 40.0
+"""Only bands so far below a channel's strongest count: further down lies the sensor's noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closeness:
+    """Rms of the level differences in dB between autospectra of a channel.
+
+    Of either twin to the measurement, and of the measurement's second half to its first: as far as chatter
+    alone takes it.
+    """
+
+    channel: str
+    nominal_db: float
+    repaired_db: float
+    halves_db: float
+
+
+def closeness(run: RunRecord) -> list[Closeness]:
+    """One for each channel that was measured and that both twins have; none without a nominal twin."""
+    return [each for name in run.channels if (each := _of(run, name)) is not None]
+
+
+def overall_closeness(log: Path) -> Closeness | None:
+    """Read a log and return the closeness over all its channels; None without a nominal twin in it."""
+    channels = closeness(read_run(log))
+    return overall(channels) if channels else None
+
+
+def overall(channels: Sequence[Closeness]) -> Closeness:
+    """Rms over channels."""
+    rows = np.array([(each.nominal_db, each.repaired_db, each.halves_db) for each in channels])
+    return Closeness("", *(float(value) for value in np.sqrt(np.mean(rows**2, axis=0))))
+
+
+def _of(run: RunRecord, name: str) -> Closeness | None:
+    measured, nominal = run.traces.get(("measured", name)), run.traces.get(("nominal", name))
+    repaired = run.traces.get(("predicted", name))
+    if measured is None or nominal is None or repaired is None:
+        return None
+    spectrum = _banded(measured.values, measured)
+    if not (spectrum.density > 0).any():
+        return None
+    half = len(measured.values) // 2
+    first, second = _banded(measured.values[:half], measured), _banded(measured.values[half:], measured)
+    return Closeness(
+        name,
+        distance_db(spectrum, _banded(nominal.values, nominal)),
+        distance_db(spectrum, _banded(repaired.values, repaired)),
+        distance_db(first, second),
+    )
+
+
+def distance_db(one: Autospectrum, other: Autospectrum) -> float:
+    """Rms level difference over the bands of `one` within 40 dB of its strongest; 40 dB at most each."""
+    if not (one.density > 0).any():
+        return 0.0
+    depth = 10 ** (-_DEPTH_DB / 10)
+    counted = one.density > depth * one.density.max()
+    frequency, here = one.frequency_hz[counted], one.density[counted]
+    there = np.interp(frequency, *other) if len(other.density) else np.zeros_like(here)
+    level = 10 * np.log10(here / np.maximum(there, depth * here))
+    return float(np.sqrt(np.mean(np.minimum(np.abs(level), _DEPTH_DB) ** 2)))
+
+
+def _banded(values: NDArray[np.floating], trace: Trace) -> Autospectrum:
+    return log_bands(autospectrum(values, trace.sample_rate), _BANDS)

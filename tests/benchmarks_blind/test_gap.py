@@ -1,0 +1,112 @@
+"""The second measure of the gap: closed forms of its distance, and a floor that is 1 by its own members."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.blind.gap.beam import drive_phase, whole_cycles, without_crosstalk
+from benchmarks.blind.gap.cycles import contacts, lag, levels, orders
+from benchmarks.blind.gap.distance import Floor, energy_distances
+
+RATE = 51_200.0
+
+
+def _draws(seed: int, count: int, shift: float = 0.0, scale: float = 1.0) -> list[NDArray[np.float64]]:
+    """Tables of 200 cycles and 6 features, each with a small offset of its own as healthy rigs have."""
+    rng = np.random.default_rng(seed)
+    return [
+        shift + 0.1 * rng.standard_normal(6) + scale * rng.standard_normal((200, 6)) for _ in range(count)
+    ]
+
+
+def _gaps(
+    floor: Floor, recordings: Sequence[NDArray[np.float64]], ensemble: list[NDArray[np.float64]]
+) -> float:
+    return float(np.mean([floor.gap(each, ensemble) for each in recordings]))
+
+
+def test_distance_between_two_points_is_closed() -> None:
+    # F - G is 1 over the distance a between them: the square root of 2 a.
+    assert energy_distances(np.full((5, 1), 1.0), np.full((9, 1), 3.0)) == pytest.approx([2.0])
+
+
+def test_distance_between_shifted_uniform_laws_is_closed() -> None:
+    line = np.linspace(0, 1, 4001)[:, None]
+    # F - G rises to s, stays and falls: 2 (s^2 (1 - s) + 2 s^3 / 3) for a shift s below 1.
+    s = 0.25
+    expected = np.sqrt(2 * (s**2 * (1 - s) + 2 * s**3 / 3))
+    assert energy_distances(line, line + s) == pytest.approx([expected], rel=1e-3)  # steps of 1/4000
+
+
+def test_one_more_member_has_gap_one_and_a_shift_more() -> None:
+    members = _draws(1, 8)
+    floor = Floor(members, [0, 0, 0, 1, 1, 1])
+    # Healthy ones scatter by some 15 %, so 20 give their mean to 4 %; 8 members give the floor to 5 %.
+    assert _gaps(floor, _draws(2, 20), members) == pytest.approx(1, abs=0.15)
+    assert _gaps(floor, _draws(3, 20, shift=1.0), members) > 3
+    assert _gaps(floor, _draws(4, 20, scale=2.0), members) > 1.5
+
+
+def test_what_only_rounding_varies_does_not_make_a_gap() -> None:
+    members = [np.column_stack([table, np.full(200, 5.0)]) for table in _draws(1, 8)]
+    floor = Floor(members, [0] * 7)
+    recording = np.column_stack([_draws(2, 1)[0], np.full(200, 5.0 + 1e-6)])
+    assert floor.gap(recording, members) < 1.5
+
+
+def test_phase_of_the_drive_is_found_a_little_off_its_frequency() -> None:
+    times = np.arange(round(5 * RATE)) / RATE
+    true = 2 * np.pi * 20.004 * times + 0.7  # 0.02 % off
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(times))
+    phase = drive_phase(9 * np.sin(true) + noise, RATE, 20.0)
+    apart = (phase - true + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(apart).max() < 1e-3  # 8 us of a cycle of 50 ms
+    cuts = list(whole_cycles(phase))
+    assert len(cuts) == 99
+    assert all(abs((true[cut.start] + 1e-3) % (2 * np.pi)) < 0.01 for cut in cuts)
+
+
+def test_levels_of_a_sine_lie_in_its_octave() -> None:
+    cycle = 3 * np.sin(2 * np.pi * 1000 * np.arange(2560) / RATE)
+    found = levels(cycle, RATE, 100.0)
+    assert found["rms"] == pytest.approx(3 / np.sqrt(2), rel=1e-9)
+    # One side of the spectrum: amplitude squared over four.
+    assert found["band 800"] == pytest.approx(np.log10(9 / 4), abs=1e-9)
+    assert found["band 400"] < -10
+
+
+def test_orders_are_amplitudes() -> None:
+    phase = 2 * np.pi * np.arange(1000) / 1000
+    found = orders(2 * np.cos(2 * phase) - 0.5 * np.sin(phase), phase, (1, 2))
+    assert found == pytest.approx({"cos 1": 0.0, "sin 1": 0.5, "cos 2": 2.0, "sin 2": 0.0}, abs=1e-9)
+
+
+def test_contacts_are_counted_and_placed() -> None:
+    force = np.zeros(100)
+    force[20:30], force[60:65] = 5.0, 9.0
+    expected = {"onsets": 2.0, "share": 0.15, "first": 0.20, "peak": 0.60}
+    assert contacts(force, 1.0) == pytest.approx(expected)
+    assert contacts(np.zeros(100), 1.0)["onsets"] == 0
+
+
+@pytest.mark.parametrize("delay", [-1.3e-3, 0.0, 4.4e-5])
+def test_lag_is_found_between_samples(delay: float) -> None:
+    times = np.arange(2560) / RATE
+    pulses = [np.exp(-(((times - at) / 3e-4) ** 2)) for at in (0.02, 0.02 + delay)]
+    assert lag(pulses[0], pulses[1], RATE) == pytest.approx(delay, abs=0.02 / RATE)
+
+
+def test_healthy_crosstalk_is_taken_out_of_the_base_and_no_more() -> None:
+    rng = np.random.default_rng(5)
+    contact = np.maximum(rng.standard_normal(20_000), 0) * 30
+    noise = 0.03 * rng.standard_normal(20_000)
+    channels = {"contact.force_upper": contact, "contact.force_lower": np.zeros(20_000)}
+    rest = without_crosstalk({**channels, "base.acceleration": noise + 8e-4 * contact})
+    # The slope is known to 0.03 / (21 N sqrt(20 000)) = 1e-5.
+    assert np.abs(rest - noise).max() < 5e-5 * contact.max()
+    shaken = without_crosstalk({**channels, "base.acceleration": noise + 0.1 * contact})
+    assert shaken == pytest.approx(noise + 0.099 * contact)

@@ -1,0 +1,154 @@
+"""diagnosis.json and effects.json hold to the interface, whatever was found."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.diagnosis.document import document, effects_file, gap_block, write_json
+from rig.diagnosis.experiments import Experiment
+from rig.files.effects_file import load_effects
+from rig.twin.scenario_twin import catalogue_of
+from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.findings import Estimate, Findings, Gap, Judged
+from sim_twin.diagnosis.fingerprint.columns import Columns
+from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.rigs.impact_beam.rig import MODEL
+
+UPPER, DRIVE = "contact.force_upper", "drive.force"
+COLUMNS = Columns((UPPER, DRIVE), (UPPER,), 20.0, 25_600.0)
+LAYOUT = Layout((*COLUMNS.cells(0), *COLUMNS.cells(1)))
+UNIT = 1.25
+GAIN = Cause("sensor_gain", "sensor", MODEL.effects["sensor_gain"].parameters, UPPER, sensing=True)
+BASE = Cause("base_flexibility", "base", MODEL.effects["base_flexibility"].parameters)
+KEYS = {
+    "schema", "runs", "verdict", "verdict_probability", "gap", "effects", "selected", "horizon_s",
+    "next_experiment", "cost",
+}  # fmt: skip
+
+
+def floors() -> np.ndarray:
+    return np.random.default_rng(1).uniform(1, 5, len(LAYOUT.cells))
+
+
+def gap(before: float = 3.0, after: float = 1.1) -> Gap:
+    return Gap(before, after, 0.95, (0.9, 1.0), floors(), np.ones(len(LAYOUT.cells)), UNIT, 0.9)
+
+
+@cache
+def findings() -> Findings:
+    base = {
+        "frequency_hz": Estimate(431.0, 419.0, 444.0),
+        "mass_kg": Estimate(1.5, 1.0, 2.0),
+        "damping_ratio": Estimate(0.02, 0.01, 0.04),
+    }
+    judged = (
+        Judged(BASE, 0.7, base, 1.1, 0.95, ("pivot_compliance",)),
+        Judged(GAIN, 0.1, {"gain": Estimate(1.2, 1.1, 1.3)}, None, None),
+    )
+    best = ("base_flexibility", {name: estimate.value for name, estimate in base.items()})
+    numbers = np.zeros(LAYOUT.size)
+    return Findings(
+        layout=LAYOUT, none=0.05, effect=0.8, unknown=0.15, judged=judged, selected=(BASE,),
+        effects=(best,), gap=gap(), by_location={"base": 0.9, "sensor": 0.1}, separability={},
+        measured=numbers, nominal=numbers, repaired=numbers, floor=np.ones(len(LAYOUT.cells)),
+        held_out=True, simulations=500, misfit=1.0,
+    )  # fmt: skip
+
+
+def told(
+    found: Findings, experiment: Experiment | None = None, horizon: float | None = 0.4
+) -> dict[str, Any]:
+    return document(found, [Path("a.mcap"), Path("b.mcap")], horizon, experiment, 12.5, ["odd"])
+
+
+def test_a_diagnosis_has_every_key_of_the_interface() -> None:
+    content = told(findings(), Experiment("text", ("x", "y"), 0.9))
+    assert set(content) >= KEYS
+    assert content["schema"] == "rattle.diagnosis/1"
+    assert content["runs"] == ["a.mcap", "b.mcap"]
+    assert content["verdict"] == "effect"
+    assert content["verdict_probability"] == {"none": 0.05, "effect": 0.8, "unknown": 0.15}
+    assert content["selected"] == ["base_flexibility"]
+    assert content["next_experiment"]["expected_probability"] == 0.9
+    assert content["cost"] == {"simulations": 500, "seconds": 12.5}
+    assert content["remarks"] == ["odd"]
+
+
+def test_parameters_have_values_and_intervals_and_a_channel_is_one_of_them() -> None:
+    first, second = told(findings())["effects"]
+    assert first["parameters"]["frequency_hz"] == {"value": 431.0, "ci95": [419.0, 444.0]}
+    assert (first["location"], first["indistinguishable_from"]) == ("base", ["pivot_compliance"])
+    assert second["parameters"] == {"channel": {"value": UPPER}, "gain": {"value": 1.2, "ci95": [1.1, 1.3]}}
+    assert (second["gap_after"], second["shrink"]) == (None, None)
+
+
+def test_gaps_by_channel_and_run_are_parts_of_the_whole() -> None:
+    block = gap_block(LAYOUT, gap(), {"base": 1.0})
+    whole = np.sqrt(np.mean(floors() ** 2)) / UNIT
+    assert (block["before"], block["after"], block["shrink"]) == (3.0, 1.1, 0.95)
+    # cells are as many in one run as in the other
+    assert np.sqrt(np.mean(np.square(block["by_run"]))) == pytest.approx(whole)
+    counts = [sum(cell.channel == name for cell in LAYOUT.cells) for name in (UPPER, DRIVE)]
+    assert counts[0] == counts[1]
+    assert np.sqrt(np.mean(np.square(list(block["by_channel"].values())))) == pytest.approx(whole)
+    assert block["by_location"] == {"base": 1.0}
+
+
+def test_gaps_by_band_and_phase_are_once_a_channel_and_place_over_all_runs() -> None:
+    block = gap_block(LAYOUT, gap(), {})
+    bands = [(each["channel"], each["low_hz"], each["high_hz"]) for each in block["by_band"]]
+    phases = [(each["channel"], each["from"], each["to"]) for each in block["by_phase"]]
+    assert len(set(bands)) == len(bands) == 2 * (len(COLUMNS.harmonics) - 1)
+    assert len(set(phases)) == len(phases) == 2 * 16
+    assert (UPPER, 0.0, 0.0625) in phases
+    assert all(low < high for _, low, high in bands + phases)
+    lowest = next(each for each in block["by_band"] if each["channel"] == UPPER and each["low_hz"] == 20)
+    chosen = [
+        floor
+        for cell, floor in zip(LAYOUT.cells, floors(), strict=True)
+        if cell.what == "energy" and cell.channel == UPPER and cell.band is not None and cell.band[0] == 20
+    ]
+    assert lowest["gap"] == pytest.approx(np.sqrt(np.mean(np.square(chosen))) / UNIT)
+    assert len(chosen) == 2
+
+
+def test_numbers_without_meaning_are_null_and_the_file_holds_no_nan(tmp_path: Path) -> None:
+    odd = replace(
+        findings(),
+        gap=replace(gap(), shrink=None, shrink_ci95=None, before=float("nan")),
+        judged=(replace(findings().judged[0], after=float("inf"), shrink=np.float64("nan")),),
+    )
+    path = tmp_path / "diagnosis.json"
+    write_json(path, told(odd, horizon=None))
+    text = path.read_text()
+    assert "NaN" not in text
+    assert "Infinity" not in text
+    content = json.loads(text)
+    assert content["gap"]["before"] is None
+    assert content["gap"]["shrink"] is None
+    assert content["effects"][0]["gap_after"] is None
+    assert content["horizon_s"] is None
+    assert content["next_experiment"] is None
+
+
+def test_the_effects_file_is_one_that_a_twin_takes(tmp_path: Path) -> None:
+    path = tmp_path / "effects.json"
+    write_json(path, effects_file(findings()))
+    loaded = load_effects(path, catalogue_of(MODEL))
+    assert [(name, dict(values)) for name, values in loaded] == [
+        ("base_flexibility", {"frequency_hz": 431.0, "mass_kg": 1.5, "damping_ratio": 0.02})
+    ]
+    write_json(path, effects_file(replace(findings(), effects=())))
+    assert list(load_effects(path, catalogue_of(MODEL))) == []
+
+
+def test_nan_is_never_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="Out of range float values"):
+        write_json(tmp_path / "x.json", {"gap": float("nan")})

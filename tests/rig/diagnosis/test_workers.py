@@ -1,0 +1,101 @@
+"""A diagnosis's draws at workers: in order, told as they come, none begun after the deadline."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.diagnosis.workers import Simulated
+from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.draw import Draw, Observed
+from sim_twin.diagnosis.fingerprint.layout import Layout
+
+LATER = 3600.0
+
+
+@dataclass
+class Numbered:
+    """Shows the seed of every draw; keeps how many it was asked for at once."""
+
+    pieces: list[int] = field(default_factory=list)
+    layout: Layout = field(default_factory=lambda: Layout(()))
+    causes: tuple[Cause, ...] = ()
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        self.pieces.append(len(draws))
+        return [(np.full((1, 1), draw.seed, np.float32),) for draw in draws]
+
+
+class Here(Executor):
+    """Does the first `able` pieces of work at once and leaves all others waiting."""
+
+    def __init__(self, able: int = 10**6) -> None:
+        self.able = able
+        self.submitted: list[Future[Any]] = []
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if len(self.submitted) < self.able:
+            try:
+                future.set_result(function(*arguments, **named))
+            except ZeroDivisionError as error:
+                future.set_exception(error)
+        self.submitted.append(future)
+        return future
+
+
+def draws(count: int) -> list[Draw]:
+    return [Draw((), seed) for seed in range(count)]
+
+
+def shown(observed: Sequence[Observed]) -> list[int | None]:
+    return [int(one[0][0, 0]) if one and one[0] is not None else None for one in observed]
+
+
+def test_observations_come_in_the_order_of_their_draws() -> None:
+    told: list[float] = []
+    subject = Numbered()
+    simulated = Simulated(subject, Here(), time.monotonic() + LATER, told.append)
+    assert shown(simulated(draws(21))) == list(range(21))
+    assert told == [8, 16, 21]
+    assert subject.pieces == [8, 8, 5]
+    assert not simulated.cut_short
+
+
+def test_progress_goes_on_over_several_rounds() -> None:
+    told: list[float] = []
+    simulated = Simulated(Numbered(), Here(), time.monotonic() + LATER, told.append)
+    simulated(draws(8))
+    simulated(draws(4))
+    assert told == [8, 12]
+    assert simulated([]) == []
+
+
+def test_what_the_deadline_stopped_is_empty_and_said() -> None:
+    executor = Here(able=1)
+    simulated = Simulated(Numbered(), executor, time.monotonic(), lambda _: None)
+    assert shown(simulated(draws(20))) == [*range(8), *[None] * 12]
+    assert simulated.cut_short
+    assert all(future.cancelled() for future in executor.submitted[1:])
+
+
+def test_what_was_done_before_the_deadline_is_kept_even_when_it_is_asked_for_later() -> None:
+    simulated = Simulated(Numbered(), Here(), time.monotonic() - 10, lambda _: None)
+    assert shown(simulated(draws(20))) == list(range(20))
+    assert not simulated.cut_short
+
+
+def test_an_error_at_a_worker_is_an_error_here() -> None:
+    class Broken(Numbered):
+        def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+            raise ZeroDivisionError("no rig at all")
+
+    simulated = Simulated(Broken(), Here(), time.monotonic() + LATER, lambda _: None)
+    with pytest.raises(ZeroDivisionError, match="no rig at all"):
+        simulated(draws(3))
