@@ -72,7 +72,7 @@ def diagnose_runs(
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
     report = out / "report.html"
-    write_report(report, findings, content, _facts(data, runs), remarks, findings.floor)
+    write_report(report, findings, content, _facts(data, runs), remarks)
     return Written(findings, out / "diagnosis.json", out / "effects.json", report)
 
 

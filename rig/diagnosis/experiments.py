@@ -16,6 +16,9 @@ from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.rigs.rig_model import RigModel
 
 _MOST = 5
+_SLOWER = {"frequency", "speed"}
+_LEAST_DURATION, _LONG_ENOUGH = 5.0, 20.0
+"""s; a slower run is longer, up to what is enough for any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +61,8 @@ def options(scenario_text: str, channels: Sequence[str], rate: float) -> list[Op
             twin = twin_of(scenario, tuple(channels))
         except ConfigurationError:
             continue
-        seconds = scenario.acquisition.duration
-        found.append(Option(text, Campaign((setting_of(twin, channels, rate, seconds),))))
+        whole = int(scenario.acquisition.duration * kind.untouched(twin.drive).frequency - 1.5)
+        found.append(Option(text, Campaign((setting_of(twin, channels, rate, whole),))))
     return found[:_MOST]
 
 
@@ -77,8 +80,18 @@ def _changed(
         scaled = float(f"{value * factor:.3g}")
         changed[section][key] = f"{scaled:g} {unit}".strip() if unit else scaled
         said.append(f"{key} {changed[section][key]}")
+    _make_long_enough(changed, min([1.0, *(variation[key] for key in _SLOWER & set(variation))]))
     changed["name"] = f"{table.get('name', model.name)}: {', '.join(said)}"
     return changed
+
+
+def _make_long_enough(table: dict[str, Any], slower: float) -> None:
+    """As many cycles as before, and not too few of them."""
+    unit, value = _number(table["acquisition"]["duration"])
+    if unit not in ("", "s"):
+        return
+    longer = float(f"{max(value, _LEAST_DURATION, min(value / slower, _LONG_ENOUGH)):.3g}")
+    table["acquisition"]["duration"] = f"{longer:g} {unit}".strip() if unit else longer
 
 
 def _number(value: object) -> tuple[str, float]:

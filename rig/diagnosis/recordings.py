@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint.columns import Columns
 from sim_twin.rigs.catalogue import model_of
+from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.twin import AnyTwin, Twin
 
@@ -28,8 +29,9 @@ Array = NDArray[np.floating]
 _RATE = 25_600.0
 _BLOCK_S, _BLOCK_CYCLES = 1.8, 8
 _FEWEST_CYCLES = 10
-_FEWEST_IN_A_BLOCK = 5
 _MOST_BLOCKS = 6
+_SHORTER = 0.01
+_OTHER_AMPLITUDE = 0.05
 _COUPLED = {"N", "m/s2"}
 _SPOILT = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 
@@ -55,16 +57,20 @@ class _Run:
     sound: NDArray[np.bool_]
     rate: float
     step: int
+    cycles: int
     remarks: tuple[str, ...]
     scenario: str
 
 
 def recorded(paths: Sequence[Path]) -> Recorded:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used."""
+    _each_once(paths)
     runs = [_read(path) for path in paths]
     _of_one_rig(runs)
     common = [name for name in runs[0].twin.channels if all(name in run.records for run in runs)]
-    settings = [_setting(run, common) for run in runs]
+    settings = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
+    if not settings[0].columns.coupled:
+        raise LogError(f"{paths[0]}: nothing but {', '.join(common)}; there is no response to compare")
     campaign = Campaign(tuple(settings))
     blocks = [setting.blocks_of(run.records, run.sound) for setting, run in zip(settings, runs, strict=True)]
     count = min(_MOST_BLOCKS, *(len(each) for each in blocks))
@@ -75,6 +81,12 @@ def recorded(paths: Sequence[Path]) -> Recorded:
 
 def _grouped(blocks: NDArray[np.float32], count: int) -> NDArray[np.float32]:
     return np.array([part.mean(axis=0) for part in np.array_split(blocks, count)], dtype=np.float32)
+
+
+def _each_once(paths: Sequence[Path]) -> None:
+    twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
+    if twice:
+        raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
 
 
 def _of_one_rig(runs: Sequence[_Run]) -> None:
@@ -96,20 +108,59 @@ def _read(path: Path) -> _Run:
         _check_units(path, channels, twin, wanted)
         table = log.table("measured", wanted)
         sound, spoilt = _sound(log, wanted, table)
-    missing = [name for name in twin.channels if name not in channels]
-    remarks = [f"no {name}: what only it shows cannot be found" for name in missing]
-    if spoilt:
-        remarks.append(f"{spoilt:.1%} of it left out (missing, overloaded or not finite)")
     step, records, kept = _resampled(table, sound, twin)
     rate = table[model.reference].sample_rate / step
-    twin = _in_step(path, twin, records[model.reference], rate)
-    return _Run(path, twin, records, kept, rate, step, tuple(remarks), scenario.text)
+    cycles = _cycles(path, twin, records[model.reference], rate)
+    drive = kind_of(twin).in_step(twin.drive, Alignment(cycles.frequency, cycles.phase))
+    whole = _whole(cycles, kept)
+    if whole < _FEWEST_CYCLES:
+        raise _too_few(path, whole)
+    remarks = _remarks(twin, channels, table, spoilt, records)
+    return _Run(
+        path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario.text
+    )
 
 
-def _in_step(path: Path, twin: AnyTwin, reference: Array, rate: float) -> AnyTwin:
-    """The twin at the measured mean frequency; raises LogError where that is not the scenario's."""
-    model, kind = model_of(twin), kind_of(twin)
-    nominal = kind.untouched(twin.drive).frequency
+def _too_few(path: Path, whole: int) -> LogError:
+    return LogError(f"{path}: {whole} sound cycles; a diagnosis needs {_FEWEST_CYCLES} whole ones at least")
+
+
+def _remarks(
+    twin: AnyTwin,
+    channels: Mapping[str, Channel],
+    table: Mapping[str, SampleBlock],
+    spoilt: float,
+    records: Mapping[str, Array],
+) -> tuple[str, ...]:
+    """What is lost of a run, and what of it contradicts its scenario."""
+    remarks = [
+        f"no {name}: what only it shows cannot be found" for name in twin.channels if name not in channels
+    ]
+    longest = max(series.end_sample for series in table.values())
+    for name, series in table.items():
+        if series.end_sample < (1 - _SHORTER) * longest:
+            remarks.append(
+                f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
+            )
+    if spoilt:
+        remarks.append(f"{spoilt:.1%} of it left out (missing, overloaded or not finite)")
+    reference = model_of(twin).reference
+    if reference in model_of(twin).smooth_channels:
+        shown = float(np.sqrt(2) * np.std(records[reference]))
+        if abs(shown / twin.drive.amplitude - 1) > _OTHER_AMPLITUDE:
+            remarks.append(
+                f"{reference} has an amplitude of {shown:.3g}, in the scenario {twin.drive.amplitude:g}: "
+                "either its sensor is wrong, which can be found, or the scenario"
+            )
+    return tuple(remarks)
+
+
+def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
+    """The measured cycles; raises LogError where they are not the scenario's."""
+    model = model_of(twin)
+    nominal = kind_of(twin).untouched(twin.drive).frequency
+    if len(reference) * nominal / rate < _FEWEST_CYCLES:
+        raise _too_few(path, int(len(reference) * nominal / rate))
     wrong = (
         f"{path}: {model.reference} does not run at the scenario's {nominal:g} Hz within "
         f"{100 * FREQUENCY_TOLERANCE:g} %; correct the scenario, or the channel"
@@ -120,8 +171,13 @@ def _in_step(path: Path, twin: AnyTwin, reference: Array, rate: float) -> AnyTwi
         raise LogError(f"{wrong} ({error})") from error
     if abs(cycles.frequency / nominal - 1) > FREQUENCY_TOLERANCE:
         raise LogError(f"{wrong} (it runs at {cycles.frequency:.6g} Hz)")
-    drive = kind.in_step(twin.drive, Alignment(cycles.frequency, cycles.phase))
-    return Twin(twin.rig, drive, twin.sensors)
+    return cycles
+
+
+def _whole(cycles: Cycles, sound: NDArray[np.bool_]) -> int:
+    """How many cycles are sound, each with the half of the next that is looked at with it."""
+    reach = cycles.length + cycles.length // 2
+    return sum(bool(sound[at : at + reach].all()) for at in cycles.starts(len(sound)))
 
 
 def _check_units(path: Path, channels: dict[str, Channel], twin: AnyTwin, wanted: Sequence[str]) -> None:
@@ -172,7 +228,7 @@ def _resampled(
 
 
 def _coarse(values: Array, name: str, twin: AnyTwin, step: int, count: int) -> Array:
-    filled = np.nan_to_num(np.asarray(values, dtype=np.float64))
+    filled = _bridged(np.asarray(values, dtype=np.float64))
     if step == 1 or isinstance(twin.sensors.get(name), Encoder):
         return filled[: count * step : step]
     taps = anti_alias_taps(step, 0.0)
@@ -180,24 +236,22 @@ def _coarse(values: Array, name: str, twin: AnyTwin, step: int, count: int) -> A
     return decimated(np.pad(filled, (half, half + step)), taps, step, count)
 
 
-def _setting(run: _Run, channels: Sequence[str]) -> RunSetting:
-    setting = setting_of(run.twin, channels, run.rate, float(run.sound.sum() / run.rate), run.step)
-    if setting.cycles < _FEWEST_IN_A_BLOCK:
-        whole = int(run.sound.sum() / run.rate * setting.columns.frequency)
-        raise LogError(f"{run.path}: {whole} sound cycles; a diagnosis needs {_FEWEST_CYCLES} at least")
-    return setting
+def _bridged(values: Array) -> Array:
+    """Straight lines where samples are missing or no numbers, so that filters and angles stay on course."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.where(known, values, 0.0)
+    at = np.arange(len(values))
+    return np.interp(at, at[known], values[known])
 
 
-def setting_of(
-    twin: AnyTwin, channels: Sequence[str], rate: float, seconds: float, step: int = 1
-) -> RunSetting:
-    """How a run of so many sound `seconds` is looked at, at `rate` Hz after `step` samples became one."""
+def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:
+    """How a run of so many `whole` cycles is looked at, at `rate` Hz."""
     model = model_of(twin)
     frequency = kind_of(twin).untouched(twin.drive).frequency
     coupled = tuple(
         name for name in channels if model.channel_unit(name) in _COUPLED and name != model.reference
     )
-    whole = int(seconds * frequency - 1.5)
     cycles = min(max(_BLOCK_CYCLES, round(_BLOCK_S * frequency)), whole // 2)
     oversampling = 2 * max(1, round(model.fine_rate / rate / 2))
     angles = tuple(name for name in channels if isinstance(twin.sensors.get(name), Encoder))

@@ -99,10 +99,10 @@ class Campaign:
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Every effect that the rig can have, once for each channel in the records that it may sit on."""
-        twin, shown = self.runs[0].twin, set(self.runs[0].columns.channels)
+        twins, shown = [run.twin for run in self.runs], set(self.runs[0].columns.channels)
         found = []
-        for effect in model_of(twin).effects.values():
-            if effect.refusal(twin):
+        for effect in model_of(twins[0]).effects.values():
+            if any(effect.refusal(twin) for twin in twins):
                 continue
             channels = [name for name in effect.channels if name in shown] if effect.channels else [None]
             allows = partial(_fine_together, effect)

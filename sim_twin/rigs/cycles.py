@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 _LEAST_SHARE = 0.5
 """Of its power, that a signal has at the frequency of the sine that it is taken for."""
+_SAFE_CYCLES = 300.0
+"""In which a drive 0.1 % off its frequency is not yet a quarter of a turn away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,15 @@ def sine_cycles(values: Array, rate: float, frequency: float) -> Cycles:
     Harmonics of it do not matter, since whole periods under a Hann window see none of them. Raises ValueError
     where there is no such sine.
     """
+    count = min(len(values), int(_SAFE_CYCLES * rate / frequency))
+    while True:
+        found = _fitted_sine(values[:count], rate, frequency)
+        if count == len(values):
+            return found
+        frequency, count = found.frequency, min(len(values), 2 * count)
+
+
+def _fitted_sine(values: Array, rate: float, frequency: float) -> Cycles:
     first = drift = 0.0
     for _ in range(2):
         count = int(int(len(values) / 2 * frequency / rate) * rate / frequency)
@@ -50,7 +61,10 @@ def sine_cycles(values: Array, rate: float, frequency: float) -> Cycles:
         second = float(np.angle(np.sum((values[count : 2 * count] - level) * turn) * moved))
         drift = (second - first + np.pi) % (2 * np.pi) - np.pi
         frequency += drift * rate / (2 * np.pi * count)
-    share = 2 * abs(np.sum((values[:count] - level) * turn)) ** 2 / window.sum() ** 2 / np.var(values[:count])
+    power = float(np.var(values[:count]))
+    if power <= 0.0:
+        raise ValueError("no sine of that frequency")
+    share = 2 * abs(np.sum((values[:count] - level) * turn)) ** 2 / window.sum() ** 2 / power
     if not share > _LEAST_SHARE:
         raise ValueError("no sine of that frequency")
     return Cycles(frequency, (first - drift / 2 + np.pi / 2) % (2 * np.pi), rate)

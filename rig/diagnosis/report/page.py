@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
-from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 
 from rig.diagnosis.report.reported import Reported, RunFacts
@@ -23,14 +21,12 @@ def write_report(
     diagnosis: Mapping[str, Any],
     runs: Sequence[RunFacts],
     remarks: Sequence[str],
-    floor: NDArray[np.float64] | None = None,
 ) -> None:
     """Write the report of a diagnosis as HTML; raises OSError where `path` cannot be written.
 
-    `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings. `floor`
-    is how far a healthy rig's cells lie from the nominal twin, shape (cells,), for the bands in the plots.
+    `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings.
     """
-    page = render(Reported(findings, diagnosis, runs, remarks, floor))
+    page = render(Reported(findings, diagnosis, runs, remarks))
     path.write_text(page, encoding="utf-8")
 
 

@@ -25,17 +25,12 @@ class RunFacts:
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """Findings with the diagnosis as its file holds it (interface.md), and what is known of the runs.
-
-    `floor` is how far a healthy rig's cells lie from the nominal twin, in the unit of the fingerprint's
-    numbers, shape (cells,); without it plots show no healthy band.
-    """
+    """Findings with the diagnosis as its file holds it (interface.md), and what is known of the runs."""
 
     findings: Findings
     diagnosis: Mapping[str, Any]
     runs: Sequence[RunFacts]
     remarks: Sequence[str]
-    floor: Array | None = None
 
     @property
     def verdict(self) -> str:

@@ -144,7 +144,7 @@ def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Camp
     assert block["after"] == pytest.approx(said["after"], rel=0.3)
     assert block["shrink"] > 0.7
     assert set(block) == set(said)
-    assert (campaign.out / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert (campaign.out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
 MODEL_CHANNELS = (

@@ -50,7 +50,8 @@ def test_every_option_of_every_scenario_parses_and_is_another_run_of_the_same_ri
         scenario = parse_scenario(option.scenario)
         assert scenario.rig == before.rig
         assert (scenario.drive, scenario.model) != (before.drive, before.model)
-        assert scenario.acquisition == before.acquisition
+        assert scenario.acquisition.sample_rate == before.acquisition.sample_rate
+        assert scenario.acquisition.duration >= before.acquisition.duration
         assert scenario.limits == before.limits
         assert scenario.name.startswith(before.name)
         (run,) = option.campaign.runs
@@ -88,7 +89,6 @@ def test_a_run_that_no_scenario_may_ask_for_is_no_option() -> None:
     assert max(each.model.clearance for each in found) == pytest.approx(9e-3)
 
 
-@pytest.mark.xfail(strict=True, reason="a run of half the frequency is proposed as long as it was")
 def test_a_further_run_is_long_enough_to_be_diagnosed() -> None:
     short = BEAM.replace('"5 s"', '"0.7 s"')
     assert all(option.campaign.runs[0].cycles >= 5 for option in options(short, channels(short), RATE))

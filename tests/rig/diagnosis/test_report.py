@@ -82,13 +82,15 @@ def findings(none: float, effect: float, unknown: float, selected: tuple[Cause, 
         measured=nominal + 0.4,
         nominal=nominal,
         repaired=nominal + 0.39 if selected else nominal,
+        floor=FLOOR,
+        held_out=True,
         simulations=5200,
         misfit=1.04,
     )
 
 
 def reported(found: Findings, remarks: tuple[str, ...] = ()) -> Reported:
-    return Reported(found, DIAGNOSIS, RUNS, remarks, FLOOR)
+    return Reported(found, DIAGNOSIS, RUNS, remarks)
 
 
 def nothing_missing() -> Findings:
@@ -214,7 +216,7 @@ def text_of(path: Path) -> str:
 def test_the_page_holds_parameters_lookalikes_remarks_and_the_next_scenario(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     remark = "run1.mcap: no yoke.force: what only it shows cannot be found"
-    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [remark], FLOOR)
+    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [remark])
     text = text_of(path)
     assert remark in text
     assert "base flexibility frequency 431 Hz 419 to 444 Hz 150 to 1500 Hz 67 % 430 Hz" in text
@@ -237,7 +239,7 @@ def test_markup_in_names_stays_text(tmp_path: Path) -> None:
 @needs_chromium
 def test_every_plot_is_drawn_and_nothing_is_fetched(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [], FLOOR)
+    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [])
     complaints: list[str] = []
     fetched: list[str] = []
     with browser_page() as page:

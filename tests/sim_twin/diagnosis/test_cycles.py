@@ -60,6 +60,12 @@ def test_phase_is_that_of_the_rising_zero(phase: float) -> None:
     assert turned(found.phase - phase) == pytest.approx(0.0, abs=1e-4)
 
 
+def test_a_drive_of_five_minutes_is_followed_within_the_tolerance_of_its_frequency() -> None:
+    frequency = NOMINAL * 1.0005  # of 0.1 % that a twin follows
+    found = sine_cycles(np.sin(phases(frequency, 1.0, round(300 * RATE))), RATE, NOMINAL)
+    assert found.frequency == pytest.approx(frequency, rel=1e-6)
+
+
 @pytest.mark.parametrize("frequency", [10.0, 19.0, 21.0, 25.0, 40.0])
 def test_a_sine_of_another_frequency_is_refused(frequency: float) -> None:
     with pytest.raises(ValueError, match="no sine of that frequency"):

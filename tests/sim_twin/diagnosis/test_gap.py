@@ -44,10 +44,9 @@ def test_the_gap_grows_with_the_distance() -> None:
 def test_a_cell_is_the_wasserstein_distance_of_its_distributions() -> None:
     middles = (np.arange(SLICES) + 0.5) / SLICES
     one, other = norm.ppf(middles), 3 + 2 * norm.ppf(middles)
-    single = Layout((Cell(0, "a", "mean"),))
-    floor = np.full(SLICES, 1.0)
-    measure = gap_measure([floor[None], -floor[None]], single)
-    assert measure.cells(other[None], one)[0] == pytest.approx(wasserstein_distance(one, other))
+    measure = gap_measure([one[None] + 1, one[None] - 1], Layout((Cell(0, "a", "mean"),)))
+    # the healthy rigs lie 1 to either side of the twin, so that is the floor
+    assert measure.cells(other[None])[0] == pytest.approx(wasserstein_distance(one, other))
 
 
 def test_one_cell_says_no_more_than_forty_floors_and_one_that_never_changes_nothing() -> None:
@@ -79,6 +78,37 @@ def test_a_tolerance_of_other_programs_is_in_the_floor() -> None:
     allowed = Moments(layout).tolerance[0]  # the space of the search allows the same
     assert allowed > 0.01
     assert measure.floor == pytest.approx([np.hypot(allowed, 1e-3), 1e-3])
+
+
+def repaired(count: int, seed: int, scatter: float = 1.0) -> Array:
+    """One block of each of some rigs about the same twin; the first half of the cells scatters otherwise."""
+    blocks = np.concatenate([each[:1] for each in rigs(count, seed)])
+    middle = np.tile(0.5 * np.linspace(-1, 1, SLICES), CELLS)
+    sizes = np.repeat(np.where(np.arange(CELLS) < CELLS // 2, scatter, 1.0), SLICES)
+    return np.asarray(middle + sizes * (blocks - middle))
+
+
+def test_a_repaired_twin_that_is_the_nominal_one_measures_the_same() -> None:
+    measure = gap_measure(rigs(100, 1), LAYOUT)
+    mended = measure.of_repaired(repaired(60, 6))
+    ratios = [mended.total(mended.cells(b)) / measure.total(measure.cells(b)) for b in rigs(30, 7)]
+    # floors are estimates of 60 rigs, and its unit is of single blocks, so that two lie a little nearer
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_healthy_rig_with_the_effect_in_is_1_from_the_twin_that_has_it_however_much_it_scatters() -> None:
+    measure = gap_measure(rigs(100, 1), LAYOUT)
+    mended = measure.of_repaired(repaired(60, 6, scatter=5.0))
+    others = repaired(60, 8, scatter=5.0)
+    assert np.mean([mended.total(mended.cells(b[None])) for b in others]) == pytest.approx(1.0, abs=0.05)
+    assert np.mean([measure.total(measure.cells(b[None])) for b in others]) > 3
+
+
+def test_a_repaired_twin_that_scatters_less_keeps_the_healthy_floor() -> None:
+    measure = gap_measure(rigs(100, 1), LAYOUT)
+    mended = measure.of_repaired(repaired(60, 6, scatter=0.01))
+    assert np.all(mended.floor >= measure.floor)
+    assert np.array_equal(mended.floor[: CELLS // 2], measure.floor[: CELLS // 2])
 
 
 @pytest.mark.parametrize(

@@ -55,9 +55,9 @@ def test_a_single_effect_is_found_with_its_size_and_closes_the_gap(name: str, si
     assert estimate.low < estimate.value < estimate.high
     assert dict(findings.effects)[name]["size"] == pytest.approx(estimate.value)
     assert findings.gap.before > 2
-    # what is left is what the same rig without the effect has, and 8 % for a mean over six repaired rigs
-    # only, and what a size off by 0.15 from half of the blocks leaves in quadrature
-    assert findings.gap.after == pytest.approx(1.1 * found((), seed).gap.before, abs=0.2)
+    # what is left is what the same rig without the effect has; mean and floors of six repaired rigs are known
+    # to a tenth or two
+    assert findings.gap.after == pytest.approx(found((), seed).gap.before, abs=0.3)
     assert max(findings.by_location, key=lambda each: findings.by_location[each]) == "here"
 
 

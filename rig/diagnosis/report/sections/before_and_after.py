@@ -40,7 +40,7 @@ def parts(reported: Reported) -> list[Part]:
         _course(plots, len(_TITLES) * row + 1, reported, name, run)
         _peaks(plots, len(_TITLES) * row + 2, reported, name, run)
     told = listed([_told(reported, name, run) for name, run in shown])
-    band = _BAND if reported.floor is not None else ""
+    band = _BAND
     return [Sentence(f"The largest gaps: {told}."), plots.figure("before-and-after", _CAPTION + band)]
 
 
@@ -92,9 +92,9 @@ def _peaks(plots: Plots, cell: int, reported: Reported, channel: str, run: int) 
         return
     fifths = np.arange(SLICES, dtype=np.float64)
     values = _lines(reported, lambda numbers: _slices(reported, numbers, at[0]))
-    if reported.floor is not None:
-        low, high = (values["nominal twin"] + sign * reported.floor[at[0]] for sign in (-1, 1))
-        plots.band(cell, fifths, np.exp(low), np.exp(high), "linear")
+    floor = reported.findings.floor[at[0]]
+    low, high = (values["nominal twin"] + sign * floor for sign in (-1, 1))
+    plots.band(cell, fifths, np.exp(low), np.exp(high), "linear")
     for whose, logarithms in values.items():
         plots.line(cell, whose, fifths, np.exp(logarithms), "linear", markers=True)
 
@@ -106,9 +106,9 @@ def _draw(
     if not at:
         return
     values = _lines(reported, lambda numbers: _means(reported, numbers, at))
-    if reported.floor is not None:
-        low, high = (shown(values["nominal twin"] + sign * reported.floor[at]) for sign in (-1, 1))
-        plots.band(cell, edges, _to_the_end(low), _to_the_end(high), "hv")
+    floor = reported.findings.floor[at]
+    low, high = (shown(values["nominal twin"] + sign * floor) for sign in (-1, 1))
+    plots.band(cell, edges, _to_the_end(low), _to_the_end(high), "hv")
     for whose, means in values.items():
         plots.line(cell, whose, edges, _to_the_end(shown(means)), "hv")
 
