@@ -77,5 +77,6 @@ def _show(findings: Findings, screen: Screen) -> None:
     for text, share in sorted(lines.items(), key=lambda item: -item[1]):
         if share >= _WORTH_LISTING:
             screen.say(f"{share:6.1%}  {text}")
-    after = "" if not findings.selected else f" -> {findings.gap.after:.2f} with it in the twin"
+    known = findings.selected and findings.gap.after is not None
+    after = f" -> {findings.gap.after:.2f} with it in the twin" if known else ""
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from rig.diagnosis.document import document, effects_file, write_json
 from rig.diagnosis.experiments import Experiment, options
@@ -59,7 +60,8 @@ def diagnose_runs(
     effort = effort_for(data.campaign, budget_s)
     with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
-        findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
+        with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
+            findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
         experiment = _next_experiment(data, findings, workers, began + _LAST * budget_s, seed)
     if simulated.cut_short:
         remarks.append(
@@ -68,7 +70,8 @@ def diagnose_runs(
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
     reach = min(horizon_s(setting, _response_row(data)) for setting in data.campaign.runs)
-    content = document(findings, runs, reach, experiment, time.monotonic() - began, remarks)
+    catalogue = model_of(data.campaign.runs[0].twin).effects
+    content = document(findings, catalogue, runs, reach, experiment, time.monotonic() - began, remarks)
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
     report = out / "report.html"
@@ -111,7 +114,8 @@ def _next_experiment(
     names = (rivals[0].cause.name, rivals[1].cause.name)
     columns = data.campaign.runs[0].columns
     found = []
-    for option in options(data.scenarios[0], columns.channels, columns.rate):
+    quiet = data.campaign.runs[0].quiet
+    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet):
         simulated = Simulated(option.campaign, workers.executor, deadline, lambda _: None)
         share = told_apart(option.campaign, (effects[0], effects[1]), simulated, np.random.default_rng(seed))
         found.append(Experiment(option.scenario, names, share))

@@ -14,19 +14,21 @@ import numpy as np
 from rig.diagnosis.experiments import Experiment
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.effects.effect import Catalogue
 
 SCHEMA = "rattle.diagnosis/1"
 
 
 def document(
     findings: Findings,
+    catalogue: Catalogue,
     runs: Sequence[Path],
     horizon_s: float | None,
     experiment: Experiment | None,
     seconds: float,
     remarks: Sequence[str],
 ) -> dict[str, Any]:
-    """The diagnosis as JSON holds it."""
+    """The diagnosis as JSON holds it; `catalogue` has all effects of the rig."""
     probabilities = {"none": findings.none, "effect": findings.effect, "unknown": findings.unknown}
     content: dict[str, Any] = _finite(
         {
@@ -35,8 +37,8 @@ def document(
             "verdict": findings.verdict,
             "verdict_probability": probabilities,
             "gap": gap_block(findings.layout, findings.gap, findings.by_location),
-            "effects": [_effect(each) for each in findings.judged],
-            "selected": [cause.name for cause in findings.selected],
+            "effects": [*(_effect(each) for each in findings.judged), *_impossible(findings, catalogue)],
+            "selected": list(dict.fromkeys(cause.name for cause in findings.selected)),
             "horizon_s": horizon_s,
             "next_experiment": None if experiment is None else experiment.as_json(),
             "cost": {"simulations": findings.simulations, "seconds": seconds},
@@ -124,6 +126,17 @@ def _effect(judged: Judged) -> dict[str, Any]:
         "shrink": judged.shrink,
         "indistinguishable_from": list(judged.indistinguishable_from),
     }
+
+
+def _impossible(findings: Findings, catalogue: Catalogue) -> list[dict[str, Any]]:
+    """Effects that these runs cannot have, or that no recorded channel can show."""
+    judged = {each.cause.name for each in findings.judged}
+    nothing = {"probability": 0.0, "parameters": {}, "gap_after": None, "shrink": None}
+    return [
+        {"name": effect.name, "location": effect.location, **nothing, "indistinguishable_from": []}
+        for effect in catalogue.values()
+        if effect.name not in judged
+    ]
 
 
 def _finite(value: Any) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from daq.errors import ConfigurationError
@@ -16,6 +17,7 @@ from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.rigs.rig_model import RigModel
 
 _MOST = 5
+_QUANTITY = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*)")
 _SLOWER = {"frequency", "speed"}
 _LEAST_DURATION, _LONG_ENOUGH = 5.0, 20.0
 """s; a slower run is longer, up to what is enough for any."""
@@ -46,8 +48,11 @@ class Experiment:
         }
 
 
-def options(scenario_text: str, channels: Sequence[str], rate: float) -> list[Option]:
-    """Other settings of the rig within what its scenario files allow, most different first."""
+def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: float = 1.0) -> list[Option]:
+    """Other settings of the rig within what its scenario files allow, most different first.
+
+    They are looked at like the runs that were made, at `rate` Hz with the share `quiet` of the noise.
+    """
     table = tomllib.loads(scenario_text)
     kind = KINDS[table["rig"]]
     found = []
@@ -62,7 +67,8 @@ def options(scenario_text: str, channels: Sequence[str], rate: float) -> list[Op
         except ConfigurationError:
             continue
         whole = int(scenario.acquisition.duration * kind.untouched(twin.drive).frequency - 1.5)
-        found.append(Option(text, Campaign((setting_of(twin, channels, rate, whole),))))
+        setting = replace(setting_of(twin, channels, rate, whole), quiet=quiet)
+        found.append(Option(text, Campaign((setting,))))
     return found[:_MOST]
 
 
@@ -98,8 +104,10 @@ def _number(value: object) -> tuple[str, float]:
     """Unit and number of a quantity as written."""
     if isinstance(value, int | float):
         return "", float(value)
-    number, _, unit = str(value).strip().partition(" ")
-    return unit, float(number)
+    match = _QUANTITY.fullmatch(str(value).strip())
+    if match is None:
+        raise ValueError(f"{value!r} is no quantity")
+    return match[2], float(match[1])
 
 
 def toml_of(table: Mapping[str, Any]) -> str:

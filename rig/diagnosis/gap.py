@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from daq.errors import RattleError
 from rig.diagnosis.diagnose import recorded_of
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
@@ -22,6 +23,7 @@ from sim_twin.diagnosis.judging import gap_between
 from sim_twin.rigs.catalogue import model_of
 
 _HEALTHY, _REPAIRED = 64, 32
+_FEWEST = 8
 _LONGEST_S = 600.0
 
 
@@ -39,9 +41,11 @@ def measured_gap(
     draws += [Draw(given, int(rng.integers(2**62))) for _ in range(_REPAIRED if given else 0)]
     with worker_processes(cores()) as workers, screen.bar("simulating", len(draws), "rigs") as bar:
         simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar.at)
-        shown = [each[0] for each in simulated(draws) if each]
-    healthy = [each for each in shown[:_HEALTHY] if each is not None]
-    repaired = np.array([each[0] for each in shown[_HEALTHY:] if each is not None], dtype=np.float64)
+        shown = simulated(draws)
+    healthy = [each[0] for each in shown[:_HEALTHY] if each and each[0] is not None]
+    repaired = np.array([each[0][0] for each in shown[_HEALTHY:] if each and each[0] is not None], np.float64)
+    if len(healthy) < _FEWEST or (given and len(repaired) < _FEWEST):
+        raise RattleError("too few rigs could be simulated for a gap")
     measure = gap_measure(healthy, data.campaign.layout)
     return data.campaign.layout, gap_between(
         measure, data.measured, data.measured, repaired if given else None, rng

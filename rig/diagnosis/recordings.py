@@ -29,6 +29,7 @@ Array = NDArray[np.floating]
 _RATE = 25_600.0
 _BLOCK_S, _BLOCK_CYCLES = 1.8, 8
 _FEWEST_CYCLES = 10
+_FEWEST_SAMPLES = 64
 _MOST_BLOCKS = 6
 _SHORTER = 0.01
 _OTHER_AMPLITUDE = 0.05
@@ -159,6 +160,8 @@ def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
     """The measured cycles; raises LogError where they are not the scenario's."""
     model = model_of(twin)
     nominal = kind_of(twin).untouched(twin.drive).frequency
+    if rate / nominal < _FEWEST_SAMPLES:
+        raise LogError(f"{path}: {rate / nominal:.3g} samples a cycle; a diagnosis needs {_FEWEST_SAMPLES}")
     if len(reference) * nominal / rate < _FEWEST_CYCLES:
         raise _too_few(path, int(len(reference) * nominal / rate))
     wrong = (

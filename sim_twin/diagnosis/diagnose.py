@@ -11,11 +11,12 @@ from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief, belief_of, contributions
 from sim_twin.diagnosis.cause import Cause, Hypothesis, named, parts_of
 from sim_twin.diagnosis.effort import Effort
-from sim_twin.diagnosis.findings import Estimate, Findings, Judged
+from sim_twin.diagnosis.estimate import Estimate
+from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
-from sim_twin.diagnosis.judging import gap_between, halves, near_best, repaired_twins
+from sim_twin.diagnosis.judging import gap_between, halves, repaired_twins
 from sim_twin.diagnosis.library import Library
-from sim_twin.diagnosis.search import Ranked, Search, quantile
+from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Execute, Subject
 
@@ -41,7 +42,7 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     measure = gap_measure(library.fingerprints(()), subject.layout)
     twins = repaired.get(chosen.hypothesis) if chosen else None
     distances = separability(attribution, ranked, rng)
-    judged = _judged(measure, judged_on, ranked, repaired, library, belief)
+    judged = _judged(measure, judged_on, ranked, repaired, belief)
     return Findings(
         layout=subject.layout,
         none=belief.none,
@@ -50,12 +51,12 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         judged=tuple(inseparable(judged, distances)),
         selected=chosen.hypothesis if chosen else (),
         effects=named(chosen.hypothesis, chosen.best()) if chosen else (),
-        gap=gap_between(measure, judged_on, measured, twins, rng),
+        gap=gap_between(measure, judged_on, measured, twins, rng, selected=chosen is not None),
         by_location=_by_location(subject, ranked, attribution),
         separability=distances,
         measured=np.mean(measured, axis=0, dtype=np.float64),
         nominal=measure.twin,
-        repaired=measure.twin if twins is None else twins.mean(axis=0),
+        repaired=None if twins is None else twins.mean(axis=0),
         floor=measure.floor,
         held_out=len(measured) > 1,
         simulations=library.observations + sum(len(each) for each in repaired.values()),
@@ -68,7 +69,6 @@ def _judged(
     judged_on: Blocks,
     ranked: Sequence[Ranked],
     repaired: Mapping[Hypothesis, Array],
-    library: Library,
     belief: Belief,
 ) -> list[Judged]:
     """Every effect once, alone on its most probable channel."""
@@ -77,14 +77,21 @@ def _judged(
     for each in ranked:
         if len(each.hypothesis) != 1 or each.hypothesis[0].name in found:
             continue
-        twins = repaired.get(each.hypothesis, near_best(library, each))
-        mended = measure.of_repaired(twins)
-        after = mended.total(mended.cells(judged_on))
+        twins, after = repaired.get(each.hypothesis), None
+        if twins is not None:
+            mended = measure.of_repaired(twins)
+            after = mended.total(mended.cells(judged_on))
         cause, name = each.hypothesis[0], each.hypothesis[0].name
         told_by = _most_probable_with(name, ranked)
         cause = next(one for one in told_by.hypothesis if one.name == name)
         share = belief.of_effects.get(name, 0.0)
-        found[name] = Judged(cause, share, _estimates(told_by, cause), after, shrink_of(before, after))
+        found[name] = Judged(
+            cause,
+            share,
+            _estimates(told_by, cause),
+            after,
+            None if after is None else shrink_of(before, after),
+        )
     return sorted(found.values(), key=lambda each: -each.probability)
 
 
@@ -94,11 +101,7 @@ def _most_probable_with(name: str, ranked: Sequence[Ranked]) -> Ranked:
 
 def _estimates(ranked: Ranked, cause: Cause) -> dict[str, Estimate]:
     at = parts_of(ranked.hypothesis)[ranked.hypothesis.index(cause)]
-    weights = ranked.posterior.weights
-    return {
-        p.name: Estimate(quantile(v, weights, 0.5), quantile(v, weights, 0.025), quantile(v, weights, 0.975))
-        for p, v in zip(cause.parameters, ranked.values()[:, at].T, strict=True)
-    }
+    return {p.name: estimate for p, estimate in zip(cause.parameters, ranked.estimates()[at], strict=True)}
 
 
 def _by_location(subject: Subject, ranked: Sequence[Ranked], attribution: Attribution) -> dict[str, float]:

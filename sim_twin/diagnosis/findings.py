@@ -10,18 +10,10 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause, Hypothesis
 from sim_twin.diagnosis.draw import Named
+from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.fingerprint.layout import Layout
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A parameter's best value and the interval that holds it with 95 %."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +35,12 @@ class Judged:
 class Gap:
     """Gap figures; cells are in floors, `unit` is what their root mean square is divided by.
 
-    `recording` is how far the recording's own blocks lie apart, in what healthy rigs' blocks do.
+    `after` is None where something was selected and there was no time to simulate it. `recording` is how far
+    the recording's own blocks lie from their mean.
     """
 
     before: float
-    after: float
+    after: float | None
     shrink: float | None
     shrink_ci95: tuple[float, float] | None
     cells_before: Array
@@ -77,7 +70,7 @@ class Findings:
     separability: Mapping[tuple[str, str], float]
     measured: Array
     nominal: Array
-    repaired: Array
+    repaired: Array | None
     floor: Array
     held_out: bool
     simulations: int

@@ -31,9 +31,9 @@ class GapMeasure:
     unit: float
 
     def cells(self, blocks: NDArray[np.floating]) -> Array:
-        """Distances of blocks (n, numbers) from the twin, in floors, shape (cells,)."""
+        """Root mean square over blocks (n, numbers) of their distances from the twin, in floors, (cells,)."""
         apart = _by_cell(np.abs(np.asarray(blocks, dtype=np.float64) - self.twin), self.layout)
-        return np.asarray(np.minimum(apart / self.floor, _FARTHEST).mean(axis=0))
+        return np.asarray(np.sqrt(np.mean(np.minimum(apart / self.floor, _FARTHEST) ** 2, axis=0)))
 
     def of_repaired(self, rigs: Array) -> GapMeasure:
         """The same measure from a repaired twin, of which `rigs` (n, numbers) are healthy draws.
@@ -44,9 +44,8 @@ class GapMeasure:
         others = len(rigs) / max(1, len(rigs) - 1)
         apart = others * _by_cell(np.abs(rigs - rigs.mean(axis=0)), self.layout)
         floor = np.maximum(self.floor, apart.mean(axis=0))
-        totals = np.sqrt(np.mean(np.minimum(apart / floor, _FARTHEST) ** 2, axis=1))
-        unit = max(float(np.mean(totals)), _LEAST_UNIT)
-        return GapMeasure(self.layout, rigs.mean(axis=0), floor, unit)
+        unit = float(np.sqrt(np.mean(np.minimum(apart / floor, _FARTHEST) ** 2)))
+        return GapMeasure(self.layout, rigs.mean(axis=0), floor, max(unit, _LEAST_UNIT))
 
     def total(self, cells: Array, chosen: Callable[[Cell], bool] = lambda _: True) -> float:
         """Root mean square over the chosen cells, 1 for a healthy rig."""
@@ -68,8 +67,7 @@ def gap_measure(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> GapM
     floor = np.hypot(apart.mean(axis=0), tolerance)
     floor[floor < 1e-9] = np.inf
     plain = GapMeasure(layout, twin, floor, 1.0)
-    unit = float(np.mean([plain.total(plain.cells(each)) for each in healthy]))
-    return GapMeasure(layout, twin, floor, unit)
+    return GapMeasure(layout, twin, floor, plain.total(plain.cells(blocks)))
 
 
 def shrink_of(before: float, after: float) -> float | None:

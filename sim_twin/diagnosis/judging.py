@@ -12,7 +12,7 @@ from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Hypothesis
 from sim_twin.diagnosis.findings import Gap
 from sim_twin.diagnosis.gap import GapMeasure, shrink_of
-from sim_twin.diagnosis.library import Library, Order, order_of
+from sim_twin.diagnosis.library import Order, order_of
 from sim_twin.diagnosis.search import Ranked
 from sim_twin.diagnosis.subject import Execute
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
 _FEWEST_JUDGED = 6
 _RESAMPLED = 400
-_NEAREST = 6
+_FEWEST_TWINS = 4
 
 
 def halves(measured: Blocks) -> tuple[Blocks, Blocks]:
@@ -50,16 +50,7 @@ def repaired_twins(
     for candidate, order in zip(candidates, orders, strict=True):
         blocks = [one[0] for _ in range(len(order)) for one in next(shown) if one is not None]
         repaired[candidate.hypothesis] = np.array(blocks, dtype=np.float64)
-    return {hypothesis: twins for hypothesis, twins in repaired.items() if len(twins)}
-
-
-def near_best(library: Library, ranked: Ranked) -> Array:
-    """Fingerprints simulated in the search nearest to the best parameters of one effect."""
-    hypothesis = ranked.hypothesis
-    cause = hypothesis[0]
-    places = cause.places(library.values(hypothesis))
-    nearest = np.argsort(np.sum((places - cause.places(ranked.best()[None])) ** 2, axis=1))[:_NEAREST]
-    return np.array([library.fingerprints(hypothesis)[k][0] for k in nearest], dtype=np.float64)
+    return {hypothesis: twins for hypothesis, twins in repaired.items() if len(twins) >= _FEWEST_TWINS}
 
 
 def gap_between(
@@ -68,15 +59,18 @@ def gap_between(
     measured: Blocks,
     repaired: Array | None,
     rng: np.random.Generator,
+    selected: bool = False,
 ) -> Gap:
     """Gap of the blocks `judged_on` from the nominal twin and from `repaired` fingerprints (n, numbers).
 
-    The interval is from resampled blocks and resampled rigs.
+    The interval is from resampled blocks and resampled rigs. `selected` with nothing repaired: nobody knows.
     """
     cells = measure.cells(judged_on)
     before, own = measure.total(cells), _within(measure, measured)
     if repaired is None:
-        return Gap(before, before, shrink_of(before, before), None, cells, cells, measure.unit, own)
+        after = None if selected else before
+        shrink = None if selected else shrink_of(before, before)
+        return Gap(before, after, shrink, None, cells, cells, measure.unit, own)
     mended = measure.of_repaired(repaired)
     cells_after = mended.cells(judged_on)
     after = mended.total(cells_after)

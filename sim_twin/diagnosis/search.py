@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, values_of
+from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.learning import learned
 from sim_twin.diagnosis.library import Library, Order, order_of
 from sim_twin.diagnosis.posterior import Posterior
@@ -23,6 +25,7 @@ _FIRST, _SECOND = 0.5, 0.28
 _HEALTHY_SHARE = 0.2
 _FEWEST_HEALTHY = 60
 _FEWEST_EACH = 10
+_FEWEST_AT_ONCE = 6
 _PAIRS_LOOKED_AT = 24
 _PAIRS_SIMULATED = 6
 _PARTNERS = 8
@@ -49,15 +52,32 @@ class Ranked:
         return values_of(self.hypothesis, self.posterior.places)
 
     def best(self) -> Array:
-        """The most probable parameters: of each the weighted median, shape (parameters,)."""
-        values = self.values()
-        return np.array([quantile(column, self.posterior.weights, 0.5) for column in values.T])
+        """The middle of the posterior, shape (parameters,); its most probable place where that may not be."""
+        values, weights = self.values(), self.posterior.weights
+        middle = np.array([e.value for e in self.estimates()])
+        if allowed_by(self.hypothesis, middle[None])[0]:
+            return middle
+        return np.asarray(values[int(np.argmax(weights))])
+
+    def estimates(self) -> list[Estimate]:
+        """Of each parameter in order."""
+        parameters = [p for cause in self.hypothesis for p in cause.parameters]
+        columns = zip(parameters, self.values().T, strict=True)
+        return [_estimate(values, self.posterior.weights, p.unit == "rad") for p, values in columns]
 
 
 def _in_order(first: Cause, second: Cause) -> Hypothesis:
     """A pair is one hypothesis, whichever cause was found first."""
     one, other = ((cause.name, cause.channel or "") for cause in (first, second))
     return (first, second) if one < other else (second, first)
+
+
+def _estimate(values: Array, weights: Array, turning: bool) -> Estimate:
+    """Median and interval; of an angle, about the mean direction."""
+    about = float(np.angle(np.sum(weights * np.exp(1j * values)))) if turning else 0.0
+    off = np.angle(np.exp(1j * (values - about))) if turning else values
+    low, middle, high = (about + quantile(off, weights, share) for share in (0.025, 0.5, 0.975))
+    return Estimate(middle, low, high)
 
 
 def quantile(values: Array, weights: Array, share: float) -> float:
@@ -82,6 +102,7 @@ class Search:
         """Spend the motions; the most probable hypothesis comes first."""
         first = self.first_order()
         self._do(first)
+        self._require_enough()
         rest = max(0, self.motions - len(first))
         for share in (_SECOND / (1 - _FIRST), 1.0):
             attribution = self.learn()
@@ -158,8 +179,17 @@ class Search:
             return NONE
         return SINGLE * each[0] if len(each) == 1 else 2 * PAIR * each[0] * each[1]
 
+    def _require_enough(self) -> None:
+        """An effect that was not simulated cannot be ruled out; neither can anything without healthy rigs."""
+        missing = [c.name for c in self.subject.causes if self.library.count((c,)) < _FEWEST_EACH // 2]
+        if missing or self.library.count(()) < _FEWEST_HEALTHY // 3:
+            what = ", ".join(dict.fromkeys(missing)) or "healthy rigs"
+            raise SimulationFailed(f"not enough was simulated of {what}", "give it more time: --budget", None)
+
     def next_order(self, ranked: Sequence[Ranked], motions: int) -> Order:
         """More of what is believed, about where it is believed."""
+        if motions < _FEWEST_AT_ONCE:
+            return Order()
         kept = [each for each in ranked if each.hypothesis and each.probability > _LEAST_SHARE]
         several = [each for each in kept if len(each.hypothesis) > 1][:_PAIRS_SIMULATED]
         chosen = [each for each in kept if len(each.hypothesis) == 1] + several
@@ -167,7 +197,7 @@ class Search:
             chosen = [each for each in ranked if each.hypothesis][:3]
         weight = np.sqrt([each.probability for each in chosen])
         cost = np.array([1 / 6 if all(c.sensing for c in each.hypothesis) else 1.0 for each in chosen])
-        counts = np.maximum(6, motions * weight / np.sum(weight * cost)).astype(int)
+        counts = np.maximum(_FEWEST_AT_ONCE, motions * weight / np.sum(weight * cost)).astype(int)
         counts = np.minimum(counts, np.where(cost < 1, 150, motions))
         cases = {
             each.hypothesis: self._around(each, int(count))

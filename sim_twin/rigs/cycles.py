@@ -79,13 +79,17 @@ def angle_cycles(values: Array, rate: float, _: float) -> Cycles:
     return Cycles(slope * rate / (2 * np.pi), float(np.mean(angle)) - slope * centre, rate)
 
 
-def mark_cycles(values: Array, rate: float, _: float) -> Cycles:
-    """Follow a once-per-revolution mark that rises at the start of every cycle; ValueError without two."""
+def mark_cycles(values: Array, rate: float, frequency: float) -> Cycles:
+    """Follow a once-per-revolution mark that rises at the start of every cycle; ValueError without two.
+
+    A mark that is missing is stepped over, by the period of nearly `frequency` Hz.
+    """
     level = (float(np.min(values)) + float(np.max(values))) / 2
     rises = np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
     share = (level - values[rises]) / (values[rises + 1] - values[rises])
     at = rises + share
     if len(at) < 2:
         raise ValueError("no marks")
-    slope, start = np.polyfit(np.arange(len(at)), at, 1)
+    turns = np.concatenate([[0.0], np.cumsum(np.round(np.diff(at) * frequency / rate))])
+    slope, start = np.polyfit(turns, at, 1)
     return Cycles(rate / float(slope), float(-start / slope * 2 * np.pi), rate)

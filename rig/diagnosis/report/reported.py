@@ -47,7 +47,7 @@ class Reported:
     @property
     def repaired(self) -> bool:
         """Whether a repaired twin was compared: one was selected, and there was time to simulate it."""
-        return bool(self.findings.selected) and bool(np.isfinite(self.findings.repaired).all())
+        return bool(self.findings.selected) and self.findings.repaired is not None
 
     def judged_of(self, name: str) -> Judged | None:
         """The judgement on an effect."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.findings import Estimate
+from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.fingerprint.layout import Cell
 from sim_twin.effects.effect import Parameter
 

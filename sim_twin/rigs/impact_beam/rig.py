@@ -27,6 +27,6 @@ MODEL = RigModel(
     reference="drive.force",
     follow=sine_cycles,
     fine_rate=204_800.0,
-    speed=40.0,
+    speed=55.0,
     stray=stray,
 )

@@ -24,5 +24,5 @@ MODEL = RigModel(
     reference="crank.angle",
     follow=angle_cycles,
     fine_rate=51_200.0,
-    speed=40.0,
+    speed=55.0,
 )

@@ -16,7 +16,8 @@ from rig.diagnosis.experiments import Experiment
 from rig.files.effects_file import load_effects
 from rig.twin.scenario_twin import catalogue_of
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.findings import Estimate, Findings, Gap, Judged
+from sim_twin.diagnosis.estimate import Estimate
+from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint.columns import Columns
 from sim_twin.diagnosis.fingerprint.layout import Layout
 from sim_twin.rigs.impact_beam.rig import MODEL
@@ -65,7 +66,9 @@ def findings() -> Findings:
 def told(
     found: Findings, experiment: Experiment | None = None, horizon: float | None = 0.4
 ) -> dict[str, Any]:
-    return document(found, [Path("a.mcap"), Path("b.mcap")], horizon, experiment, 12.5, ["odd"])
+    return document(
+        found, MODEL.effects, [Path("a.mcap"), Path("b.mcap")], horizon, experiment, 12.5, ["odd"]
+    )
 
 
 def test_a_diagnosis_has_every_key_of_the_interface() -> None:
@@ -82,7 +85,10 @@ def test_a_diagnosis_has_every_key_of_the_interface() -> None:
 
 
 def test_parameters_have_values_and_intervals_and_a_channel_is_one_of_them() -> None:
-    first, second = told(findings())["effects"]
+    first, second, *others = told(findings())["effects"]
+    # effects that these runs cannot have are there all the same
+    assert {each["name"] for each in (first, second, *others)} == set(MODEL.effects)
+    assert all(each["probability"] == 0 and each["gap_after"] is None for each in others)
     assert first["parameters"]["frequency_hz"] == {"value": 431.0, "ci95": [419.0, 444.0]}
     assert (first["location"], first["indistinguishable_from"]) == ("base", ["pivot_compliance"])
     assert second["parameters"] == {"channel": {"value": UPPER}, "gain": {"value": 1.2, "ci95": [1.1, 1.3]}}

@@ -189,7 +189,9 @@ def test_what_lies_in_the_lost_part_does_not_matter(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seconds", [0.3, 0.5])
 def test_too_few_cycles_are_refused_with_their_number(log: Path, seconds: float) -> None:
     run = write(log, cut(beam(), seconds), BEAM)
-    with pytest.raises(LogError, match=r"run\.mcap: \d+ sound cycles; a diagnosis needs 10 whole ones at least"):
+    with pytest.raises(
+        LogError, match=r"run\.mcap: \d+ sound cycles; a diagnosis needs 10 whole ones at least"
+    ):
         recorded([run])
 
 

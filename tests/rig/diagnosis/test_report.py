@@ -22,7 +22,8 @@ from rig.diagnosis.report.sections.gap_map import parts as gap_map
 from rig.diagnosis.report.sections.ranking import parts as ranking
 from rig.report.content import Figure, Table
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.findings import Estimate, Findings, Gap, Judged
+from sim_twin.diagnosis.estimate import Estimate
+from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint.columns import Columns
 from sim_twin.diagnosis.fingerprint.layout import Layout
 from sim_twin.effects.effect import Parameter
@@ -155,7 +156,7 @@ def test_unknown_tells_the_nearest_effect_and_where_the_rest_lies() -> None:
 
 
 def test_a_repaired_twin_that_nobody_had_time_for_is_not_shown() -> None:
-    found = replace(findings(0.01, 0.96, 0.03), repaired=np.full(LAYOUT.size, np.nan))
+    found = replace(findings(0.01, 0.96, 0.03), repaired=None)
     _, far = verdicts.sentences(reported(found))
     assert "no time to simulate the repaired twin" in far
     assert "repaired twin" not in json.dumps([part.traces for part in figures(reported(found))])

@@ -99,10 +99,18 @@ def test_a_speed_that_fluctuates_every_revolution_leaves_the_mean_line() -> None
 def test_marks_tell_where_revolutions_start() -> None:
     angle = phases(3.3337, 2.0)
     volts = marker_voltage(angle) + 0.02 * np.random.default_rng(3).standard_normal(COUNT)
-    found = mark_cycles(volts, RATE, 0.0)
+    found = mark_cycles(volts, RATE, 3.3333)
     one_sample = 2 * np.pi * 3.3337 / RATE
     assert turned(found.phase - 2.0) == pytest.approx(0.0, abs=one_sample)
     # a sample at each end of six revolutions
+    assert found.frequency == pytest.approx(3.3337, rel=2 / COUNT)
+
+
+def test_a_lost_mark_does_not_slow_the_flywheel() -> None:
+    angle = phases(3.3337, 2.0)
+    volts = marker_voltage(angle)
+    third = (angle // (2 * np.pi)).astype(int) == 2
+    found = mark_cycles(np.where(third, 0.0, volts), RATE, 3.3333)
     assert found.frequency == pytest.approx(3.3337, rel=2 / COUNT)
 
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.draw import Draw, Observed
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
-from sim_twin.diagnosis.judging import gap_between, halves, near_best, repaired_twins
+from sim_twin.diagnosis.judging import gap_between, halves, repaired_twins
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
-from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, Toy, recording
 
 TOY = Toy()
 RIG = 10**6
@@ -86,17 +86,6 @@ def test_what_could_not_be_simulated_is_not_judged() -> None:
         np.random.default_rng(1),
     )
     assert repaired == {}
-
-
-def test_near_best_are_the_simulated_ones_nearest_in_the_cube() -> None:
-    _, ranked, library = searched()
-    right = next(each for each in ranked if each.hypothesis == (RIGHT,))
-    near = near_best(library, right)
-    assert near.shape == (6, TOY.layout.size)
-    values = library.values((RIGHT,))
-    distances = np.abs(RIGHT.places(values) - RIGHT.places(right.best()[None]))[:, 0]
-    expected = [library.fingerprints((RIGHT,))[k][0] for k in np.argsort(distances)[:6]]
-    assert np.array_equal(near, np.array(expected, dtype=np.float64))
 
 
 def test_the_right_repair_closes_the_gap_and_the_interval_holds_that() -> None:

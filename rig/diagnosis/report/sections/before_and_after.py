@@ -116,7 +116,7 @@ def _draw(
 def _lines(reported: Reported, of: Callable[[Array], Array]) -> dict[str, Array]:
     found = reported.findings
     lines = {"measured": of(found.measured), "nominal twin": of(found.nominal)}
-    return lines | ({"repaired twin": of(found.repaired)} if reported.repaired else {})
+    return lines if found.repaired is None else lines | {"repaired twin": of(found.repaired)}
 
 
 def _slices(reported: Reported, numbers: Array, cell: int) -> Array:
