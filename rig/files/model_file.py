@@ -41,8 +41,9 @@ class _Correlations(Field):
 
 
 def _within_one(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(value) and abs(value) <= 1  # type: ignore[arg-type]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return math.isfinite(value) and abs(value) <= 1
 
 
 @dataclass(frozen=True, slots=True, config=SECTION)

@@ -28,7 +28,9 @@ def campaign_with_model(campaign: Campaign, model: ModelFile, warn: Callable[[st
 
 def carried(model: ModelFile, twins: Sequence[AnyTwin], warn: Callable[[str], None]) -> Matched:
     """What `model` says of a rig with these nominal twins: a part that was changed since is another part."""
-    tables = [{each.name: each.value(twin) for each in tolerances_of(twin)} for twin in twins]
+    tables = [
+        {each.name: each.value(twin) for each in model_of(twin).lasting_tolerances(twin)} for twin in twins
+    ]
     there = [name for name in model.matched.names if all(name in values for values in tables)]
     other = [
         name
@@ -40,14 +42,9 @@ def carried(model: ModelFile, twins: Sequence[AnyTwin], warn: Callable[[str], No
     return model.matched.only([name for name in there if name not in other])
 
 
-def tolerances_of(twin: AnyTwin) -> tuple[Tolerance, ...]:
-    """The tolerances of its rig, without those of one run."""
-    return tuple(each for each in model_of(twin).tolerances(twin) if not each.each_run)
-
-
 def as_model_text(twin: AnyTwin, matched: Matched, runs: Sequence[str], scenarios: Sequence[str]) -> str:
     """The model file that says how the rig of the nominal `twin` was found."""
-    known = [each for each in tolerances_of(twin) if each.name in matched.names]
+    known = [each for each in model_of(twin).lasting_tolerances(twin) if each.name in matched.names]
     nominals = {each.name: each.value(twin) for each in known}
     remarks = {each.name: found(each, twin, matched) for each in known}
     return model_text(model_of(twin).name, runs, scenarios, nominals, matched, remarks)

@@ -25,8 +25,8 @@ _FORBIDDEN = -1e12
 _POINTS = 120
 TEMPER = 3.0
 """A synthetic likelihood is too sure of itself by about this factor in its logarithm: directions are not
-quite independent, scatters are estimates, and other programs differ a little; judged on campaigns that
-another engine made."""
+quite independent, scatters are estimates, and other programs differ a little. Set where twins' own draws,
+left out of the library, were about as often right as they were believed."""
 _INTERPLAY = 0.02
 """Share of the smaller of two responses' squares by which an unsimulated pair may differ from their sum."""
 

@@ -15,7 +15,7 @@ from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.chains import through_chains
 from sim_twin.diagnosis.draw import Draw, Named, Observed, Values
 from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.diagnosis.fingerprint.layout import Layout, joined
 from sim_twin.effects.effect import Effect
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.variant import Variant
@@ -94,7 +94,7 @@ class Campaign:
     @property
     def layout(self) -> Layout:
         """What the numbers of a fingerprint are."""
-        return Layout(tuple(cell for k, run in enumerate(self.runs) for cell in run.columns.cells(k)))
+        return joined(tuple(Layout(run.columns.cells(k)) for k, run in enumerate(self.runs)))
 
     @property
     def causes(self) -> tuple[Cause, ...]:

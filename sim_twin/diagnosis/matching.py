@@ -111,7 +111,7 @@ def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence
 def tolerances_of(campaign: Campaign) -> tuple[str, ...]:
     """Names of the tolerances that belong to the campaign's rig, not to one run."""
     twin = campaign.runs[0].twin
-    return tuple(each.name for each in model_of(twin).tolerances(twin) if not each.each_run)
+    return tuple(each.name for each in model_of(twin).lasting_tolerances(twin))
 
 
 def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:

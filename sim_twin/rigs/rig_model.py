@@ -77,6 +77,10 @@ class RigModel:
         """Return `twin` with effects in; raises ValueError for what the rig cannot have."""
         return apply_effects(self.effects, twin, effects)
 
+    def lasting_tolerances(self, twin: AnyTwin) -> tuple[Tolerance, ...]:
+        """Those that belong to the rig of `twin`, not to one run."""
+        return tuple(each for each in self.tolerances(twin) if not each.each_run)
+
     def matched(self, twin: AnyTwin, matched: Matched) -> AnyTwin:
         """Return the nominal `twin` as a calibration found its rig.
 

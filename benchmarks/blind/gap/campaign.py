@@ -98,7 +98,8 @@ def _keep(file: Path, nominal: Sequence[Table], true: Sequence[Table]) -> None:
 
 def _kept(file: Path) -> tuple[list[Table], list[Table]]:
     with np.load(file) as tables:
-        return tuple(  # type: ignore[return-value]
+        nominal, true = (
             [tables[f"{kind}{n}"].astype(np.float64) for n in range(len(_SEEDS))]
             for kind in ("nominal", "true")
         )
+    return nominal, true

@@ -1,4 +1,7 @@
-"""`rattle diagnose` and `rattle gap` on a log that a twin with a hidden effect wrote; what they refuse."""
+"""`rattle diagnose` and `rattle gap`: where an effect has to be found, another program recorded it.
+
+The log that a twin with a hidden effect wrote serves for what files and words hold.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,7 @@ from sim_twin.rigs.impact_beam.rig import MODEL
 from tests.rig.commands.cli import Answer, Call
 from tests.rig.diagnosis.measured_log import BEAM, CRANK, recording, write
 
+FOREIGN = Path(__file__).parents[4] / "shared" / "samples" / "crank_joint_friction.mcap"
 HIDDEN = (("clearance", {"scale": 1.6}),)
 LOCATIONS = {effect.location for effect in MODEL.effects.values()}
 
@@ -231,3 +235,23 @@ def test_effects_that_the_rig_does_not_have_are_wrong_use(call: Call, run: Path,
     answer = call("gap", run, "--effects", effects)
     assert answer.code == WRONG_USE
     assert "rod_flexibility" in answer.err
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.skipif(not FOREIGN.is_file(), reason=f"no {FOREIGN}")
+def test_the_effect_in_another_program_s_recording_is_found(
+    tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnosing, "_OVERTIME", 30.0)
+    monkeypatch.setattr(diagnosing, "_LAST", 30.0)
+    out = tmp_path / "answer"
+    assert call("diagnose", FOREIGN, "--out", out, "--budget", 15).code == 0
+    content = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    hidden = json.loads(FOREIGN.with_suffix(".json").read_text(encoding="utf-8"))[0]
+    assert content["selected"] == [hidden["name"]]
+    assert content["effects"][0]["probability"] > 0.8
+    found = content["effects"][0]["parameters"]["coefficient"]
+    # what eight seconds of a chaotic motion and a healthy rig's tolerances leave open
+    assert found["value"] == pytest.approx(hidden["parameters"]["coefficient"], rel=0.3)
+    assert content["gap"]["shrink"] > 0.6
