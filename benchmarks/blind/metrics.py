@@ -114,10 +114,10 @@ def confidence(case: Case) -> tuple[float, float]:
 
 
 def false_alarm(case: Case) -> float:
-    """1 if any effect is given more than a half."""
+    """1 if effects are given more than a half, one of them or all together."""
     if case.answer is None:
         return 1.0
-    return float(any(effect.probability > _ALARM for effect in case.answer.effects))
+    return float(sum(effect.probability for effect in case.answer.effects) > _ALARM)
 
 
 def not_none(case: Case) -> float:

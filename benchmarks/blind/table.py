@@ -118,7 +118,7 @@ BESIDE = (
     Figure("calibration error of the perfectly calibrated", _EVERY, metrics.calibrated_error, "none"),
     _share("nothing missing, first answer not none", _NOTHING, metrics.not_none),
     _share("outside: first answer right", _OUTSIDE, metrics.first_right),
-    _share("outside: an effect named with p > 0.5", _OUTSIDE, metrics.false_alarm),
+    _share("outside: effects given p > 0.5", _OUTSIDE, metrics.false_alarm),
     _share("channel right where the effect is", _ON_A_CHANNEL, metrics.channel_right),
     _mean("relative shrink, singles", partial(_measured, kinds=("single",)), metrics.relative_shrink),
     _mean("relative shrink, pairs", partial(_measured, kinds=("pair",)), metrics.relative_shrink),

@@ -62,7 +62,12 @@ def add_to(app: typer.Typer) -> None:
 def _match(read: Recorded, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
     with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar.at)
-        return match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
+        outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
+    if simulate.cut_short:
+        screen.warn(
+            "time ran out: fewer healthy rigs were simulated than planned; another machine may fit otherwise"
+        )
+    return outcome
 
 
 def _refuse_unhealthy(outcome: Match) -> None:

@@ -96,6 +96,8 @@ def test_an_alarm_needs_more_than_a_half() -> None:
     mostly = answer({"clearance": 0.4, "none": 0.35, "unknown": 0.25})
     assert metrics.false_alarm(case("none", mostly)) == 0
     assert metrics.not_none(case("none", mostly)) == 1
+    split = answer({"clearance": 0.3, "shaker_mass": 0.3, "none": 0.4})
+    assert metrics.false_alarm(case("none", split)) == 1
 
 
 def test_location_of_the_first_answer_is_what_counts() -> None:
