@@ -25,12 +25,15 @@ from sim_twin.diagnosis.draw import Named
 from sim_twin.diagnosis.effort import effort_for
 from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.horizon import horizon_s
+from sim_twin.diagnosis.latent_force import LatentForce, latent_forces
 from sim_twin.diagnosis.next_experiment import told_apart
 from sim_twin.rigs.catalogue import model_of
 
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
 _LAST = 1.9
+_UNKNOWN_ENOUGH = 0.2
+"""Probability from which on the report shows what the joints' forces lack."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +73,22 @@ def diagnose_runs(
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
     reach = min(horizon_s(setting, _response_row(data)) for setting in data.campaign.runs)
+    forces = _latent_forces(data, findings, seed)
     catalogue = model_of(data.campaign.runs[0].twin).effects
-    content = document(findings, catalogue, runs, reach, experiment, time.monotonic() - began, remarks)
+    content = document(
+        findings, catalogue, runs, reach, experiment, time.monotonic() - began, remarks, forces
+    )
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
     report = out / "report.html"
-    write_report(report, findings, content, _facts(data, runs), remarks)
+    write_report(report, findings, content, _facts(data, runs), remarks, forces)
     return Written(findings, out / "diagnosis.json", out / "effects.json", report)
+
+
+def _latent_forces(data: Recorded, findings: Findings, seed: int) -> list[LatentForce]:
+    if findings.unknown < _UNKNOWN_ENOUGH:
+        return []
+    return latent_forces(data.campaign, data.records, data.sound, seed)
 
 
 def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Recorded:

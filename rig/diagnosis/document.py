@@ -14,6 +14,7 @@ import numpy as np
 from rig.diagnosis.experiments import Experiment
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.latent_force import Curve, LatentForce
 from sim_twin.effects.effect import Catalogue
 
 SCHEMA = "rattle.diagnosis/1"
@@ -27,8 +28,9 @@ def document(
     experiment: Experiment | None,
     seconds: float,
     remarks: Sequence[str],
+    forces: Sequence[LatentForce] = (),
 ) -> dict[str, Any]:
-    """The diagnosis as JSON holds it; `catalogue` has all effects of the rig."""
+    """The diagnosis as JSON holds it; `catalogue` has all effects of the rig, `forces` what joints lack."""
     probabilities = {"none": findings.none, "effect": findings.effect, "unknown": findings.unknown}
     content: dict[str, Any] = _finite(
         {
@@ -40,6 +42,7 @@ def document(
             "effects": [*(_effect(each) for each in findings.judged), *_impossible(findings, catalogue)],
             "selected": list(dict.fromkeys(cause.name for cause in findings.selected)),
             "horizon_s": horizon_s,
+            "latent_force": [_latent_force(each) for each in forces],
             "next_experiment": None if experiment is None else experiment.as_json(),
             "cost": {"simulations": findings.simulations, "seconds": seconds},
             "remarks": list(remarks),
@@ -126,6 +129,21 @@ def _effect(judged: Judged) -> dict[str, Any]:
         "shrink": judged.shrink,
         "indistinguishable_from": list(judged.indistinguishable_from),
     }
+
+
+def _latent_force(latent: LatentForce) -> dict[str, Any]:
+    return {
+        "run": latent.run,
+        "joint": latent.joint,
+        "location": latent.location,
+        "against": [_curve(curve) for curve in latent.curves],
+    }
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    lines = {"measured_n": curve.measured, "twin_n": curve.twin, "scatter_n": curve.scatter}
+    numbers = {name: line.tolist() for name, line in lines.items()}
+    return {"axis": curve.axis.name, "unit": curve.axis.unit, "edges": curve.edges.tolist(), **numbers}
 
 
 def _impossible(findings: Findings, catalogue: Catalogue) -> list[dict[str, Any]]:

@@ -41,13 +41,16 @@ _SPOILT = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 class Recorded:
     """A campaign with its `measured` fingerprints (blocks, numbers); `remarks` say what was lost or odd.
 
-    `scenarios` are the runs' scenario texts.
+    `scenarios` are the runs' scenario texts, `records` their channels at the rate of the setting, `sound`
+    says which samples of a run can be used.
     """
 
     campaign: Campaign
     measured: NDArray[np.float32]
     remarks: tuple[str, ...]
     scenarios: tuple[str, ...]
+    records: tuple[dict[str, Array], ...]
+    sound: tuple[NDArray[np.bool_], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,14 @@ def recorded(paths: Sequence[Path]) -> Recorded:
     count = min(_MOST_BLOCKS, *(len(each) for each in blocks))
     measured = np.concatenate([_grouped(each, count) for each in blocks], axis=1)
     remarks = [f"{run.path.name}: {remark}" for run in runs for remark in run.remarks]
-    return Recorded(campaign, measured, tuple(remarks), tuple(run.scenario for run in runs))
+    return Recorded(
+        campaign,
+        measured,
+        tuple(remarks),
+        scenarios=tuple(run.scenario for run in runs),
+        records=tuple(run.records for run in runs),
+        sound=tuple(run.sound for run in runs),
+    )
 
 
 def _grouped(blocks: NDArray[np.float32], count: int) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, pi
+from typing import TypeAlias
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -26,6 +27,8 @@ from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.floating]
 Samples = NDArray[np.float32]
+Records: TypeAlias = dict[str, Array]
+"""One run's channels at the setting's rate, each (n,)."""
 _GUARD_S = 4e-3
 """Cut from both ends of a simulated record: a skew shifts its end into its start."""
 _SETTLE_S, _SETTLE_CYCLES = 0.5, 2.0
@@ -61,14 +64,22 @@ class RunSetting:
 
     def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples:
         """Fingerprints of simulated records, shape (blocks, numbers)."""
+        return self.blocks_of(self.inner(records))[:blocks]
+
+    def inner(self, records: Mapping[str, Array]) -> Records:
+        """Simulated records without their ends."""
         cut = slice(self._guard, -self._guard)
-        return self.blocks_of({name: record[cut] for name, record in records.items()})[:blocks]
+        return {name: record[cut] for name, record in records.items()}
+
+    def cycles_in(self, records: Mapping[str, Array]) -> Cycles:
+        """The cycles of measured or simulated records."""
+        model = model_of(self.twin)
+        return model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
 
     def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
         """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`."""
-        model = model_of(self.twin)
-        cycles = model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
-        starts, length = cycles.starts(len(records[model.reference])), cycles.length
+        cycles = self.cycles_in(records)
+        starts, length = cycles.starts(len(records[model_of(self.twin).reference])), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
         signals = [_signal(self.twin, name, records[name], cycles) for name in self.columns.channels]
@@ -117,19 +128,38 @@ class Campaign:
         found = [self._observe_run(k, setting, draws) for k, setting in enumerate(self.runs)]
         return [_joined([run[number] for run in found]) for number in range(len(draws))]
 
+    def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
+        """What the channels of each run show, (runs, draws); None for a run that failed."""
+        return [self._records_of_run(k, setting, draws) for k, setting in enumerate(self.runs)]
+
+    def _records_of_run(
+        self, number: int, setting: RunSetting, draws: Sequence[Draw]
+    ) -> list[Records | None]:
+        variants, clean = self._simulated(number, setting, draws)
+        return [
+            None if one is None else setting.inner(_shown(setting, number, variant, draw, one, ()))
+            for draw, variant, one in zip(draws, variants, clean, strict=True)
+        ]
+
     def _observe_run(
         self, number: int, setting: RunSetting, draws: Sequence[Draw]
     ) -> list[list[Samples | None]]:
-        variants = [self._variant(number, setting, draw) for draw in draws]
-        count = setting.samples(max(draw.blocks for draw in draws))
-        rate = setting.columns.rate
-        clean = clean_samples(variants, rate, setting.settle, count, setting.oversampling)
+        variants, clean = self._simulated(number, setting, draws)
         return [
             [None] * len(draw.sensing)
-            if one is None or not np.isfinite(one).all()
+            if one is None
             else [_observed(setting, number, variant, draw, one, extra) for extra in draw.sensing]
             for draw, variant, one in zip(draws, variants, clean, strict=True)
         ]
+
+    def _simulated(
+        self, number: int, setting: RunSetting, draws: Sequence[Draw]
+    ) -> tuple[list[Variant], list[NDArray[np.float64] | None]]:
+        """The rigs of some draws, and the clean signals of each; None for one that failed."""
+        variants = [self._variant(number, setting, draw) for draw in draws]
+        count = setting.samples(max(draw.blocks for draw in draws))
+        clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
+        return variants, [None if one is None or not np.isfinite(one).all() else one for one in clean]
 
     def _variant(self, number: int, setting: RunSetting, draw: Draw) -> Variant:
         """The same rig in every run, set up anew in each."""
@@ -148,13 +178,21 @@ def _observed(
     setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
     extra: tuple[Named, ...],
 ) -> Samples | None:  # fmt: skip
+    shown = _shown(setting, number, variant, draw, clean, extra)
+    blocks = setting.blocks_of_simulated(shown, draw.blocks)
+    return blocks if len(blocks) == draw.blocks and np.isfinite(blocks).all() else None
+
+
+def _shown(
+    setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
+    extra: tuple[Named, ...],
+) -> Records:  # fmt: skip
     twin = model_of(variant.twin).with_effects(variant.twin, extra)
     rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
     stray = model_of(twin).stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
     sensors = [twin.sensors[name] for name in twin.channels]
     shown = through_chains(stray, sensors, setting.columns.rate, setting.quiet, rng)
-    blocks = setting.blocks_of_simulated(dict(zip(twin.channels, shown, strict=True)), draw.blocks)
-    return blocks if len(blocks) == draw.blocks and np.isfinite(blocks).all() else None
+    return dict(zip(twin.channels, shown, strict=True))
 
 
 def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -13,6 +13,7 @@ from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
 from sim_twin.healthy import Tolerance, moved
 from sim_twin.matched import Matched
 from sim_twin.rigs.cycles import Cycles
+from sim_twin.rigs.joint_record import JointRecord
 from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import Sensor, oversampling
 from sim_twin.stream import Truth, TwinStream
@@ -21,6 +22,9 @@ from sim_twin.twin import AnyTwin
 Array = NDArray[np.float64]
 SolverValues: TypeAlias = dict[str, float | int | None]
 Follow: TypeAlias = Callable[[NDArray[np.floating], float, float], Cycles]
+JointRecords: TypeAlias = Callable[
+    [AnyTwin, Mapping[str, NDArray[np.floating]], Cycles], tuple[JointRecord, ...]
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,7 @@ class RigModel:
     - `reference`: the channel that tells the cycles; `follow(samples, rate, nominal frequency)` finds them.
     - `fine_rate`: Hz at which motions are computed where many are compared.
     - `speed`: s of motion that one processor simulates and looks at in one s then, with room to spare.
+    - `joint_records(twin, records, cycles)`: what passed through its joints, from records of its channels.
     - `stray(twin, signals, rng)`: clean signals (channels, n) with what a healthy rig's channels may pick up
       besides.
     """
@@ -60,6 +65,7 @@ class RigModel:
     side_by_side: SideBySide | None = None
     smooth_channels: tuple[str, ...] = ()
     tolerances: Callable[[Any], tuple[Tolerance, ...]] = lambda _: ()
+    joint_records: JointRecords = lambda _, __, ___: ()
     stray: Callable[[Any, Array, np.random.Generator], Array] = lambda _, signals, __: signals
 
     def stream(

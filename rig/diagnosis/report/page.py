@@ -13,6 +13,7 @@ from plotly.offline import get_plotlyjs
 from rig.diagnosis.report.reported import Reported, RunFacts
 from rig.diagnosis.report.sections import SECTIONS
 from sim_twin.diagnosis.findings import Findings
+from sim_twin.diagnosis.latent_force import LatentForce
 
 
 def write_report(
@@ -21,12 +22,14 @@ def write_report(
     diagnosis: Mapping[str, Any],
     runs: Sequence[RunFacts],
     remarks: Sequence[str],
+    forces: Sequence[LatentForce] = (),
 ) -> None:
     """Write the report of a diagnosis as HTML; raises OSError where `path` cannot be written.
 
-    `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings.
+    `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings,
+    `forces` what the joints' forces lack.
     """
-    page = render(Reported(findings, diagnosis, runs, remarks))
+    page = render(Reported(findings, diagnosis, runs, remarks, forces))
     path.write_text(page, encoding="utf-8")
 
 
@@ -35,7 +38,7 @@ def render(reported: Reported) -> str:
     return _template().render(
         title="Diagnosis",
         subtitle=" · ".join(run.name for run in reported.runs),
-        sections=[(section.heading, section.parts(reported)) for section in SECTIONS],
+        sections=[(section.heading, parts) for section in SECTIONS if (parts := section.parts(reported))],
         plotly=get_plotlyjs(),
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.findings import Findings, Judged
+from sim_twin.diagnosis.latent_force import LatentForce
 
 Array = NDArray[np.float64]
 
@@ -25,12 +26,16 @@ class RunFacts:
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """Findings with the diagnosis as its file holds it (interface.md), and what is known of the runs."""
+    """Findings with the diagnosis as its file holds it (interface.md), and what is known of the runs.
+
+    `forces` are what the joints' forces lack, the largest first; none where nobody asked.
+    """
 
     findings: Findings
     diagnosis: Mapping[str, Any]
     runs: Sequence[RunFacts]
     remarks: Sequence[str]
+    forces: Sequence[LatentForce] = ()
 
     @property
     def verdict(self) -> str:

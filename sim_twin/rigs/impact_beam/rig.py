@@ -6,6 +6,7 @@ from sim_twin.rigs.cycles import sine_cycles
 from sim_twin.rigs.impact_beam.channels import channel_unit
 from sim_twin.rigs.impact_beam.effects import EFFECTS
 from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors, stray, tolerances
+from sim_twin.rigs.impact_beam.joint_record import joint_records
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.side_by_side import SIDE_BY_SIDE
 from sim_twin.rigs.impact_beam.solver_values import solver_values
@@ -28,5 +29,6 @@ MODEL = RigModel(
     follow=sine_cycles,
     fine_rate=204_800.0,
     speed=55.0,
+    joint_records=joint_records,
     stray=stray,
 )

@@ -6,6 +6,7 @@ from sim_twin.rigs.cycles import angle_cycles
 from sim_twin.rigs.planar_slider_crank.channels import channel_unit
 from sim_twin.rigs.planar_slider_crank.effects import EFFECTS
 from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy, nominal_sensors, tolerances
+from sim_twin.rigs.planar_slider_crank.joint_record import joint_records
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.solver_values import solver_values
 from sim_twin.rigs.planar_slider_crank.truth import CrankTruth
@@ -25,4 +26,5 @@ MODEL = RigModel(
     follow=angle_cycles,
     fine_rate=51_200.0,
     speed=55.0,
+    joint_records=joint_records,
 )
