@@ -29,7 +29,7 @@ class Engine(Protocol):
 
 
 def engine_of(rig: str) -> Engine:
-    """The truth engine of a rig, imported when it is asked for (it needs the optional extra `peers`)."""
+    """The truth engine of a rig, imported when it is asked for (Exudyn is a package of the tests)."""
     engine: Any = import_module(_MODULES[rig])
     checked: Engine = engine
     return checked

@@ -118,7 +118,15 @@ class Campaign:
             channels = [name for name in effect.channels if name in shown] if effect.channels else [None]
             allows = partial(_fine_together, effect)
             found += [
-                Cause(effect.name, effect.location, effect.parameters, channel, effect.sensing, allows)
+                Cause(
+                    effect.name,
+                    effect.location,
+                    effect.parameters,
+                    channel,
+                    effect.sensing,
+                    allows,
+                    effect.coordinates,
+                )
                 for channel in channels
             ]
         return tuple(found)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.draw import Named
-from sim_twin.effects.effect import Parameter
+from sim_twin.effects.effect import Coordinates, Parameter
 
 Array = NDArray[np.float64]
 _WIDE = 3.0
@@ -29,6 +29,7 @@ class Cause:
 
     `sensing`: it only changes what the sensors show, not the motion. `allows` says which parameters may go
     together. Parameters are searched as places u in a unit cube, over which they are equally likely.
+    `nearly_straight`: see the coordinates of an `Effect`.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Cause:
     channel: str | None = None
     sensing: bool = False
     allows: Callable[[Mapping[str, float | str]], bool] = field(default=_always, compare=False)
+    nearly_straight: Coordinates | None = field(default=None, compare=False)
 
     def values(self, u: Array) -> Array:
         """Parameters at places `u`, shape (n, parameters) to the same."""
@@ -48,6 +50,8 @@ class Cause:
 
     def coordinates(self, values: Array) -> Array:
         """Coordinates in which responses are smooth, shape (n, parameters or more)."""
+        if self.nearly_straight is not None:
+            return self.nearly_straight(values)
         columns = [c for k, p in enumerate(self.parameters) for c in _coordinates(p, values[:, k])]
         return np.column_stack(columns)
 

@@ -14,15 +14,19 @@ from sim_twin.diagnosis.effort import Effort
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
-from sim_twin.diagnosis.judging import gap_between, halves, repaired_twins
+from sim_twin.diagnosis.judging import brings_nearer, gap_between, halves, repaired_twins, rigs_with
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Execute, Subject
+from sim_twin.diagnosis.unexplained import unexplained
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
 _JUDGED = 4
+_CONFIRMING = 3
+"""One in so many motions of the judging goes into rigs as the best hypothesis says."""
+_NEAREST = 12
 
 
 def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execute, seed: int) -> Findings:
@@ -34,13 +38,18 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     rng = np.random.default_rng(seed)
     library = Library()
     attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
+    measure = gap_measure(library.fingerprints(()), subject.layout)
+    like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
+    left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
+    belief = belief_of(attribution, ranked, left)
     fitted_to, judged_on = halves(measured)
     candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
-    repaired = repaired_twins(candidates, attribution, fitted_to, effort.judge, execute, rng)
-    belief = belief_of(attribution, library, ranked, measured)
+    judging = effort.judge - effort.judge // _CONFIRMING
+    repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
-    measure = gap_measure(library.fingerprints(()), subject.layout)
     twins = repaired.get(chosen.hypothesis) if chosen else None
+    if twins is not None and not brings_nearer(measure, judged_on, twins):
+        chosen, twins, belief = None, None, belief.refuted()
     distances = separability(attribution, ranked, rng)
     judged = _judged(measure, judged_on, ranked, repaired, belief)
     return Findings(
@@ -60,8 +69,21 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         floor=measure.floor,
         held_out=len(measured) > 1,
         simulations=library.observations + sum(len(each) for each in repaired.values()),
-        misfit=belief.misfit,
+        left=left,
     )
+
+
+def _like_rigs(
+    best: Ranked, library: Library, motions: int, execute: Execute, rng: np.random.Generator
+) -> Array:
+    """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known where time ran out."""
+    known = np.array([each[0] for each in library.fingerprints(best.hypothesis)], dtype=np.float64)
+    if not best.hypothesis:
+        return known
+    simulated = rigs_with({best.hypothesis: best.best()}, motions, execute, rng)
+    values = library.values(best.hypothesis)
+    far = np.sum(((values - best.best()) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
+    return simulated.get(best.hypothesis, known[np.argsort(far)[:_NEAREST]])
 
 
 def _judged(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.rigs.catalogue import model_of
 
-_SIMULATING = 0.62
+_SIMULATING = 0.52
 """Of the budget; the rest goes into what is made of it."""
 _CORES = 2
 _LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000
@@ -32,5 +32,5 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     rated = model_of(campaign.runs[0].twin).speed
     motions = _SIMULATING * budget_s * _CORES * rated / seconds
     motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
-    judge = max(24, motions // 7)
+    judge = max(36, motions // 6)
     return Effort(motions - judge, judge)

@@ -12,6 +12,7 @@ from sim_twin.diagnosis.cause import Cause, Hypothesis
 from sim_twin.diagnosis.draw import Named
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.diagnosis.unexplained import Unexplained
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class Findings:
     floor: Array
     held_out: bool
     simulations: int
-    misfit: float
+    left: Unexplained
 
     @property
     def verdict(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,19 +38,35 @@ def repaired_twins(
     rng: np.random.Generator,
 ) -> dict[Hypothesis, Array]:
     """Fingerprints (n, numbers) of healthy rigs with each candidate in, as it fits some blocks best."""
-    each = max(_FEWEST_JUDGED, motions // max(1, len(candidates)))
     place = attribution.place(fitted_to).mean(axis=0)
-    orders = []
+    wanted = {}
     for candidate in candidates:
         posterior = attribution.posterior(candidate.hypothesis, place, rng)
-        best = Ranked(candidate.hypothesis, 1.0, posterior, 0.0).best()
-        orders.append(order_of({candidate.hypothesis: np.tile(best, (each, 1))}, rng))
+        wanted[candidate.hypothesis] = Ranked(candidate.hypothesis, 1.0, posterior, 0.0).best()
+    return rigs_with(wanted, motions, execute, rng)
+
+
+def rigs_with(
+    wanted: Mapping[Hypothesis, Array], motions: int, execute: Execute, rng: np.random.Generator
+) -> dict[Hypothesis, Array]:
+    """Fingerprints (n, numbers) of healthy rigs with each hypothesis in at the parameters that are wanted.
+
+    Those of which too few could be simulated are left out.
+    """
+    each = max(_FEWEST_JUDGED, motions // max(1, len(wanted)))
+    orders = [order_of({h: np.tile(values, (each, 1))}, rng) for h, values in wanted.items()]
     shown = iter(execute(sum(orders, Order()).draws))
-    repaired = {}
-    for candidate, order in zip(candidates, orders, strict=True):
+    rigs = {}
+    for hypothesis, order in zip(wanted, orders, strict=True):
         blocks = [one[0] for _ in range(len(order)) for one in next(shown) if one is not None]
-        repaired[candidate.hypothesis] = np.array(blocks, dtype=np.float64)
-    return {hypothesis: twins for hypothesis, twins in repaired.items() if len(twins) >= _FEWEST_TWINS}
+        rigs[hypothesis] = np.array(blocks, dtype=np.float64)
+    return {hypothesis: found for hypothesis, found in rigs.items() if len(found) >= _FEWEST_TWINS}
+
+
+def brings_nearer(measure: GapMeasure, judged_on: Blocks, repaired: Array) -> bool:
+    """Whether repaired rigs lie nearer to the blocks `judged_on` than the nominal ones, if those are far."""
+    before, mended = measure.total(measure.cells(judged_on)), measure.of_repaired(repaired)
+    return before <= 1.0 or mended.total(mended.cells(judged_on)) < before
 
 
 def gap_between(

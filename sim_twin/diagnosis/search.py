@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, values_of
+from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, values_of
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.learning import learned
 from sim_twin.diagnosis.library import Library, Order, order_of
@@ -21,7 +21,14 @@ from sim_twin.diagnosis.subject import Execute, Subject
 Array = NDArray[np.float64]
 NONE, SINGLE, PAIR = 0.35, 0.45, 0.20
 """What is believed beforehand of nothing, one, or two effects being missing."""
-_FIRST, _SECOND = 0.5, 0.28
+_FIRST = 0.45
+_REFINED = (0.17, 0.18, 0.12, 0.08)
+_PARTNERS_IN = 1
+"""Shares of the motions: every cause evenly, then round by round what explains the measurement; in one of
+the rounds the leading effect with each other one."""
+_NEEDS_PARTNER = 0.5
+"""Misfit of the leading effect from which on that round is spent on its partners."""
+_EACH_PARTNER = 8
 _HEALTHY_SHARE = 0.2
 _FEWEST_HEALTHY = 60
 _FEWEST_EACH = 10
@@ -29,7 +36,7 @@ _FEWEST_AT_ONCE = 6
 _PAIRS_LOOKED_AT = 24
 _PAIRS_SIMULATED = 6
 _PARTNERS = 8
-_LEAVES_ROOM = 0.5
+_LEAVES_ROOM = 0.2
 """Misfit of the best explanation by one effect, below which a second one has nothing to explain."""
 _LEAST_SHARE = 0.004
 _FROM_PRIOR = 0.1
@@ -64,6 +71,28 @@ class Ranked:
         parameters = [p for cause in self.hypothesis for p in cause.parameters]
         columns = zip(parameters, self.values().T, strict=True)
         return [_estimate(values, self.posterior.weights, p.unit == "rad") for p, values in columns]
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """One hypothesis by itself: the logarithm of prior times evidence, its posterior, what it leaves."""
+
+    hypothesis: Hypothesis
+    log: float
+    posterior: Posterior
+    misfit: float
+
+
+def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
+    """All hypotheses by their share of belief."""
+    logs = np.array([each.log for each in weighed])
+    belief = np.exp(logs - logs.max())
+    belief /= belief.sum()
+    ranked = [
+        Ranked(each.hypothesis, float(share), each.posterior, each.misfit)
+        for each, share in zip(weighed, belief, strict=True)
+    ]
+    return sorted(ranked, key=lambda each: -each.probability)
 
 
 def _in_order(first: Cause, second: Cause) -> Hypothesis:
@@ -104,18 +133,23 @@ class Search:
         self._do(first)
         self._require_enough()
         rest = max(0, self.motions - len(first))
-        for share in (_SECOND / (1 - _FIRST), 1.0):
+        for number, share in enumerate(_REFINED):
+            motions = int(rest * share / sum(_REFINED[number:]))
             attribution = self.learn()
-            ranked = self.rank(attribution, self.singles())
-            if ranked[0].misfit > _LEAVES_ROOM:
-                pairs = self.promising_pairs(attribution, ranked)
-                ranked = self.rank(attribution, [*self.singles(), *pairs])
-            order = self.next_order(ranked, int(share * rest))
+            weighed = self.weigh(attribution, self.singles())
+            leading = believed(weighed)[0]
+            order = Order()
+            if number == _PARTNERS_IN and leading.misfit > _NEEDS_PARTNER:
+                order = self.partners(leading, motions)
+            if leading.misfit > _LEAVES_ROOM:
+                pairs = self.promising_pairs(attribution, believed(weighed))
+                weighed += self.weigh(attribution, pairs)
+            order += self.next_order(believed(weighed), motions - len(order))
             rest -= len(order)
             self._do(order)
         attribution = self.learn()
         pairs = [h for h in attribution.emulators if len(h) == 2]
-        return attribution, self.rank(attribution, [*self.singles(), *pairs], effort=2.0)
+        return attribution, believed(self.weigh(attribution, [*self.singles(), *pairs], effort=2.0))
 
     def learn(self) -> Attribution:
         """What the library says so far."""
@@ -144,31 +178,47 @@ class Search:
         """Pairs whose responses, added up, explain the measurement best; one of each is a likely cause."""
         place = attribution.place(self.measured).mean(axis=0)
         causes = [each.hypothesis[0] for each in ranked if each.hypothesis]
+        likely = _PARTNERS if ranked[0].misfit > _NEEDS_PARTNER else 1
         pairs = [
             _in_order(first, second)
-            for k, first in enumerate(causes[:_PARTNERS])
+            for k, first in enumerate(causes[:likely])
             for second in causes[k + 1 :]
             if first.name != second.name or first.channel
         ]
         found = [attribution.posterior(pair, place, self.rng, 0.5).log_evidence for pair in pairs]
         return [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
 
-    def rank(
+    def partners(self, leading: Ranked, motions: int) -> Order:
+        """The leading effect, as it may be here, with each other one that moves: their sum need not hold."""
+        moving = [c for c in self.subject.causes if not c.sensing and (c,) != leading.hypothesis]
+        if len(leading.hypothesis) != 1 or not moving:
+            return Order()
+        each = min(_EACH_PARTNER, motions // len(moving))
+        if each < _FEWEST_AT_ONCE:
+            return Order()
+        cases: dict[Hypothesis, Array] = {}
+        for partner in moving:
+            pair = _in_order(leading.hypothesis[0], partner)
+            values = drawn(pair, each, self.rng)
+            at = parts_of(pair)[pair.index(leading.hypothesis[0])]
+            values[:, at] = self._around(leading, each)
+            cases[pair] = values
+        return order_of(cases, self.rng)
+
+    def weigh(
         self, attribution: Attribution, hypotheses: Sequence[Hypothesis], effort: float = 1.0
-    ) -> list[Ranked]:
-        """All hypotheses by belief."""
+    ) -> list[Weighed]:
+        """How well each hypothesis explains the measurement."""
         place = attribution.place(self.measured).mean(axis=0)
-        found = [attribution.posterior(h, place, self.rng, effort) for h in hypotheses]
-        logs = np.array([each.log_evidence for each in found])
-        logs += np.log([self._prior(h) for h in hypotheses])
-        belief = np.exp(logs - logs.max())
-        belief /= belief.sum()
-        ranked = []
-        for h, share, posterior in zip(hypotheses, belief, found, strict=True):
+        found = []
+        for h in hypotheses:
+            posterior = attribution.posterior(h, place, self.rng, effort)
             best = values_of(h, posterior.places[[int(np.argmax(posterior.weights))]])
             misfit = float(attribution.misfit(h, best, place)[0])
-            ranked.append(Ranked(h, float(share), posterior, misfit))
-        return sorted(ranked, key=lambda each: -each.probability)
+            found.append(
+                Weighed(h, posterior.log_evidence + float(np.log(self._prior(h))), posterior, misfit)
+            )
+        return found
 
     def _prior(self, hypothesis: Hypothesis) -> float:
         """Effects are alike beforehand, however many channels they may sit on."""

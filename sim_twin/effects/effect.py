@@ -6,9 +6,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sim_twin.twin import AnyTwin
 
 ParameterValues: TypeAlias = Mapping[str, float | str]
+Coordinates: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +40,8 @@ class Effect:
 
     `channels` are those that the effect may sit on; empty for effects that sit on none. `refusal` says why
     a twin cannot have it (a friction torque at a clamp), or nothing; `together` what is wrong with parameters
-    that are fine one by one. `sensing` effects change what is shown, not what moves.
+    that are fine one by one. `sensing` effects change what is shown, not what moves. `coordinates` takes
+    parameters (n, parameters) to (n, any), in which responses are nearly straight; None: each by itself is.
     """
 
     name: str
@@ -47,6 +52,7 @@ class Effect:
     refusal: Callable[[Any], str] = lambda _: ""
     together: Callable[[ParameterValues], str] = lambda _: ""
     sensing: bool = False
+    coordinates: Coordinates | None = None
 
     def apply(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
         """Return `twin` with the effect in; raises ValueError for what it cannot have or be."""

@@ -62,3 +62,13 @@ def angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
 def marker_voltage(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """5 V from 0 to 5 degrees of crank angle (rad), else 0; same shape."""
     return np.where(np.mod(angle, 2 * pi) < _MARK, _MARK_V, 0.0)
+
+
+def fluctuation_coordinates(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of amplitude, order (1 to 4) and phase, shape (n, 3): the sine and cosine of each order, (n, 8).
+
+    The angle swings in proportion to them.
+    """
+    amplitude, order, phase = values.T
+    waves = amplitude[:, None] * np.column_stack([np.cos(phase), np.sin(phase)])
+    return np.concatenate([waves * (order == k)[:, None] for k in range(1, 5)], axis=1)

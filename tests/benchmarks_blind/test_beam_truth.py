@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from benchmarks.blind.beam.rig import Rig, jittered, nominal, set_up
 from benchmarks.blind.beam.structure import frequencies
 from benchmarks.blind.recording import Recording
 
-pytestmark = pytest.mark.skipif(find_spec("exudyn") is None, reason="needs the extra `peers`")
 FINE = 204_800
 SCENARIO = {
     "beam": "steel", "clearance": 0.127e-3, "frequency": 20.0, "amplitude": 9.0,

@@ -5,7 +5,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from benchmarks.blind.crank.record import encoded, real_rig, record
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y, Crank, Mode, Ripple, hertz_stiffness
 from benchmarks.blind.recording import Recording
 
-pytestmark = pytest.mark.skipif(find_spec("exudyn") is None, reason="needs the optional extra `peers`")
 RPM_200 = 200 * np.pi / 30
 NOMINAL = Crank(RPM_200)
 STEP = 1 / 153_600

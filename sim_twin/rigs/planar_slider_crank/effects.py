@@ -7,6 +7,7 @@ from functools import partial
 
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_gain, time_skew
+from sim_twin.rigs.crank_drive import fluctuation_coordinates
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, MARKER
 from sim_twin.rigs.planar_slider_crank.model import RodBending
 from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
@@ -92,6 +93,7 @@ EFFECTS = catalogue_of(
                 *_one("phase_rad", "rad", _ANY_PHASE),
             ),
             _fluctuation,
+            coordinates=fluctuation_coordinates,
         ),
         Effect(
             "piston_mass",

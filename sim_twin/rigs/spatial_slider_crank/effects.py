@@ -8,6 +8,7 @@ from math import pi
 
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
+from sim_twin.rigs.crank_drive import fluctuation_coordinates
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER
 from sim_twin.rigs.spatial_slider_crank.model import BaseMass
 from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
@@ -86,6 +87,7 @@ EFFECTS = catalogue_of(
                 *_one("phase_rad", "rad", (-2 * pi, 2 * pi)),
             ),
             _fluctuation,
+            coordinates=fluctuation_coordinates,
         ),
         sensor_gain(FORCES),
         sensor_droop(FORCES),

@@ -20,6 +20,7 @@ from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint.columns import Columns
 from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.diagnosis.unexplained import Unexplained
 from sim_twin.rigs.impact_beam.rig import MODEL
 
 UPPER, DRIVE = "contact.force_upper", "drive.force"
@@ -59,7 +60,7 @@ def findings() -> Findings:
         layout=LAYOUT, none=0.05, effect=0.8, unknown=0.15, judged=judged, selected=(BASE,),
         effects=(best,), gap=gap(), by_location={"base": 0.9, "sensor": 0.1}, separability={},
         measured=numbers, nominal=numbers, repaired=numbers, floor=np.ones(len(LAYOUT.cells)),
-        held_out=True, simulations=500, misfit=1.0,
+        held_out=True, simulations=500, left=Unexplained(1.0, 1.0, 1.0),
     )  # fmt: skip
 
 

@@ -54,7 +54,6 @@ def curve_of(found: list[LatentForce], joint: str, axis: Axis) -> Curve:
 
 
 def test_a_spring_of_another_program_shows_as_a_line_over_displacement() -> None:
-    pytest.importorskip("exudyn", reason="the other program is not installed")
     from benchmarks.blind.crank.record import record
 
     scenario = {"speed": 200 * 2 * np.pi / 60, "clearance_1": 1e-3, "clearance_2": 1e-3,

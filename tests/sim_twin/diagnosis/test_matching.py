@@ -53,7 +53,6 @@ def rigs() -> Rigs:
 
 
 def matched_to_recording(effects: tuple[dict[str, Any], ...] = ()) -> Match:
-    pytest.importorskip("exudyn", reason="the other program is not installed")
     from benchmarks.blind.beam.record import record
 
     recording = record(SCENARIO, effects, RIG_SEED, 1)
@@ -63,7 +62,6 @@ def matched_to_recording(effects: tuple[dict[str, Any], ...] = ()) -> Match:
 
 
 def test_the_rig_of_another_program_is_found() -> None:
-    pytest.importorskip("exudyn", reason="the other program is not installed")
     from benchmarks.blind.beam.rig import jittered
     from benchmarks.blind.beam.rig import nominal as nominal_truth
 

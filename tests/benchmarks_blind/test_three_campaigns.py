@@ -1,0 +1,68 @@
+"""The blind check at its smallest: three campaigns of another engine, from the seal to the score.
+
+The full check has 120 (benchmarks/README.md). Three say nothing of rates, so what is asserted is what a
+diagnosis may not get wrong where the answer is plain.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.blind.campaigns import Campaign
+from benchmarks.blind.runner import ROOT, diagnosis_file
+from benchmarks.blind.seal import unseal
+
+SEED, BUDGET_S = 3, 20
+"""The seed with the fewest runs of the first eight; a third of the budget of the full check."""
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("blind")
+    command = [sys.executable, "-m", "benchmarks.blind", "all", str(folder), "--campaigns", "3"]
+    command += ["--seed", str(SEED), "--budget", str(BUDGET_S)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=580)  # noqa: S603 - our own
+    assert done.returncode in (0, 1), done.stderr  # 1: a bar missed, as three campaigns may
+    return folder
+
+
+def campaign_of(folder: Path, kind: str) -> tuple[Campaign, dict[str, Any]]:
+    (campaign,) = (each for each in unseal(folder) if each.kind == kind)
+    return campaign, json.loads(diagnosis_file(folder, campaign.name).read_text())
+
+
+def test_the_single_effect_is_named_with_its_parameter(folder: Path) -> None:
+    campaign, diagnosis = campaign_of(folder, "single")
+    (truth,) = campaign.effects
+    first = diagnosis["effects"][0]
+    assert first["name"] == truth["name"]
+    assert first["probability"] > 0.5
+    assert diagnosis["selected"] == [truth["name"]]
+    assert first["parameters"]["channel"]["value"] == truth["parameters"]["channel"]
+    assert first["parameters"]["gain"]["value"] == pytest.approx(truth["parameters"]["gain"], rel=0.15)
+
+
+def test_nothing_is_named_where_nothing_is_missing(folder: Path) -> None:
+    _, diagnosis = campaign_of(folder, "none")
+    assert diagnosis["verdict"] == "none"
+    assert diagnosis["selected"] == []
+
+
+def test_a_pair_is_neither_overlooked_nor_taken_for_others(folder: Path) -> None:
+    campaign, diagnosis = campaign_of(folder, "pair")
+    assert diagnosis["verdict"] != "none"
+    assert set(diagnosis["selected"]) <= {effect["name"] for effect in campaign.effects}
+
+
+def test_every_figure_of_the_table_is_printed(folder: Path) -> None:
+    scored = (folder / "score.txt").read_text()
+    assert "3 of 3 campaigns diagnosed" in scored
+    assert "0 failed" in scored
+    assert "by 1 version of the program" in scored
