@@ -41,6 +41,10 @@ def document(
             "gap": gap_block(findings.layout, findings.gap, findings.by_location),
             "effects": [*(_effect(each) for each in findings.judged), *_impossible(findings, catalogue)],
             "selected": list(dict.fromkeys(cause.name for cause in findings.selected)),
+            "separability": [
+                {"effect": one, "from": other, "told_apart": share}
+                for (one, other), share in findings.separability.items()
+            ],
             "horizon_s": horizon_s,
             "latent_force": [_latent_force(each) for each in forces],
             "next_experiment": None if experiment is None else experiment.as_json(),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.rigs.catalogue import model_of
 
-_SIMULATING = 0.52
+_SIMULATING = 0.58
 """Of the budget; the rest goes into what is made of it."""
 _CORES = 2
 _LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000

@@ -30,8 +30,8 @@ _NEEDS_PARTNER = 0.5
 """Misfit of the leading effect from which on that round is spent on its partners."""
 _EACH_PARTNER = 8
 _HEALTHY_SHARE = 0.2
-_FEWEST_HEALTHY = 60
-_FEWEST_EACH = 10
+_FEWEST_HEALTHY = 50
+_FEWEST_EACH = 9
 _FEWEST_AT_ONCE = 6
 _PAIRS_LOOKED_AT = 24
 _PAIRS_SIMULATED = 6
@@ -93,6 +93,11 @@ def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
         for each, share in zip(weighed, belief, strict=True)
     ]
     return sorted(ranked, key=lambda each: -each.probability)
+
+
+def _dimensions(cause: Cause) -> int:
+    """Of the space in which its response is nearly straight."""
+    return cause.coordinates(drawn((cause,), 1, np.random.default_rng(0))).shape[1]
 
 
 def _in_order(first: Cause, second: Cause) -> Hypothesis:
@@ -163,15 +168,20 @@ class Search:
         ]
 
     def first_order(self) -> Order:
-        """Healthy rigs, and every cause evenly over its parameters; those of sensors share motions."""
+        """Healthy rigs, and every cause evenly over its parameters, more of those with many.
+
+        Those of sensors share motions.
+        """
         causes = self.subject.causes
-        moving = [cause for cause in causes if not cause.sensing]
         motions = int(_FIRST * self.motions)
         healthy = max(_FEWEST_HEALTHY, int(_HEALTHY_SHARE * motions))
-        each = max(
-            _FEWEST_EACH, (motions - healthy) // max(1, len(moving) + (len(causes) - len(moving)) // 6)
-        )
-        cases: dict[Hypothesis, Array] = {(cause,): drawn((cause,), each, self.rng) for cause in causes}
+        weight = {cause: np.sqrt(_dimensions(cause)) for cause in causes}
+        together = sum(weight[cause] / (6 if cause.sensing else 1) for cause in causes)
+        each = (motions - healthy) / max(1.0, together)
+        cases: dict[Hypothesis, Array] = {
+            (cause,): drawn((cause,), max(_FEWEST_EACH, int(each * weight[cause])), self.rng)
+            for cause in causes
+        }
         return order_of({(): np.zeros((healthy, 0))}, self.rng, blocks=2) + order_of(cases, self.rng)
 
     def promising_pairs(self, attribution: Attribution, ranked: Sequence[Ranked]) -> list[Hypothesis]:

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.belief import largest
-from sim_twin.diagnosis.library import Library
-from sim_twin.diagnosis.search import Search
+from sim_twin.diagnosis.diagnose import diagnose
+from sim_twin.diagnosis.effort import Effort
 from sim_twin.diagnosis.subject import Subject
 
 MEASURED = Path(__file__).parents[2].parent / "shared" / "real-data"
 """The measured sets lie beside the project, not in it."""
-_MOTIONS = 400
+_SEARCHING, _JUDGING = 400, 60
 _ALIKE = 0.3
 
 needs_measured_sets = pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no {MEASURED}")
@@ -36,14 +35,14 @@ class Verdict:
 def verdict(subject: Subject, measured: NDArray[np.float32], seed: int) -> Verdict:
     """What is missing by measured fingerprints (blocks, numbers).
 
-    Effects are alike that are at least 0.3 times as probable as the likeliest.
+    Alike is what is at least 0.3 times as probable as the likeliest, and what the diagnosis cannot tell from
+    it.
     """
-    search = Search(subject, measured, subject.observe, np.random.default_rng(seed), Library(), _MOTIONS)
-    attribution, ranked = search.run()
-    shares: dict[str, float] = {}
-    for each in ranked:
-        name = largest(attribution, each.hypothesis, each.best()) if each.hypothesis else "none"
-        shares[name] = shares.get(name, 0.0) + each.probability
+    findings = diagnose(subject, measured, Effort(_SEARCHING, _JUDGING), subject.observe, seed)
+    shares = {"none": findings.none, "unknown": findings.unknown}
+    shares |= {each.cause.name: each.probability for each in findings.judged}
     order = sorted(shares, key=lambda name: -shares[name])
-    alike = tuple(name for name in order if shares[name] >= _ALIKE * shares[order[0]])
-    return Verdict(tuple(cause.name for cause in ranked[0].hypothesis), alike)
+    likely = [name for name in order if shares[name] >= _ALIKE * shares[order[0]]]
+    of_first = [each.indistinguishable_from for each in findings.judged if each.cause.name == order[0]]
+    alike = tuple(dict.fromkeys([*likely, *(name for names in of_first for name in names)]))
+    return Verdict(tuple(cause.name for cause in findings.selected), alike)
