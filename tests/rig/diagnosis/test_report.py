@@ -19,13 +19,15 @@ from rig.diagnosis.report.content import BarTable
 from rig.diagnosis.report.reported import Reported
 from rig.diagnosis.report.sections import SECTIONS
 from rig.diagnosis.report.sections.gap_map import parts as gap_map
+from rig.diagnosis.report.sections.latent_force import parts as latent_force
 from rig.diagnosis.report.sections.ranking import parts as ranking
-from rig.report.content import Figure, Table
+from rig.report.content import Figure, Sentence, Table
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint.columns import Columns
 from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.diagnosis.latent_force import DISPLACEMENT, TIME, VELOCITY, Curve, LatentForce
 from sim_twin.diagnosis.unexplained import Unexplained
 from sim_twin.effects.effect import Parameter
 from tests.rig.browser import browser_page, needs_chromium
@@ -259,3 +261,24 @@ def test_every_plot_is_drawn_and_nothing_is_fetched(tmp_path: Path) -> None:
     assert wide <= 1200
     assert complaints == []
     assert fetched == [path.as_uri()]
+
+
+def test_a_latent_force_is_told_and_drawn_where_it_is_largest() -> None:
+    edges = np.linspace(-0.15, 0.15, 7)
+    middles = (edges[:-1] + edges[1:]) / 2
+    twin, scatter = np.zeros(6), np.full(6, 20.0)
+    spring = Curve(DISPLACEMENT, edges, -2400 * middles, twin, scatter)
+    flat = [Curve(axis, edges, twin, twin, scatter) for axis in (VELOCITY, TIME)]
+    quiet = LatentForce(0, "piston guide", "guide", (replace(spring, measured=twin), *flat))
+    forces = [LatentForce(1, "crank bearing", "joint 1", (spring, *flat)), quiet]
+    sentence, figure = latent_force(replace(reported(outside_the_catalogue()), forces=forces))
+    assert isinstance(sentence, Sentence)
+    # the outermost bin: 2400 N/m times 0.125 m, over 20 N
+    assert "crank bearing in run2.mcap: 300 N more at a displacement of -125 mm, 15.0 times" in sentence.text
+    assert isinstance(figure, Figure)
+    assert {trace["name"] for trace in figure.traces} == {
+        "healthy",
+        "healthy rig",
+        "measured",
+        "nominal twin",
+    }
