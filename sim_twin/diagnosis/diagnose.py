@@ -68,7 +68,9 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         repaired=None if twins is None else twins.mean(axis=0),
         floor=measure.floor,
         held_out=len(measured) > 1,
-        simulations=library.observations + sum(len(each) for each in repaired.values()),
+        simulations=library.observations
+        + (len(like) if ranked[0].hypothesis else 0)
+        + sum(len(each) for each in repaired.values()),
         left=left,
     )
 

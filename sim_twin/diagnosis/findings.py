@@ -56,7 +56,7 @@ class Findings:
 
     `measured`, `nominal` and `repaired` twin are mean fingerprints (numbers,), `floor` what a healthy rig's
     block differs by from the twin in each cell (cells,). `held_out` is False where there was one block only,
-    so that the gap was judged on what was fitted.
+    so that the gap was judged on what was fitted. `left` is what the best explanation does not explain.
     """
 
     layout: Layout

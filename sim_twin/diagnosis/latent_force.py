@@ -2,7 +2,7 @@
 
 Both go through the same reconstruction (`RigModel.joint_records`) and are averaged against displacement,
 velocity and time in the cycle, so that a motion which never repeats does not matter. Compare Rogers and Friis
-2022, doi:10.1016/j.ymssp.2022.109070, who keep the force over time.
+2022, arXiv:2109.10681, who keep the force over time.
 """
 
 from __future__ import annotations

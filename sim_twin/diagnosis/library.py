@@ -12,6 +12,8 @@ from sim_twin.diagnosis.cause import Hypothesis, named, parts_of
 from sim_twin.diagnosis.draw import Draw, Observed
 
 Array = NDArray[np.float64]
+_FEWEST_SHARED = 4
+"""Motions over which those cases are spread that may share some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,8 @@ def order_of(
 ) -> Order:
     """Order one observation for each row of parameters of each hypothesis.
 
-    Those in which only sensors differ from a healthy rig share motions, at most `together` of them one.
+    Those in which only sensors differ from a healthy rig share motions, at most `together` of them one,
+    spread over four at least.
     """
     order = Order()
     of_sensors = [
@@ -86,6 +89,8 @@ def order_of(
             continue
         for row in rows:
             order += _one(hypothesis, row, rng, blocks)
+    # one that fails must not take most of them along
+    together = max(1, min(together, len(of_sensors) // _FEWEST_SHARED))
     for first in range(0, len(of_sensors), together):
         order += _shared(of_sensors[first : first + together], rng, blocks)
     return order

@@ -97,7 +97,7 @@ def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
 
 def _dimensions(cause: Cause) -> int:
     """Of the space in which its response is nearly straight."""
-    return cause.coordinates(drawn((cause,), 1, np.random.default_rng(0))).shape[1]
+    return int(cause.coordinates(drawn((cause,), 1, np.random.default_rng(0))).shape[1])
 
 
 def _in_order(first: Cause, second: Cause) -> Hypothesis:

@@ -14,11 +14,13 @@ Array = NDArray[np.float64]
 _MISFIT, _OUTSIDE, _GAP = (np.log(0.45), 0.6), (np.log(0.92), 0.15), (np.log(0.85), 0.3)
 """Means and deviations of the three figures' logarithms where the catalogue holds the truth."""
 _LEAST = -0.5
+"""So that one figure that is better than usual does not outweigh another that is bad."""
 _DOUBTFUL, _SLOPE = 4.8, 1.2
 """Sum of what they are off by, in deviations, at which one believes as much as not; and how fast that turns.
 All set by eye on development campaigns of another engine (`python -m benchmarks.blind make DIR`, seeds 901
 and 23678)."""
 _NEVER_LESS = 0.015
+"""No fit of what is known rules out what is not."""
 
 
 @dataclass(frozen=True, slots=True)

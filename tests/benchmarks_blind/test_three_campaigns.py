@@ -61,7 +61,7 @@ def test_a_pair_is_neither_overlooked_nor_taken_for_others(folder: Path) -> None
     assert set(diagnosis["selected"]) <= {effect["name"] for effect in campaign.effects}
 
 
-def test_every_figure_of_the_table_is_printed(folder: Path) -> None:
+def test_all_are_diagnosed_and_scored_by_one_version(folder: Path) -> None:
     scored = (folder / "score.txt").read_text()
     assert "3 of 3 campaigns diagnosed" in scored
     assert "0 failed" in scored

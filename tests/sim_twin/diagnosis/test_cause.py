@@ -12,6 +12,7 @@ from sim_twin.diagnosis.cause import Cause, allowed_by, drawn, named, parts_of, 
 from sim_twin.effects.effect import Parameter
 from sim_twin.rigs.impact_beam.rig import MODEL as BEAM
 from sim_twin.rigs.planar_slider_crank.rig import MODEL as CRANK
+from sim_twin.rigs.planar_slider_crank.rig import MODEL as PLANAR
 
 LINEAR = Parameter("mass", "kg", ((2.0, 5.0),))
 WIDE = Parameter("corner", "Hz", ((0.3, 10.0),))
@@ -141,3 +142,15 @@ def test_values_of_every_catalogued_effect_pass_its_own_check(model: object) -> 
         for row in drawn((one,), 40, np.random.default_rng(RNG_SEED)):
             for parameter, value in zip(effect.parameters, row, strict=True):
                 parameter.check(effect.name, float(value))
+
+
+def test_a_fluctuating_speed_is_straight_in_the_waves_of_its_order() -> None:
+    effect = PLANAR.effects["speed_fluctuation"]
+    cause = Cause(effect.name, effect.location, effect.parameters, nearly_straight=effect.coordinates)
+    values = np.array([[0.01, 2.0, 0.3], [0.02, 2.0, 0.3], [0.01, 3.0, 0.3], [0.01, 2.0, 0.3 + np.pi]])
+    once, twice, other, opposite = cause.coordinates(values)
+    assert once[2:4] == pytest.approx([0.01 * np.cos(0.3), 0.01 * np.sin(0.3)])
+    assert np.count_nonzero(once) == 2
+    assert twice == pytest.approx(2 * once)
+    assert opposite == pytest.approx(-once)
+    assert once @ other == 0.0

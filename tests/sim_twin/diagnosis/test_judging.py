@@ -10,11 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
+from sim_twin.diagnosis.belief import Belief
 from sim_twin.diagnosis.draw import Draw, Observed
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
-from sim_twin.diagnosis.judging import gap_between, halves, repaired_twins
+from sim_twin.diagnosis.judging import brings_nearer, gap_between, halves, repaired_twins
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
+from sim_twin.diagnosis.unexplained import Unexplained
 from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, Toy, recording
 
 TOY = Toy()
@@ -133,3 +135,25 @@ def test_a_recording_s_own_blocks_lie_apart_as_blocks_of_one_rig() -> None:
     ]
     # four blocks scatter by 1 about their mean, less a quarter of it; a healthy rig's by 1 and its own half
     assert np.mean(values) == pytest.approx(np.sqrt(0.75 / 1.25), abs=0.03)
+
+
+def test_a_repair_that_leads_away_is_refuted_and_one_that_closes_the_gap_is_not() -> None:
+    far = recording([("left", {"size": 2.5})], 10**6)
+    assert brings_nearer(measure(), far, twins(2.5))
+    assert not brings_nearer(measure(), far, -twins(2.5))
+    # a healthy rig has no gap that anything could close
+    assert brings_nearer(measure(), np.array([measure().twin], dtype=np.float32), twins(2.5))
+
+
+def test_what_is_refuted_is_mostly_unknown() -> None:
+    refuted = Belief(0.05, 0.05, {"left": 0.8, "right": 0.1}).refuted()
+    assert refuted.verdict == "unknown"
+    assert refuted.none == 0.05
+    assert refuted.none + refuted.effect + refuted.unknown == pytest.approx(1.0)
+
+
+def test_the_unknown_grows_with_what_is_left_and_is_never_ruled_out() -> None:
+    usual, beyond = Unexplained(0.4, 0.9, 0.85), Unexplained(5.0, 1.9, 2.5)
+    assert 0.0 < usual.unknown < 0.05 < 0.9 < beyond.unknown <= 1.0
+    # very good figures do not outweigh a bad one
+    assert Unexplained(1e-3, 1e-3, 5.0).unknown == pytest.approx(Unexplained(0.1, 0.1, 5.0).unknown)

@@ -181,8 +181,7 @@ def test_rigs_that_fail_or_come_too_late_are_done_without() -> None:
                 observed[k] = tuple(None for _ in observed[k])
         return observed
 
-    # two in five are lost, so more is asked for
-    findings = diagnose(TOY, recording(one("left", 2.0), OF_RECORDINGS), Effort(360, 36), faulty, 0)
+    findings = diagnose(TOY, recording(one("left", 2.0), OF_RECORDINGS), EFFORT, faulty, 0)
     assert names(findings) == ["left"]
     assert findings.simulations < asked
 

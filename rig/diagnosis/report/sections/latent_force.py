@@ -25,8 +25,7 @@ _CAPTION = (
 
 def parts(reported: Reported) -> list[Part]:
     """A row of plots for each of the joints whose forces are furthest from the twin's."""
-    told = [each for each in reported.forces if each.size > 0]
-    shown = told[:_SHOWN]
+    shown = [each for each in reported.forces if each.size > 0][:_SHOWN]
     if not shown:
         return []
     plots = Plots(len(shown), len(shown[0].curves), _ROW_PX)
