@@ -21,6 +21,14 @@ RESOURCE_TRACKER = "multiprocessing.resource_tracker"
 _KEPT = ("pipe:", "/dev/", "/proc/", "anon_inode:")
 
 
+_WITHOUT_TWIN = tuple(Path(__file__).parent / folder for folder in ("daq", "drivers"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What needs no twin comes first: `scripts/test` compiles the twins meanwhile."""
+    items.sort(key=lambda item: not any(item.path.is_relative_to(folder) for folder in _WITHOUT_TWIN))
+
+
 class _Held:
     """What this process holds now: threads, child processes, sockets and regular files."""
 

@@ -46,6 +46,8 @@ def add_to(app: typer.Typer) -> None:
         """Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it."""
         if out.exists():
             raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
+        if not out.resolve().parent.is_dir():
+            raise RattleError(f"{out.parent}: no such folder; nothing was calibrated")
         screen = Screen(Console())
         with screen.busy("reading"):
             read = recorded(runs)
@@ -55,7 +57,8 @@ def add_to(app: typer.Typer) -> None:
         _refuse_unhealthy(outcome)
         twin = read.campaign.runs[0].twin
         _show(twin, outcome, screen)
-        out.write_text(as_model_text(twin, outcome.matched, [run.name for run in runs], _scenarios(runs)))
+        text = as_model_text(twin, outcome.matched, [run.name for run in runs], _scenarios(runs))
+        out.write_text(text, encoding="utf-8")
         screen.say(f"model      {out}")
 
 

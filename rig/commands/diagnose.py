@@ -9,14 +9,12 @@ import typer
 from rich.console import Console
 
 from daq.errors import RattleError
-from rig.commands.arguments import EffectsFile, Json, Model, print_json
+from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, print_json
 from rig.diagnosis.diagnose import diagnose_runs
-from rig.diagnosis.document import gap_block
 from rig.diagnosis.gap import measured_gap
 from rig.session.progress import Screen
 from sim_twin.diagnosis.findings import Findings
 
-RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN.mcap...", help="Logs of runs on one rig.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
 _LISTED = 4
 _WORTH_LISTING = 0.005
@@ -59,14 +57,14 @@ def add_to(app: typer.Typer) -> None:
     ) -> None:
         """Measure how far runs lie from their twin, and from the twin with some effects in."""
         screen = Screen(Console(stderr=machine))
-        layout, found = measured_gap(runs, model, effects, seed, screen)
+        found = measured_gap(runs, model, effects, seed, screen)
         if machine:
-            print_json(gap_block(layout, found, {}))
+            print_json(found)
             return
-        screen.say(f"gap     {found.before:.2f}   (1 = as far as a healthy rig)")
+        screen.say(f"gap     {found['before']:.2f}   (1 = as far as a healthy rig)")
         if effects is not None:
-            shrink = "" if found.shrink is None else f"   shrink {found.shrink:.0%}"
-            screen.say(f"with {effects.name}   {found.after:.2f}{shrink}")
+            shrink = "" if found["shrink"] is None else f"   shrink {found['shrink']:.0%}"
+            screen.say(f"with {effects.name}   {found['after']:.2f}{shrink}")
 
 
 def _show(findings: Findings, screen: Screen) -> None:

@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from rig.diagnosis.document import document, effects_file, write_json
-from rig.diagnosis.experiments import Experiment, options
+from rig.diagnosis.document import Asked, document, effects_file, write_json
+from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import Recorded, recorded
 from rig.diagnosis.report import RunFacts, write_report
 from rig.diagnosis.workers import Simulated
-from rig.ensembles.executors import Workers, cores, worker_processes
-from rig.files.model_file import load_model
+from rig.ensembles.executors import cores, worker_processes
+from rig.files.model_file import ModelFile, load_model
 from rig.files.scenario import parse_scenario
 from rig.session.progress import Screen
 from rig.twin.matched_twin import campaign_with_model
+from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.diagnose import diagnose
-from sim_twin.diagnosis.draw import Named
 from sim_twin.diagnosis.effort import effort_for
-from sim_twin.diagnosis.findings import Findings
+from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.horizon import horizon_s
 from sim_twin.diagnosis.latent_force import LatentForce, latent_forces
-from sim_twin.diagnosis.next_experiment import told_apart
+from sim_twin.diagnosis.next_experiment import rivals_of, told_apart
+from sim_twin.diagnosis.subject import Execute
 from sim_twin.rigs.catalogue import model_of
 
 _OVERTIME = 1.6
@@ -34,6 +36,7 @@ _OVERTIME = 1.6
 _LAST = 1.9
 _UNKNOWN_ENOUGH = 0.2
 """Probability from which on the report shows what the joints' forces lack."""
+_OfCampaign: TypeAlias = Callable[[Campaign], Execute]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +68,29 @@ def diagnose_runs(
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
-        experiment = _next_experiment(data, findings, workers, began + _LAST * budget_s, seed)
+
+        def simulate(campaign: Campaign) -> Simulated:
+            return Simulated(campaign, workers.executor, began + _LAST * budget_s, lambda _: None)
+
+        experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
         remarks.append(
             "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
         )
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
-    reach = min(horizon_s(setting, _response_row(data)) for setting in data.campaign.runs)
+    reaches = [horizon_s(setting, _response_row(data)) for setting in data.campaign.runs]
+    reach = min((each for each in reaches if each is not None), default=None)
     forces = _latent_forces(data, findings, seed)
     catalogue = model_of(data.campaign.runs[0].twin).effects
+    asked = Asked(runs, model, seed, budget_s)
     content = document(
-        findings, catalogue, runs, reach, experiment, time.monotonic() - began, remarks, forces
+        findings, catalogue, asked, reach, experiment, time.monotonic() - began, remarks, forces
     )
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
+    if experiment is not None:
+        (out / "next_experiment.toml").write_text(experiment.scenario, encoding="utf-8")
     report = out / "report.html"
     write_report(report, findings, content, _facts(data, runs), remarks, forces)
     return Written(findings, out / "diagnosis.json", out / "effects.json", report)
@@ -94,10 +105,14 @@ def _latent_forces(data: Recorded, findings: Findings, seed: int) -> list[Latent
 def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Recorded:
     """The runs, their twins as the `model` says that their rig is."""
     data = recorded(runs)
-    if model is None:
+    known = _model_of(model, data)
+    if known is None:
         return data
-    known = load_model(model, model_of(data.campaign.runs[0].twin).name)
     return replace(data, campaign=campaign_with_model(data.campaign, known, screen.warn))
+
+
+def _model_of(path: Path | None, data: Recorded) -> ModelFile | None:
+    return None if path is None else load_model(path, model_of(data.campaign.runs[0].twin).name)
 
 
 def _facts(data: Recorded, runs: Sequence[Path]) -> list[RunFacts]:
@@ -113,22 +128,32 @@ def _response_row(data: Recorded) -> int:
 
 
 def _next_experiment(
-    data: Recorded, findings: Findings, workers: Workers, deadline: float, seed: int
+    data: Recorded,
+    known: ModelFile | None,
+    rivals: tuple[Judged, Judged] | None,
+    simulate: _OfCampaign,
+    seed: int,
 ) -> Experiment | None:
-    """For the two most probable effects; none where there are not two."""
-    rivals = [each for each in findings.judged if each.parameters][:2]
-    if len(rivals) < 2 or findings.verdict == "none":
+    """The run that best tells two rivals apart; None where there are none, or no run could be tried."""
+    if rivals is None:
         return None
-    effects: list[tuple[Named, ...]] = []
-    for each in rivals:
-        values = np.array([estimate.value for estimate in each.parameters.values()])
-        effects.append((each.cause.named(values),))
-    names = (rivals[0].cause.name, rivals[1].cause.name)
+    first, second = rivals
+    effects = ((first.best,), (second.best,))
     columns = data.campaign.runs[0].columns
-    found = []
-    quiet = data.campaign.runs[0].quiet
-    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet):
-        simulated = Simulated(option.campaign, workers.executor, deadline, lambda _: None)
-        share = told_apart(option.campaign, (effects[0], effects[1]), simulated, np.random.default_rng(seed))
-        found.append(Experiment(option.scenario, names, share))
-    return max(found, key=lambda each: each.expected_probability) if found else None
+    found: list[tuple[float, Option]] = []
+    for option in options(data.scenarios[0], columns.channels, columns.rate, data.campaign.runs[0].quiet):
+        campaign = _matched(option.campaign, known)
+        share = told_apart(campaign, effects, simulate(campaign), np.random.default_rng([seed, 0]))
+        if share is not None:
+            found.append((share, Option(option.scenario, campaign)))
+    if not found:
+        return None
+    _, best = max(found, key=lambda each: each[0])
+    # the best of several is the luckiest too: other rigs say how good it is
+    share = told_apart(best.campaign, effects, simulate(best.campaign), np.random.default_rng([seed, 1]))
+    names = (first.cause.name, second.cause.name)
+    return None if share is None else Experiment(best.scenario, names, share)
+
+
+def _matched(campaign: Campaign, known: ModelFile | None) -> Campaign:
+    return campaign if known is None else campaign_with_model(campaign, known, lambda _: None)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from itertools import groupby
 from math import isfinite
 from pathlib import Path
@@ -20,10 +22,26 @@ from sim_twin.effects.effect import Catalogue
 SCHEMA = "rattle.diagnosis/1"
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a diagnosis was asked: the runs, the model of a calibration or None, seed and budget in s."""
+
+    runs: Sequence[Path]
+    model: Path | None
+    seed: int
+    budget_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        """With the program that answered."""
+        model = None if self.model is None else str(self.model)
+        software = f"rattle {version('rattle')}"
+        return {"software": software, "seed": self.seed, "budget_s": self.budget_s, "model": model}
+
+
 def document(
     findings: Findings,
     catalogue: Catalogue,
-    runs: Sequence[Path],
+    asked: Asked,
     horizon_s: float | None,
     experiment: Experiment | None,
     seconds: float,
@@ -35,7 +53,7 @@ def document(
     content: dict[str, Any] = _finite(
         {
             "schema": SCHEMA,
-            "runs": [str(run) for run in runs],
+            "runs": [str(run) for run in asked.runs],
             "verdict": findings.verdict,
             "verdict_probability": probabilities,
             "gap": gap_block(findings.layout, findings.gap, findings.by_location),
@@ -50,6 +68,7 @@ def document(
             "next_experiment": None if experiment is None else experiment.as_json(),
             "cost": {"simulations": findings.simulations, "seconds": seconds},
             "remarks": list(remarks),
+            "provenance": asked.as_json(),
         }
     )
     return content
@@ -67,7 +86,7 @@ def write_json(path: Path, content: object) -> None:
 
 def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dict[str, Any]:
     """The `gap` block: the whole, and by channel, run, band, phase and location."""
-    cells, unit = gap.cells_before, gap.unit
+    cells, unit = gap.cells_before, gap.unit_before
     runs = sorted({cell.run for cell in layout.cells})
     channels = list(dict.fromkeys(cell.channel for cell in layout.cells))
     return {
@@ -115,7 +134,7 @@ def _by(
 def _part(layout: Layout, gap: Gap, which: str, value: object) -> float:
     cells = zip(layout.cells, gap.cells_before, strict=True)
     kept = [float(g) ** 2 for cell, g in cells if getattr(cell, which) == value]
-    return float(np.sqrt(np.mean(kept))) / gap.unit
+    return float(np.sqrt(np.mean(kept))) / gap.unit_before
 
 
 def _effect(judged: Judged) -> dict[str, Any]:

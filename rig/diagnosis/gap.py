@@ -4,49 +4,80 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.errors import RattleError
 from rig.diagnosis.diagnose import recorded_of
+from rig.diagnosis.document import gap_block
+from rig.diagnosis.recordings import Recorded
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.files.effects_file import load_effects
 from rig.session.progress import Screen
 from rig.twin.scenario_twin import catalogue_of
-from sim_twin.diagnosis.draw import Draw
-from sim_twin.diagnosis.findings import Gap
-from sim_twin.diagnosis.fingerprint.layout import Layout
-from sim_twin.diagnosis.gap import gap_measure
+from sim_twin.diagnosis.draw import Draw, Named
+from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import gap_between
 from sim_twin.rigs.catalogue import model_of
 
-_HEALTHY, _REPAIRED = 64, 32
+_HEALTHY, _REPAIRED, _ALONE = 64, 32, 12
 _FEWEST = 8
 _LONGEST_S = 600.0
+Fingerprints: TypeAlias = NDArray[np.float64]
 
 
 def measured_gap(
     runs: Sequence[Path], model: Path | None, effects: Path | None, seed: int, screen: Screen
-) -> tuple[Layout, Gap]:
-    """The gap over all cycles of the runs; with `effects` in the twin too."""
+) -> dict[str, Any]:
+    """The gap block of a diagnosis over all cycles of the runs; with `effects` in the twin too."""
     data = recorded_of(runs, model, screen)
     for remark in data.remarks:
         screen.warn(remark)
     catalogue = catalogue_of(model_of(data.campaign.runs[0].twin))
     given = () if effects is None else tuple(load_effects(effects, catalogue))
+    alone = given if len(given) > 1 else ()
+    wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
+    healthy, *others = _simulated(data, wanted, seed, screen)
+    measure = gap_measure(healthy, data.campaign.layout)
+    repaired = [np.array([blocks[0] for blocks in each], dtype=np.float64) for each in others]
+    rng = np.random.default_rng([seed, 1])
+    found = gap_between(measure, data.measured, data.measured, repaired[0] if given else None, rng)
+    places = [catalogue[name].location for name, _ in given]
+    return gap_block(data.campaign.layout, found, _by_location(measure, places, repaired[1:]))
+
+
+def _simulated(
+    data: Recorded, wanted: Sequence[tuple[tuple[Named, ...], int]], seed: int, screen: Screen
+) -> list[list[NDArray[np.float32]]]:
+    """Fingerprints (blocks, numbers) of so many rigs with each set of effects."""
     rng = np.random.default_rng(seed)
-    draws = [Draw((), int(rng.integers(2**62)), blocks=2) for _ in range(_HEALTHY)]
-    draws += [Draw(given, int(rng.integers(2**62))) for _ in range(_REPAIRED if given else 0)]
+    draws = [
+        Draw(effects, int(rng.integers(2**62)), blocks=1 if effects else 2)
+        for effects, count in wanted
+        for _ in range(count)
+    ]
     with worker_processes(cores()) as workers, screen.bar("simulating", len(draws), "rigs") as bar:
         simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar.at)
-        shown = simulated(draws)
-    healthy = [each[0] for each in shown[:_HEALTHY] if each and each[0] is not None]
-    repaired = np.array([each[0][0] for each in shown[_HEALTHY:] if each and each[0] is not None], np.float64)
-    if len(healthy) < _FEWEST or (given and len(repaired) < _FEWEST):
+        shown = iter(simulated(draws))
+    sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
+    if any(len(each) < _FEWEST for each in sets):
         raise RattleError("too few rigs could be simulated for a gap")
-    measure = gap_measure(healthy, data.campaign.layout)
-    return data.campaign.layout, gap_between(
-        measure, data.measured, data.measured, repaired if given else None, rng
-    )
+    return sets
+
+
+def _by_location(
+    measure: GapMeasure, places: Sequence[str], alone: Sequence[Fingerprints]
+) -> dict[str, float]:
+    """Shares of the places of effects in how far each moves a twin, by squares; one effect has all of it."""
+    if len(places) < 2:
+        return dict.fromkeys(places, 1.0)
+    moved = [float(np.mean(measure.cells(rigs.mean(axis=0)[None]) ** 2)) for rigs in alone]
+    shares: dict[str, float] = {}
+    for place, size in zip(places, moved, strict=True):
+        shares[place] = shares.get(place, 0.0) + size / sum(moved)
+    return shares

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock
+from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log import LogReader
+from rig.diagnosis.losses import lost_of, span, usable
+from rig.files.rigs import RIGS
+from rig.files.scenario import Scenario
 from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
 from rig.twin.overlay import scenario_of
 from rig.twin.rigs import kind_of
@@ -34,7 +37,6 @@ _MOST_BLOCKS = 6
 _SHORTER = 0.01
 _OTHER_AMPLITUDE = 0.05
 _COUPLED = {"N", "m/s2"}
-_SPOILT = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class _Run:
     step: int
     cycles: int
     remarks: tuple[str, ...]
-    scenario: str
+    scenario: Scenario
 
 
 def recorded(paths: Sequence[Path]) -> Recorded:
@@ -79,15 +81,22 @@ def recorded(paths: Sequence[Path]) -> Recorded:
     blocks = [setting.blocks_of(run.records, run.sound) for setting, run in zip(settings, runs, strict=True)]
     count = min(_MOST_BLOCKS, *(len(each) for each in blocks))
     measured = np.concatenate([_grouped(each, count) for each in blocks], axis=1)
-    remarks = [f"{run.path.name}: {remark}" for run in runs for remark in run.remarks]
+    remarks = [f"{run.path.name}: {remark}" for run in runs for remark in (*run.remarks, *_refused(run.twin))]
     return Recorded(
         campaign,
         measured,
         tuple(remarks),
-        scenarios=tuple(run.scenario for run in runs),
+        scenarios=tuple(run.scenario.text for run in runs),
         records=tuple(run.records for run in runs),
         sound=tuple(run.sound for run in runs),
     )
+
+
+def _refused(twin: AnyTwin) -> Iterator[str]:
+    for effect in model_of(twin).effects.values():
+        reason = effect.refusal(twin)
+        if reason:
+            yield f"{effect.name} was not looked for ({reason})"
 
 
 def _grouped(blocks: NDArray[np.float32], count: int) -> NDArray[np.float32]:
@@ -105,6 +114,20 @@ def _of_one_rig(runs: Sequence[_Run]) -> None:
     if len(rigs) > 1:
         what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
         raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
+    problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
+    if problems:
+        raise ConfigurationError("campaign", problems)
+
+
+def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
+    """Keys of [model] in which two runs differ though no lab sets them between runs."""
+    set_up = RIGS[first.scenario.rig].set_up
+    for key in (field.name for field in fields(first.scenario.model)):
+        one, two = (getattr(run.scenario.model, key) for run in (first, other))
+        if one != two and key not in set_up:
+            told = ["default" if value is None else str(value) for value in (one, two)]
+            what = f"{told[0]} in {first.path.name}, {told[1]} in {other.path.name}"
+            yield Problem(f"model.{key}", what, f"runs of one rig ({', '.join(set_up)} may differ)")
 
 
 def _read(path: Path) -> _Run:
@@ -117,18 +140,18 @@ def _read(path: Path) -> _Run:
             raise LogError(f"{path}: no {model.reference}; without it nobody knows the phase of a cycle")
         wanted = [name for name in twin.channels if name in channels]
         _check_units(path, channels, twin, wanted)
-        table = log.table("measured", wanted)
-        sound, spoilt = _sound(log, wanted, table)
-    step, records, kept = _resampled(table, sound, twin)
+        lost = lost_of(log, log.table("measured", wanted))
+    table, sound, losses = usable(path, lost, model.reference)
+    step, records, kept = _resampled(path, table, sound, twin)
     rate = table[model.reference].sample_rate / step
     cycles = _cycles(path, twin, records[model.reference], rate)
     drive = kind_of(twin).in_step(twin.drive, Alignment(cycles.frequency, cycles.phase))
     whole = _whole(cycles, kept)
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
-    remarks = _remarks(twin, channels, table, spoilt, records)
+    remarks = (*losses, *_remarks(twin, channels, table, records))
     return _Run(
-        path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario.text
+        path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario
     )
 
 
@@ -140,7 +163,6 @@ def _remarks(
     twin: AnyTwin,
     channels: Mapping[str, Channel],
     table: Mapping[str, SampleBlock],
-    spoilt: float,
     records: Mapping[str, Array],
 ) -> tuple[str, ...]:
     """What is lost of a run, and what of it contradicts its scenario."""
@@ -153,8 +175,6 @@ def _remarks(
             remarks.append(
                 f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
             )
-    if spoilt:
-        remarks.append(f"{spoilt:.1%} of it left out (missing, overloaded or not finite)")
     reference = model_of(twin).reference
     if reference in model_of(twin).smooth_channels:
         shown = float(np.sqrt(2) * np.std(records[reference]))
@@ -200,36 +220,17 @@ def _check_units(path: Path, channels: dict[str, Channel], twin: AnyTwin, wanted
             raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
 
 
-def _sound(
-    log: LogReader, wanted: Sequence[str], table: dict[str, SampleBlock]
-) -> tuple[NDArray[np.bool_], float]:
-    """Which samples of the span that all channels share can be used, and the share that cannot."""
-    first, end = _span(table)
-    sound = np.ones(end - first, dtype=bool)
-    for series in table.values():
-        sound &= np.isfinite(series.values[first - series.first_sample : end - series.first_sample])
-    for _, block in log.blocks("measured", wanted):
-        if block.flags & _SPOILT:
-            sound[max(block.first_sample - first, 0) : max(block.end_sample - first, 0)] = False
-    return sound, float(1 - sound.mean())
-
-
-def _span(table: dict[str, SampleBlock]) -> tuple[int, int]:
-    first = max(series.first_sample for series in table.values())
-    return first, min(series.end_sample for series in table.values())
-
-
 def _resampled(
-    table: dict[str, SampleBlock], sound: NDArray[np.bool_], twin: AnyTwin
+    path: Path, table: dict[str, SampleBlock], sound: NDArray[np.bool_], twin: AnyTwin
 ) -> tuple[int, dict[str, Array], NDArray[np.bool_]]:
     """How many samples become one; records at about 25.6 kHz, by the filter of the simulated ones."""
     rates = {series.sample_rate for series in table.values()}
     if len(rates) > 1:
         told = ", ".join(f"{rate:g} Hz" for rate in sorted(rates))
-        raise LogError(f"channels of different rates ({told}) cannot be compared")
+        raise LogError(f"{path}: channels of different rates ({told}) cannot be compared")
     rate = rates.pop()
     step = max(1, round(rate / _RATE))
-    first, end = _span(table)
+    first, end = span(table)
     count = (end - first) // step
     records = {
         name: _coarse(

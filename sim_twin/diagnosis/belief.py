@@ -18,6 +18,12 @@ _REFUTED = 0.1
 """Of what effects were believed, what is left after a test on other data that they did not pass."""
 
 
+def verdict_of(none: float, effect: float, unknown: float) -> str:
+    """The most probable of "none", "effect" and "unknown"."""
+    shares = {"none": none, "effect": effect, "unknown": unknown}
+    return max(shares, key=lambda each: shares[each])
+
+
 @dataclass(frozen=True, slots=True)
 class Belief:
     """Probabilities that add up to 1: `none`, `unknown`, and of each effect that it is the largest cause."""
@@ -34,8 +40,7 @@ class Belief:
     @property
     def verdict(self) -> str:
         """The most probable of the three."""
-        shares = {"none": self.none, "effect": self.effect, "unknown": self.unknown}
-        return max(shares, key=lambda each: shares[each])
+        return verdict_of(self.none, self.effect, self.unknown)
 
     def refuted(self) -> Belief:
         """The same after data that were not fitted spoke against the effects: most of it is unknown then."""

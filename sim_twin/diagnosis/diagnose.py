@@ -14,7 +14,7 @@ from sim_twin.diagnosis.effort import Effort
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
-from sim_twin.diagnosis.judging import brings_nearer, gap_between, halves, repaired_twins, rigs_with
+from sim_twin.diagnosis.judging import gap_between, halves, leads_away, repaired_twins, rigs_with
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
@@ -48,7 +48,7 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     twins = repaired.get(chosen.hypothesis) if chosen else None
-    if twins is not None and not brings_nearer(measure, judged_on, twins):
+    if twins is not None and leads_away(measure, judged_on, twins):
         chosen, twins, belief = None, None, belief.refuted()
     distances = separability(attribution, ranked, rng)
     judged = _judged(measure, judged_on, ranked, repaired, belief)
@@ -95,7 +95,10 @@ def _judged(
     repaired: Mapping[Hypothesis, Array],
     belief: Belief,
 ) -> list[Judged]:
-    """Every effect once, alone on its most probable channel."""
+    """Every effect once, on its most probable channel, as the most probable hypothesis with it says.
+
+    The gaps after it are with it alone.
+    """
     before = measure.total(measure.cells(judged_on))
     found: dict[str, Judged] = {}
     for each in ranked:
@@ -105,14 +108,15 @@ def _judged(
         if twins is not None:
             mended = measure.of_repaired(twins)
             after = mended.total(mended.cells(judged_on))
-        cause, name = each.hypothesis[0], each.hypothesis[0].name
+        name = each.hypothesis[0].name
         told_by = _most_probable_with(name, ranked)
-        cause = next(one for one in told_by.hypothesis if one.name == name)
-        share = belief.of_effects.get(name, 0.0)
+        at = next(k for k, one in enumerate(told_by.hypothesis) if one.name == name)
+        cause = told_by.hypothesis[at]
         found[name] = Judged(
             cause,
-            share,
+            belief.of_effects.get(name, 0.0),
             _estimates(told_by, cause),
+            named(told_by.hypothesis, told_by.best())[at],
             after,
             None if after is None else shrink_of(before, after),
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.diagnosis.belief import verdict_of
 from sim_twin.diagnosis.cause import Cause, Hypothesis
 from sim_twin.diagnosis.draw import Named
 from sim_twin.diagnosis.estimate import Estimate
@@ -21,12 +22,14 @@ Array = NDArray[np.float64]
 class Judged:
     """An effect (on its most probable channel): its share of belief as the largest cause.
 
-    `after` is the gap that is left with it alone in the twin, None where that was not simulated.
+    `best` is it with parameters that may go together. `after` is the gap that is left with it alone in the
+    twin, None where that was not simulated.
     """
 
     cause: Cause
     probability: float
     parameters: Mapping[str, Estimate]
+    best: Named
     after: float | None
     shrink: float | None
     indistinguishable_from: tuple[str, ...] = ()
@@ -34,7 +37,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Gap figures; cells are in floors, `unit` is what their root mean square is divided by.
+    """Gap figures; cells are in floors, the units are what their root mean squares are divided by.
 
     `after` is None where something was selected and there was no time to simulate it. `recording` is how far
     the recording's own blocks lie from their mean.
@@ -46,7 +49,8 @@ class Gap:
     shrink_ci95: tuple[float, float] | None
     cells_before: Array
     cells_after: Array
-    unit: float
+    unit_before: float
+    unit_after: float
     recording: float
 
 
@@ -80,5 +84,4 @@ class Findings:
     @property
     def verdict(self) -> str:
         """The most probable of "none", "effect" and "unknown"."""
-        shares = {"none": self.none, "effect": self.effect, "unknown": self.unknown}
-        return max(shares, key=lambda each: shares[each])
+        return verdict_of(self.none, self.effect, self.unknown)

@@ -64,14 +64,15 @@ def rigs_with(
     return {hypothesis: found for hypothesis, found in rigs.items() if len(found) >= _FEWEST_TWINS}
 
 
-def brings_nearer(measure: GapMeasure, judged_on: Blocks, repaired: Array) -> bool:
-    """Whether repaired rigs lie nearer to the blocks `judged_on` than the nominal ones, if those are far.
+def leads_away(measure: GapMeasure, judged_on: Blocks, repaired: Array) -> bool:
+    """Whether the blocks `judged_on` lie clearly farther from repaired rigs than from nominal ones.
 
-    By cells alone, since a repaired twin has another unit; a few rigs tell those to a tenth or two.
+    Where they lie near the nominal ones already, there is nothing to lead away from. By cells alone, since a
+    repaired twin has another unit; a few rigs tell those to a tenth or two.
     """
     before, after = (np.mean(each.cells(judged_on) ** 2) for each in (measure, measure.of_repaired(repaired)))
     near = measure.total(measure.cells(judged_on)) <= 1.0
-    return bool(near or after < _CLEARLY**2 * before)
+    return bool(not near and after >= _CLEARLY**2 * before)
 
 
 def gap_between(
@@ -91,12 +92,14 @@ def gap_between(
     if repaired is None:
         after = None if selected else before
         shrink = None if selected else shrink_of(before, before)
-        return Gap(before, after, shrink, None, cells, cells, measure.unit, own)
+        return Gap(before, after, shrink, None, cells, cells, measure.unit, measure.unit, own)
     mended = measure.of_repaired(repaired)
     cells_after = mended.cells(judged_on)
     after = mended.total(cells_after)
     interval = _interval(measure, judged_on, repaired, rng) if before > 1.0 else None
-    return Gap(before, after, shrink_of(before, after), interval, cells, cells_after, measure.unit, own)
+    return Gap(
+        before, after, shrink_of(before, after), interval, cells, cells_after, measure.unit, mended.unit, own
+    )
 
 
 def _within(measure: GapMeasure, measured: Blocks) -> float:

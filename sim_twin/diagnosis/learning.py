@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 _DIRECTIONS = 80
 _SHARE = 6
 """Healthy and left-out fingerprints for each direction, at least."""
-_FEWEST = 6
+FEWEST = 6
+"""Observations of a hypothesis from which its responses can be emulated."""
 _SHRINK = 0.05
 _FARTHEST = 8.0
 _LEAST_SCATTER = 0.1
@@ -29,7 +30,7 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     healthy = [moments(each) for each in library.fingerprints(())]
     first = np.array([each[0] for each in healthy])
     known = {
-        h: _features(library, moments, h) for h in library.hypotheses if h and library.count(h) >= _FEWEST
+        h: _features(library, moments, h) for h in library.hypotheses if h and library.count(h) >= FEWEST
     }
     others = np.concatenate([first[:0], *known.values()])
     space = space_of(first, others, moments.tolerance, _directions(len(first) + len(others)))

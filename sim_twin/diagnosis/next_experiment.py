@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.draw import Draw, Named
+from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Execute, Subject
 
 Array = NDArray[np.float64]
 _EACH = 10
 _SHRINK = 0.3
+_IN_QUESTION = 0.01
+
+
+def rivals_of(findings: Findings) -> tuple[Judged, Judged] | None:
+    """The most probable effect, and what is most easily taken for it: the next one, if it may be at all.
+
+    Else the one from which these sensors and settings tell it apart least. None where nothing is in question.
+    """
+    if findings.verdict == "none" or len(findings.judged) < 2:
+        return None
+    first, *others = sorted(findings.judged, key=lambda each: -each.probability)
+    if others[0].probability >= _IN_QUESTION:
+        return first, others[0]
+    alike = _alike(findings.separability, first.cause.name)
+    return first, min(others, key=lambda each: alike.get(each.cause.name, 1.0))
+
+
+def _alike(separability: Mapping[tuple[str, str], float], name: str) -> dict[str, float]:
+    """How surely each other effect is told from one, by the less sure of both ways."""
+    found: dict[str, float] = {}
+    for (one, other), share in separability.items():
+        if name in (one, other):
+            rival = other if one == name else one
+            found[rival] = min(share, found.get(rival, 1.0))
+    return found
 
 
 def told_apart(
@@ -21,10 +47,11 @@ def told_apart(
     rivals: tuple[Sequence[Named], Sequence[Named]],
     execute: Execute,
     rng: np.random.Generator,
-) -> float:
+) -> float | None:
     """Expected share of right choices between two rivals after the subject's runs.
 
     Some rigs with each are simulated; each is sorted by the others, to the nearer mean in their scatter.
+    None where too few could be simulated.
     """
     draws = [Draw(tuple(rival), int(rng.integers(2**62))) for rival in rivals for _ in range(_EACH)]
     moments = Moments(subject.layout)
@@ -33,7 +60,7 @@ def told_apart(
         if shown and shown[0] is not None:
             groups[number // _EACH].append(moments(shown[0][0]))
     if min(len(group) for group in groups) < 4:
-        return 0.5
+        return None
     first, second = (np.array(group) for group in groups)
     right = [_sorted_right(first, second, k) for k in range(len(first))]
     right += [_sorted_right(second, first, k) for k in range(len(second))]

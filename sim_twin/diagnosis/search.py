@@ -12,7 +12,7 @@ from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, values_of
 from sim_twin.diagnosis.estimate import Estimate
-from sim_twin.diagnosis.learning import learned
+from sim_twin.diagnosis.learning import FEWEST, learned
 from sim_twin.diagnosis.library import Library, Order, order_of
 from sim_twin.diagnosis.posterior import Posterior
 from sim_twin.diagnosis.space import Moments
@@ -164,7 +164,7 @@ class Search:
         """Nothing, and every effect alone."""
         return [
             (),
-            *((cause,) for cause in self.subject.causes if self.library.count((cause,)) >= _FEWEST_EACH // 2),
+            *((cause,) for cause in self.subject.causes if self.library.count((cause,)) >= FEWEST),
         ]
 
     def first_order(self) -> Order:
@@ -241,10 +241,14 @@ class Search:
 
     def _require_enough(self) -> None:
         """An effect that was not simulated cannot be ruled out; neither can anything without healthy rigs."""
-        missing = [c.name for c in self.subject.causes if self.library.count((c,)) < _FEWEST_EACH // 2]
+        missing = [c.name for c in self.subject.causes if self.library.count((c,)) < FEWEST]
         if missing or self.library.count(()) < _FEWEST_HEALTHY // 3:
             what = ", ".join(dict.fromkeys(missing)) or "healthy rigs"
-            raise SimulationFailed(f"not enough was simulated of {what}", "give it more time: --budget", None)
+            failed = self.library.failed
+            advice = "give it more time: --budget"
+            if failed > self.library.observations:
+                advice = f"{failed} simulations failed; try the scenario's [model] by rattle predict"
+            raise SimulationFailed(f"not enough was simulated of {what}", advice, None)
 
     def next_order(self, ranked: Sequence[Ranked], motions: int) -> Order:
         """More of what is believed, about where it is believed."""

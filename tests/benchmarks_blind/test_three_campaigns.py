@@ -19,7 +19,7 @@ from benchmarks.blind.runner import ROOT, diagnosis_file
 from benchmarks.blind.seal import unseal
 
 SEED, BUDGET_S = 35, 20
-"""Three campaigns of one run each, with effects that stand out; a third of the budget of the full check."""
+"""Three campaigns of one run each, with effects that stand out; a third of the full check's budget."""
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 

@@ -19,9 +19,9 @@ _ALIKE = 0.7
 def gap_of(reported: Reported, chosen: Callable[[Cell], bool], after: bool = False) -> float:
     """Gap of the chosen cells, 1 for a healthy rig; NaN where there are none."""
     gap = reported.findings.gap
-    cells = gap.cells_after if after else gap.cells_before
+    cells, unit = (gap.cells_after, gap.unit_after) if after else (gap.cells_before, gap.unit_before)
     kept = [value for cell, value in zip(reported.findings.layout.cells, cells, strict=True) if chosen(cell)]
-    return float(np.sqrt(np.mean(np.square(kept)))) / gap.unit if kept else float("nan")
+    return float(np.sqrt(np.mean(np.square(kept)))) / unit if kept else float("nan")
 
 
 def channels(reported: Reported) -> list[str]:
@@ -76,7 +76,8 @@ def largest_cells(reported: Reported, count: int) -> list[tuple[Cell, float, flo
     gap = reported.findings.gap
     order = np.argsort(-gap.cells_before)[:count]
     cells = reported.findings.layout.cells
-    return [(cells[k], gap.cells_before[k] / gap.unit, gap.cells_after[k] / gap.unit) for k in order]
+    before, after = gap.cells_before / gap.unit_before, gap.cells_after / gap.unit_after
+    return [(cells[k], before[k], after[k]) for k in order]
 
 
 def grid(

@@ -40,9 +40,7 @@ class Reported:
     @property
     def verdict(self) -> str:
         """The most probable of "none", "effect" and "unknown"."""
-        found = self.findings
-        shares = {"effect": found.effect, "none": found.none, "unknown": found.unknown}
-        return max(shares, key=lambda each: shares[each])
+        return self.findings.verdict
 
     @property
     def judged(self) -> list[Judged]:

@@ -95,6 +95,7 @@ def _peak_in_range(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 KIND: Final = RigKind(
     name="impact_beam",
     actuator="signal_generator",
+    set_up=("clearance", "rest_offset", "drive_position", "cover", "modes", "elements"),
     model=ImpactBeamSection,
     model_checks=(
         Check(("beam", "modes", "elements"), _mesh_has_modes),

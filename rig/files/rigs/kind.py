@@ -13,14 +13,16 @@ from rig.files.section import Check
 class RigKind:
     """A rig: the sections of its scenario with the checks over several of their keys, and its channels.
 
-    `actuator` is the table of the bench that drives it. `channels` is what a bench or a limit may name, for
-    messages; `channel_unit` gives a channel's unit or None. `drive_frequency` is the highest frequency in Hz
-    that the drive holds, from the sound values of [drive], or None; `drive_peak` the largest value that
-    the drive asks of its actuator, in SI.
+    `actuator` is the table of the bench that drives it. `set_up` are the keys of [model] that a lab sets
+    between runs on one rig; another value of any other key is another rig. `channels` is what a bench or a
+    limit may name, for messages; `channel_unit` gives a channel's unit or None. `drive_frequency` is the
+    highest frequency in Hz that the drive holds, from the sound values of [drive], or None; `drive_peak` the
+    largest value that the drive asks of its actuator, in SI.
     """
 
     name: str
     actuator: str
+    set_up: tuple[str, ...]
     model: type[Any]
     model_checks: tuple[Check, ...]
     drive: type[Any]

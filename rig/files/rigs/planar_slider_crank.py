@@ -51,6 +51,7 @@ def _turns_over(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 KIND: Final = RigKind(
     name="planar_slider_crank",
     actuator="inverter",
+    set_up=("clearance_1", "clearance_2"),
     model=PlanarSliderCrankSection,
     model_checks=(Check(("crank_length", "rod_length"), _turns_over),),
     drive=SpeedSection,

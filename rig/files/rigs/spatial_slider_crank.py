@@ -32,6 +32,7 @@ class SpatialSliderCrankSection:
 KIND: Final = RigKind(
     name="spatial_slider_crank",
     actuator="inverter",
+    set_up=("axis_angle", "socket_clearance", "guide_clearance", "rod_modes"),
     model=SpatialSliderCrankSection,
     model_checks=(),
     drive=SpeedSection,

@@ -148,6 +148,7 @@ def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Camp
     assert block["after"] == pytest.approx(said["after"], rel=0.3)
     assert block["shrink"] > 0.7
     assert set(block) == set(said)
+    assert block["by_location"] == {"contact joint": 1.0}
     assert (campaign.out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.diagnosis.document import document, effects_file, gap_block, write_json
+from rig.diagnosis.document import Asked, document, effects_file, gap_block, write_json
 from rig.diagnosis.experiments import Experiment
 from rig.files.effects_file import load_effects
 from rig.twin.scenario_twin import catalogue_of
@@ -40,7 +40,7 @@ def floors() -> np.ndarray:
 
 
 def gap(before: float = 3.0, after: float = 1.1) -> Gap:
-    return Gap(before, after, 0.95, (0.9, 1.0), floors(), np.ones(len(LAYOUT.cells)), UNIT, 0.9)
+    return Gap(before, after, 0.95, (0.9, 1.0), floors(), np.ones(len(LAYOUT.cells)), UNIT, UNIT, 0.9)
 
 
 @cache
@@ -50,11 +50,12 @@ def findings() -> Findings:
         "mass_kg": Estimate(1.5, 1.0, 2.0),
         "damping_ratio": Estimate(0.02, 0.01, 0.04),
     }
-    judged = (
-        Judged(BASE, 0.7, base, 1.1, 0.95, ("pivot_compliance",)),
-        Judged(GAIN, 0.1, {"gain": Estimate(1.2, 1.1, 1.3)}, None, None),
-    )
     best = ("base_flexibility", {name: estimate.value for name, estimate in base.items()})
+    gain = ("sensor_gain", {"channel": UPPER, "gain": 1.2})
+    judged = (
+        Judged(BASE, 0.7, base, best, 1.1, 0.95, ("pivot_compliance",)),
+        Judged(GAIN, 0.1, {"gain": Estimate(1.2, 1.1, 1.3)}, gain, None, None),
+    )
     numbers = np.zeros(LAYOUT.size)
     return Findings(
         layout=LAYOUT, none=0.05, effect=0.8, unknown=0.15, judged=judged, selected=(BASE,),
@@ -67,15 +68,16 @@ def findings() -> Findings:
 def told(
     found: Findings, experiment: Experiment | None = None, horizon: float | None = 0.4
 ) -> dict[str, Any]:
-    return document(
-        found, MODEL.effects, [Path("a.mcap"), Path("b.mcap")], horizon, experiment, 12.5, ["odd"]
-    )
+    asked = Asked([Path("a.mcap"), Path("b.mcap")], None, seed=7, budget_s=60.0)
+    return document(found, MODEL.effects, asked, horizon, experiment, 12.5, ["odd"])
 
 
 def test_a_diagnosis_has_every_key_of_the_interface() -> None:
     content = told(findings(), Experiment("text", ("x", "y"), 0.9))
     assert set(content) >= KEYS
     assert content["schema"] == "rattle.diagnosis/1"
+    assert content["provenance"]["seed"] == 7
+    assert content["provenance"]["software"].startswith("rattle ")
     assert content["runs"] == ["a.mcap", "b.mcap"]
     assert content["verdict"] == "effect"
     assert content["verdict_probability"] == {"none": 0.05, "effect": 0.8, "unknown": 0.15}

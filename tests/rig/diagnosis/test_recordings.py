@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -159,22 +160,44 @@ def test_a_channel_that_one_of_two_runs_lacks_is_used_in_neither(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("damage", "lost", "cycles"),
+    ("damage", "channel", "lost", "cycles"),
     [
         # half of the sound cycles make a block; those that reach into a lost tenth by half are lost with it
-        (dropped(UPPER, 3), "6.7%", 12),
-        (dropped(None, 3), "6.7%", 12),
-        (spoilt(YOKE, 3, 8), "13.3%", 10),
-        (spoilt(YOKE, 3, flags=Flag.OPEN_SENSOR), "6.7%", 12),
+        (dropped(UPPER, 3), UPPER, "6.7% missing", 12),
+        (spoilt(YOKE, 3, 8), YOKE, "13.3% overloaded", 10),
+        (spoilt(YOKE, 3, flags=Flag.OPEN_SENSOR), YOKE, "6.7% open", 12),
     ],
-    ids=["gap of a channel", "gap of all", "overloads", "open sensor"],
+    ids=["gap of a channel", "overloads", "open sensor"],
 )
-def test_what_was_lost_is_left_out_with_a_remark(log: Path, damage: Damage, lost: str, cycles: int) -> None:
+def test_what_was_lost_is_left_out_with_a_remark(
+    log: Path, damage: Damage, channel: str, lost: str, cycles: int
+) -> None:
     found = recorded([write(log, beam(), BEAM, damage=damage)])
-    assert found.remarks == (f"run.mcap: {lost} of it left out (missing, overloaded or not finite)",)
+    assert found.remarks == (f"run.mcap: {channel}: {lost}; left out, in all channels",)
     assert found.campaign.runs[0].cycles == cycles
     assert len(found.measured) >= 1
     assert np.isfinite(found.measured).all()
+
+
+def test_a_gap_of_all_channels_is_said_once(log: Path) -> None:
+    found = recorded([write(log, beam(), BEAM, damage=dropped(None, 3))])
+    assert found.remarks == ("run.mcap: all channels: 6.7% missing; left out, in all channels",)
+    assert found.campaign.runs[0].cycles == 12
+
+
+def test_a_channel_that_is_dead_for_most_of_the_run_takes_no_other_along(log: Path) -> None:
+    def dead(block: SampleBlock) -> SampleBlock | None:
+        late = block.channel == YOKE and block.first_sample >= 4 * BLOCK
+        return replace(block, flags=Flag.OPEN_SENSOR) if late else block
+
+    found = recorded([write(log, beam(), BEAM, damage=dead)])
+    assert found.remarks == (f"run.mcap: {YOKE} is not used: 73% of it open",)
+    assert YOKE not in found.campaign.runs[0].columns.channels
+
+
+def test_a_reference_that_is_dead_is_refused(log: Path) -> None:
+    with pytest.raises(LogError, match=r"100% of drive\.force overloaded; without it nobody knows the phase"):
+        recorded([write(log, beam(), BEAM, damage=spoilt("drive.force", *range(15)))])
 
 
 def test_what_lies_in_the_lost_part_does_not_matter(tmp_path: Path) -> None:
@@ -195,9 +218,9 @@ def test_too_few_cycles_are_refused_with_their_number(log: Path, seconds: float)
         recorded([run])
 
 
-def test_a_run_of_nothing_but_overloads_has_no_cycles(log: Path) -> None:
+def test_a_run_of_nothing_but_overloads_is_refused(log: Path) -> None:
     run = write(log, beam(), BEAM, damage=lambda block: flagged(block, Flag.OVERLOAD))
-    with pytest.raises(LogError, match=r"run\.mcap: 0 sound cycles"):
+    with pytest.raises(LogError, match=r"run\.mcap: 100% of drive\.force overloaded"):
         recorded([run])
 
 
@@ -258,7 +281,7 @@ def test_a_run_at_twice_the_rate_gives_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_fragments_without_a_whole_cycle_are_too_few_cycles(log: Path) -> None:
-    run = write(log, beam(), BEAM, damage=spoilt(YOKE, *range(0, 15, 2)))
+    run = write(log, beam(), BEAM, damage=spoilt(YOKE, *range(1, 15, 2)))
     with pytest.raises(LogError, match=r"run\.mcap: \d+ sound cycles"):
         recorded([run])
 
@@ -291,13 +314,30 @@ def test_an_infinite_sample_spoils_its_cycle_only(log: Path) -> None:
     assert np.isfinite(found.measured).all()
 
 
-def test_an_effect_that_one_of_the_runs_cannot_have_is_no_cause(tmp_path: Path) -> None:
+def test_an_effect_that_the_rig_cannot_have_is_no_cause_and_is_named(log: Path) -> None:
+    clamped = BEAM + '\n[model]\nbeam = "aluminium"\n'
+    found = recorded([write(log, recording(clamped), clamped)])
+    assert "pivot_friction" not in {cause.name for cause in found.campaign.causes}
+    assert any("pivot_friction was not looked for" in remark for remark in found.remarks)
+
+
+def test_runs_of_two_beams_are_no_campaign(tmp_path: Path) -> None:
     clamped = BEAM + '\n[model]\nbeam = "aluminium"\n'
     paths = [
         write(tmp_path / "steel.mcap", beam(), BEAM),
         write(tmp_path / "aluminium.mcap", recording(clamped), clamped),
     ]
-    assert "pivot_friction" not in {cause.name for cause in recorded(paths).campaign.causes}
+    with pytest.raises(ConfigurationError, match=r"model\.beam = default in steel\.mcap, aluminium in alum"):
+        recorded(paths)
+
+
+def test_runs_at_two_clearances_are_one_campaign(tmp_path: Path) -> None:
+    wider = BEAM + '\n[model]\nclearance = "0.254 mm"\n'
+    paths = [
+        write(tmp_path / "narrow.mcap", beam(), BEAM),
+        write(tmp_path / "wide.mcap", recording(wider), wider),
+    ]
+    assert len(recorded(paths).campaign.runs) == 2
 
 
 def test_a_channel_that_ends_early_is_a_loss_that_is_said(log: Path) -> None:

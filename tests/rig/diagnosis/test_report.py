@@ -51,7 +51,8 @@ SKEW = Cause("time_skew", "clock", (Parameter("seconds", "s", ((5e-5, 2e-3),)),)
 
 
 def judged(cause: Cause, probability: float, found: Estimate, alike: tuple[str, ...] = ()) -> Judged:
-    return Judged(cause, probability, {cause.parameters[0].name: found}, 1.3, 0.95, alike)
+    name = cause.parameters[0].name
+    return Judged(cause, probability, {name: found}, (cause.name, {name: found.value}), 1.3, 0.95, alike)
 
 
 def gap(before: float, after: float, shrink: float | None) -> Gap:
@@ -61,7 +62,7 @@ def gap(before: float, after: float, shrink: float | None) -> Gap:
         if cell.channel == UPPER and cell.run == 1:
             cells[k] = 3.0 if cell.band is None or not cell.band[0] <= 400.0 < cell.band[1] else 30.0
     interval = None if shrink is None else (0.91, 0.99)
-    return Gap(before, after, shrink, interval, cells, np.ones_like(cells), UNIT, 0.9)
+    return Gap(before, after, shrink, interval, cells, np.ones_like(cells), UNIT, UNIT, 0.9)
 
 
 def findings(none: float, effect: float, unknown: float, selected: tuple[Cause, ...] = (BASE,)) -> Findings:

@@ -13,7 +13,7 @@ from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief
 from sim_twin.diagnosis.draw import Draw, Observed
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
-from sim_twin.diagnosis.judging import brings_nearer, gap_between, halves, repaired_twins
+from sim_twin.diagnosis.judging import gap_between, halves, leads_away, repaired_twins
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.unexplained import Unexplained
@@ -139,10 +139,10 @@ def test_a_recording_s_own_blocks_lie_apart_as_blocks_of_one_rig() -> None:
 
 def test_a_repair_that_leads_away_is_refuted_and_one_that_closes_the_gap_is_not() -> None:
     far = recording([("left", {"size": 2.5})], 10**6)
-    assert brings_nearer(measure(), far, twins(2.5))
-    assert not brings_nearer(measure(), far, -twins(2.5))
+    assert not leads_away(measure(), far, twins(2.5))
+    assert leads_away(measure(), far, -twins(2.5))
     # a healthy rig has no gap that anything could close
-    assert brings_nearer(measure(), np.array([measure().twin], dtype=np.float32), twins(2.5))
+    assert not leads_away(measure(), np.array([measure().twin], dtype=np.float32), twins(2.5))
 
 
 def test_what_is_refuted_is_mostly_unknown() -> None:

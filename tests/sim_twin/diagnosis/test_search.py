@@ -8,10 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from daq.errors import SimulationFailed
 from sim_twin.diagnosis.diagnose import diagnose
 from sim_twin.diagnosis.draw import Draw, Named, Observed
 from sim_twin.diagnosis.effort import Effort
 from sim_twin.diagnosis.findings import Findings
+from sim_twin.diagnosis.learning import FEWEST
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search, quantile
 from sim_twin.diagnosis.subject import Execute
@@ -80,6 +82,15 @@ def test_a_pair_is_found_with_both_sizes(seed: int) -> None:
     assert sizes["right"] == pytest.approx(4.0, abs=0.8)
     assert findings.gap.shrink is not None
     assert findings.gap.shrink > 0.8
+
+
+def test_a_pair_that_is_not_the_sum_of_both_is_found_since_it_is_simulated() -> None:
+    together = Toy(interplay=2.0)
+    effects = (("left", {"size": 3.0}), ("right", {"size": 3.0}))
+    measured = recording(effects, OF_RECORDINGS, interplay=together.interplay)
+    findings = diagnose(together, measured, EFFORT, together.observe, 0)
+    assert sorted(names(findings)) == ["left", "right"]
+    assert findings.verdict == "effect"
 
 
 def test_nothing_is_found_in_healthy_rigs() -> None:
@@ -184,6 +195,41 @@ def test_rigs_that_fail_or_come_too_late_are_done_without() -> None:
     findings = diagnose(TOY, recording(one("left", 2.0), OF_RECORDINGS), EFFORT, faulty, 0)
     assert names(findings) == ["left"]
     assert findings.simulations < asked
+
+
+def without(name: str, after: int) -> Execute:
+    """Only the first `after` rigs with this effect come, then every one of them fails."""
+    seen = 0
+
+    def execute(draws: Sequence[Draw]) -> list[Observed]:
+        nonlocal seen
+        observed = TOY.observe(draws)
+        for k, draw in enumerate(draws):
+            if any(effect == name for effect, _ in draw.effects):
+                seen += 1
+                if seen > after:
+                    observed[k] = tuple(None for _ in observed[k])
+        return observed
+
+    return execute
+
+
+def test_an_effect_of_which_too_little_could_be_simulated_is_not_ruled_out() -> None:
+    with pytest.raises(SimulationFailed, match="not enough was simulated of right"):
+        diagnose(TOY, recording((), OF_RECORDINGS), EFFORT, without("right", FEWEST - 1), 0)
+
+
+def test_an_effect_of_which_just_enough_could_be_simulated_is_judged() -> None:
+    findings = diagnose(TOY, recording((), OF_RECORDINGS), EFFORT, without("right", FEWEST), 0)
+    assert "right" in {each.cause.name for each in findings.judged}
+
+
+def test_where_most_simulations_fail_more_time_is_no_advice() -> None:
+    def failing(draws: Sequence[Draw]) -> list[Observed]:
+        return [tuple(None for _ in draw.sensing) for draw in draws]
+
+    with pytest.raises(SimulationFailed, match="simulations failed"):
+        diagnose(TOY, recording((), OF_RECORDINGS), EFFORT, failing, 0)
 
 
 def test_the_search_spends_the_motions_that_it_was_given() -> None:

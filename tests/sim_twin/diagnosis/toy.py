@@ -48,12 +48,14 @@ def healthy_rig(seed: int, blocks: int) -> NDArray[np.float64]:
     return _OWN * rng.standard_normal(CELLS) + _BLOCK * rng.standard_normal((blocks, CELLS))
 
 
-def response(effects: Sequence[Named]) -> NDArray[np.float64]:
-    """In scatters, shape (CELLS,): straight but for a bend."""
+def response(effects: Sequence[Named], interplay: float = 0.0) -> NDArray[np.float64]:
+    """In scatters, shape (CELLS,): straight but for a bend, and for what left and right do together."""
     total = np.zeros(CELLS)
-    for name, values in effects:
-        size = float(values["size"])
+    sizes = {name: float(values["size"]) for name, values in effects}
+    for name, size in sizes.items():
         total += (size + 0.1 * size**2) * DIRECTIONS[name]
+    if "left" in sizes and "right" in sizes:
+        total += interplay * np.sqrt(sizes["left"] * sizes["right"]) * DIRECTIONS["strange"]
     return total
 
 
@@ -62,16 +64,17 @@ def shown(means: NDArray[np.float64]) -> Blocks:
     return (means[:, :, None] + _SPREAD).reshape(len(means), CELLS * SLICES).astype(np.float32)
 
 
-def recording(effects: Sequence[Named], seed: int, blocks: int = BLOCKS) -> Blocks:
+def recording(effects: Sequence[Named], seed: int, blocks: int = BLOCKS, interplay: float = 0.0) -> Blocks:
     """Fingerprints of a rig with some effects in."""
-    return shown(healthy_rig(seed, blocks) + response(effects))
+    return shown(healthy_rig(seed, blocks) + response(effects, interplay))
 
 
 @dataclass(frozen=True, slots=True)
 class Toy:
-    """Four channels of twelve cells."""
+    """Four channels of twelve cells; with `interplay`, left and right together are not the sum of both."""
 
     causes: tuple[Cause, ...] = CAUSES
+    interplay: float = 0.0
 
     @property
     def layout(self) -> Layout:
@@ -79,6 +82,9 @@ class Toy:
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         return [
-            tuple(recording((*draw.effects, *extra), draw.seed, draw.blocks) for extra in draw.sensing)
+            tuple(
+                recording((*draw.effects, *extra), draw.seed, draw.blocks, self.interplay)
+                for extra in draw.sensing
+            )
             for draw in draws
         ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from shlex import quote
+
 from rig.diagnosis.report.content import Part
 from rig.diagnosis.report.reported import Reported
 from rig.diagnosis.report.words import floors, number
@@ -39,7 +41,8 @@ def _trust(reported: Reported) -> list[Part]:
 
 
 def _again(reported: Reported) -> list[Part]:
-    names = " ".join(run.name for run in reported.runs) or "RUN.mcap"
-    first = reported.runs[0].name if reported.runs else "RUN.mcap"
-    text = f"rattle gap {names} --effects effects.json\nrattle overlay {first} --effects effects.json"
+    runs = [quote(path) for path in reported.diagnosis.get("runs", [])] or ["RUN.mcap"]
+    model = reported.diagnosis.get("provenance", {}).get("model")
+    given = "--effects effects.json" + (f" --model {quote(model)}" if model else "")
+    text = f"rattle gap {' '.join(runs)} {given}\nrattle overlay {runs[0]} {given}"
     return [Sentence("To repeat it with these effects, or with others of your own:"), Listing(text)]

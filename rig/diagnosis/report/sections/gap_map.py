@@ -59,9 +59,10 @@ def _of_channels(reported: Reported) -> Table:
 
 def _map(reported: Reported, run: int) -> Figure:
     names = gaps.channels(reported)[::-1]
-    states = {"before": reported.findings.gap.cells_before}
+    gap = reported.findings.gap
+    states = {"before": gap.cells_before / gap.unit_before}
     if reported.repaired:
-        states["after"] = reported.findings.gap.cells_after
+        states["after"] = gap.cells_after / gap.unit_after
     at = [k for k, cell in enumerate(reported.findings.layout.cells) if cell.run == run]
     cells = [reported.findings.layout.cells[k] for k in at]
     views = {
@@ -70,7 +71,7 @@ def _map(reported: Reported, run: int) -> Figure:
     plots = Plots(len(states), len(views), max(_FEWEST_PX, _ROW_PX * len(names)))
     for row, (state, values) in enumerate(states.items()):
         for column, (title, (unit, columns)) in enumerate(views.items()):
-            labels, found = gaps.grid(cells, values[at] / reported.findings.gap.unit, names, columns)
+            labels, found = gaps.grid(cells, values[at], names, columns)
             shown = _Shown(
                 f"{state}: {title}" if column == 0 else title, unit, column == 0, row == len(states) - 1
             )
