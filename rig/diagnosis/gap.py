@@ -38,8 +38,8 @@ def measured_gap(
     data = recorded_of(runs, model, screen)
     for remark in data.remarks:
         screen.warn(remark)
-    catalogue = catalogue_of(model_of(data.campaign.runs[0].twin))
-    given = () if effects is None else tuple(load_effects(effects, catalogue))
+    rig = model_of(data.campaign.runs[0].twin)
+    given = () if effects is None else tuple(load_effects(effects, catalogue_of(rig)))
     alone = given if len(given) > 1 else ()
     wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
     healthy, *others = _simulated(data, wanted, seed, screen)
@@ -47,7 +47,7 @@ def measured_gap(
     repaired = [np.array([blocks[0] for blocks in each], dtype=np.float64) for each in others]
     rng = np.random.default_rng([seed, 1])
     found = gap_between(measure, data.measured, data.measured, repaired[0] if given else None, rng)
-    places = [catalogue[name].location for name, _ in given]
+    places = [rig.effects[name].location for name, _ in given]
     return gap_block(data.campaign.layout, found, _by_location(measure, places, repaired[1:]))
 
 
