@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TypeAlias
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from daq.errors import RattleError
 from rig.diagnosis.document import Asked, document, effects_file, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import Recorded, recorded
@@ -62,7 +64,7 @@ def diagnose_runs(
     remarks = list(data.remarks)
     for remark in remarks:
         screen.warn(remark)
-    out.mkdir(parents=True, exist_ok=True)
+    _make(out)
     effort = effort_for(data.campaign, budget_s)
     with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
@@ -94,6 +96,16 @@ def diagnose_runs(
     report = out / "report.html"
     write_report(report, findings, content, _facts(data, runs), remarks, forces)
     return Written(findings, out / "diagnosis.json", out / "effects.json", report)
+
+
+def _make(folder: Path) -> None:
+    """Before anything is simulated, so that nothing is found out that cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RattleError(f"cannot write to {folder}: {error.strerror}") from error
 
 
 def _latent_forces(data: Recorded, findings: Findings, seed: int) -> list[LatentForce]:
