@@ -24,15 +24,11 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 @dataclass(frozen=True, slots=True)
 class StatedRate:
-    """A sample rate as a file states it: between `low` and `high` Hz, for text has few digits."""
+    """A sample rate as a file states it: `likeliest`, but `low` to `high` Hz, for text has few digits."""
 
     low: float
+    likeliest: float
     high: float
-
-    @property
-    def middle(self) -> float:
-        """The likeliest rate in Hz."""
-        return (self.low + self.high) / 2
 
     def allows(self, sample_rate: float) -> bool:
         """True if the file may mean this rate."""
@@ -40,19 +36,19 @@ class StatedRate:
 
     def is_sure_over(self, count: int) -> bool:
         """True if after `count` samples nobody can be half a sample off."""
-        return (self.high - self.low) / 2 * count < self.middle / 2
+        return (self.high - self.low) / 2 * count < self.likeliest / 2
 
     @classmethod
     def exactly(cls, sample_rate: float) -> StatedRate:
         """A rate written in full; raises LogError if it is no rate."""
         _check(sample_rate, "sample rate")
-        return cls(sample_rate, sample_rate)
+        return cls(sample_rate, sample_rate, sample_rate)
 
     @classmethod
     def of_increment(cls, increment: float, half_unit: float) -> StatedRate:
         """From the time between samples in s, true to `half_unit`; raises LogError if it is none."""
         _check(increment - half_unit, "time between samples")
-        return cls(1 / (increment + half_unit), 1 / (increment - half_unit))
+        return cls(1 / (increment + half_unit), 1 / increment, 1 / (increment - half_unit))
 
 
 def _check(value: float, what: str) -> None:

@@ -74,8 +74,9 @@ def _properties(track: Track) -> dict[str, Any]:
 
 def _timestamp(time_ns: int) -> TdmsTimestamp:
     seconds, nanoseconds = divmod(time_ns, NS_PER_S)
-    # rounded up, so that a reader that rounds down has the same nanosecond
-    return TdmsTimestamp(seconds + _UNIX_EPOCH_S, -(-nanoseconds * _FRACTIONS // NS_PER_S))
+    # a thousandth of a nanosecond late, so that a reader that cuts off has the same nanosecond
+    fractions = (nanoseconds * 1000 + 1) * _FRACTIONS // (1000 * NS_PER_S)
+    return TdmsTimestamp(seconds + _UNIX_EPOCH_S, fractions)
 
 
 def _unix_ns(stamp: object) -> int | None:
