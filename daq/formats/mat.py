@@ -10,16 +10,17 @@ import itertools
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import scipy.io
 from numpy.typing import NDArray
+from scipy.io.matlab import MatReadError
 
 from daq.errors import LogError, RattleError
 from daq.formats import description
 from daq.formats.arrays import Arrays, vector
-from daq.formats.boundary import new_file, readable
+from daq.formats.boundary import new_file, opened
 from daq.formats.contents import Contents, described_contents
 from daq.formats.file_format import FileFormat, Warn
 from daq.formats.recording import Recording, Track
@@ -98,32 +99,43 @@ def _struct(track: Track) -> dict[str, Any]:
 
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read structs that rattle wrote, or the vectors of any program; raises LogError."""
-    with readable(path):
-        if _is_hdf5(path):
-            raise LogError("a MAT file of version 7.3 is not read; save it with -v7")
-        variables = scipy.io.whosmat(str(path), appendmat=False)
-        names = [name for name, _, _ in variables]
-        if _MARK in names:
-            return _described(path, [name for name in names if name != _MARK], scratch)
-        arrays = Arrays(scratch)
-        for name, shape, kind in variables:
-            if kind in _NUMBERS or kind == "char":
-                arrays.add(name, _load(path, name))
-            else:
-                arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
-        return arrays.contents()
+    with opened(path) as file:
+        try:
+            return _contents(file, scratch)
+        except MatReadError as error:
+            raise LogError(str(error)) from error
 
 
-def _is_hdf5(path: Path) -> bool:
+def _contents(file: BinaryIO, scratch: Scratch) -> Contents:
+    if _is_hdf5(file):
+        raise LogError("a MAT file of version 7.3 is not read; save it with -v7")
+    variables = scipy.io.whosmat(_rewound(file))
+    names = [name for name, _, _ in variables]
+    if _MARK in names:
+        return _described(file, [name for name in names if name != _MARK], scratch)
+    arrays = Arrays(scratch)
+    for name, shape, kind in variables:
+        if kind in _NUMBERS or kind == "char":
+            arrays.add(name, _load(file, name))
+        else:
+            arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
+    return arrays.contents()
+
+
+def _is_hdf5(file: BinaryIO) -> bool:
     """MATLAB puts 512 bytes of its own before an HDF5 file."""
-    with path.open("rb") as file:
-        start = file.read(_HDF5_AT + len(_HDF5_MAGIC))
+    start = file.read(_HDF5_AT + len(_HDF5_MAGIC))
     return start.startswith(_HDF5_MAGIC) or start.endswith(_HDF5_MAGIC)
 
 
-def _load(path: Path, name: str) -> Any:
+def _rewound(file: Any) -> Any:
+    file.seek(0)
+    return file
+
+
+def _load(file: BinaryIO, name: str) -> Any:
     """One variable; raises LogError if it stands in the list but not in the file."""
-    found = scipy.io.loadmat(str(path), appendmat=False, variable_names=[name])
+    found = scipy.io.loadmat(_rewound(file), variable_names=[name])
     if name not in found:
         raise LogError(f"its variable {name} cannot be read")
     return found[name]
@@ -133,11 +145,11 @@ def _text(array: NDArray[Any]) -> str:
     return str(array.item()) if array.size else ""
 
 
-def _described(path: Path, names: Iterable[str], scratch: Scratch) -> Contents:
-    text = _text(_load(path, _MARK)[0, 0][_DESCRIPTION])
+def _described(file: BinaryIO, names: Iterable[str], scratch: Scratch) -> Contents:
+    text = _text(_load(file, _MARK)[0, 0][_DESCRIPTION])
     found: dict[str, Samples] = {}
     for name in names:
-        struct = _load(path, name)
+        struct = _load(file, name)
         if struct.dtype.names is None or not {"origin", "name", "values"} <= set(struct.dtype.names):
             continue  # somebody added a variable of their own
         fields = struct[0, 0]

@@ -8,7 +8,7 @@ import numpy as np
 
 from daq.errors import LogError
 from daq.formats.arrays import Arrays
-from daq.formats.boundary import readable
+from daq.formats.boundary import opened
 from daq.formats.contents import Contents
 from daq.formats.file_format import FileFormat
 from daq.formats.samples import Scratch
@@ -20,8 +20,8 @@ def read(path: Path, scratch: Scratch) -> Contents:
     Nothing in the file is run: pickled objects are refused.
     """
     arrays = Arrays(scratch)
-    with readable(path):
-        loaded = np.load(path, allow_pickle=False, mmap_mode="r" if path.suffix.lower() == ".npy" else None)
+    with opened(path) as file:
+        loaded = np.load(file, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             _add_array(loaded, arrays)
         else:

@@ -91,10 +91,12 @@ def _unix_ns(stamp: object) -> int | None:
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read the channels of a TDMS file; raises LogError."""
     with readable(path):
-        tdms = scratch.hold(TdmsFile.open(path, raw_timestamps=True))
-        status = tdms.file_status
-        if status.incomplete_final_segment:
+        # opened here: the package leaves a file that it cannot read open
+        tdms = TdmsFile.open(scratch.hold(path.open("rb")), raw_timestamps=True)
+        if tdms.file_status.incomplete_final_segment:
             raise LogError("its last segment is cut short")
+        if not tdms.groups() and not tdms.properties:
+            raise LogError("it holds nothing")
         return _described(tdms) if _MARK in tdms.properties else _foreign(tdms)
 
 

@@ -17,6 +17,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from daq.block import NS_PER_S, Flag
 from daq.channel import Channel
+from daq.errors import LogError
 from daq.formats.boundary import new_file, readable
 from daq.formats.contents import Column, Contents, StatedRate, described_column, time_axis
 from daq.formats.dataset_58 import (
@@ -168,6 +169,8 @@ def _contents(file: BinaryIO, scratch: Scratch) -> Contents:
         else:
             columns.append(_foreign(found))
     columns += [_joined(each) for each in parts.values()]
+    if not columns and not notes:
+        raise LogError("it holds no dataset")
     return Contents(tuple(columns), notes=notes)
 
 
