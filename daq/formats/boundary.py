@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import struct
 import zlib
 from collections.abc import Iterator
@@ -9,6 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, BinaryIO
 from zipfile import BadZipFile
+
+import pyarrow as pa
+from scipy.io.matlab import MatReadError
 
 from daq.errors import LogError, RattleError
 
@@ -26,8 +30,11 @@ _FOREIGN_ERRORS = (
     BadZipFile,
     struct.error,
     zlib.error,
+    csv.Error,
+    pa.ArrowException,
+    MatReadError,
 )
-"""What the TDMS, MAT, Parquet, CSV and NumPy packages raise on damaged input (Arrow's own are among them)."""
+"""What the TDMS, MAT, Parquet, CSV and NumPy packages raise on damaged input."""
 
 
 @contextmanager

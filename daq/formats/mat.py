@@ -15,7 +15,6 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.io
 from numpy.typing import NDArray
-from scipy.io.matlab import MatReadError
 
 from daq.errors import LogError, RattleError
 from daq.formats import description
@@ -100,10 +99,7 @@ def _struct(track: Track) -> dict[str, Any]:
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read structs that rattle wrote, or the vectors of any program; raises LogError."""
     with opened(path) as file:
-        try:
-            return _contents(file, scratch)
-        except MatReadError as error:
-            raise LogError(str(error)) from error
+        return _contents(file, scratch)
 
 
 def _contents(file: BinaryIO, scratch: Scratch) -> Contents:

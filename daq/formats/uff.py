@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import datetime
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, get_args
 from urllib.parse import parse_qsl, urlencode
@@ -168,7 +169,7 @@ def _contents(file: BinaryIO, scratch: Scratch) -> Contents:
             parts.setdefault((part.origin, part.channel.name), []).append(part)
         else:
             columns.append(_foreign(found))
-    columns += [_joined(each) for each in parts.values()]
+    columns = [*_named_apart(columns), *(_joined(each) for each in parts.values())]
     if not columns and not notes:
         raise LogError("it holds no dataset")
     return Contents(tuple(columns), notes=notes)
@@ -224,6 +225,18 @@ def _foreign(found: FoundFunction) -> Column:
         rate=rate,
         start_s=start_s,
     )
+
+
+def _named_apart(columns: Sequence[Column]) -> list[Column]:
+    """Many programs write one and the same ID line 1 into every dataset: these get a number behind it."""
+    counts = Counter(column.name for column in columns)
+    numbers: Counter[str] = Counter()
+    named = []
+    for column in columns:
+        numbers[column.name] += 1
+        name = f"{column.name} {numbers[column.name]}" if counts[column.name] > 1 else column.name
+        named.append(replace(column, name=name))
+    return named
 
 
 def _stated(increment: float) -> StatedRate | None:

@@ -123,6 +123,12 @@ UNITS = {
 }
 
 
+def test_functions_of_one_name_are_told_apart_by_number(tmp_path: Path, scratch: Scratch) -> None:
+    path = pyuff_file(tmp_path / "a.uff", dataset(id1="NONE"), dataset(), dataset(id1="NONE"))
+    names = [column.name for column in read(path, scratch).columns]
+    assert names == ["NONE 1", "base.acceleration", "NONE 2"]
+
+
 def test_pyuff_reads_what_rattle_writes(tmp_path: Path, scratch: Scratch) -> None:
     recording = runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch)
     export(recording, tmp_path / "run.uff")
