@@ -15,6 +15,7 @@ from rig.commands import (
     diagnose,
     emulate,
     ensemble,
+    exchange,
     logs,
     overlay,
     predict,
@@ -51,7 +52,19 @@ def build(connect: Connect) -> Callable[[], None]:
         pretty_exceptions_enable=False,
     )
     run.add_to(app, connect)
-    modules = (emulate, predict, calibrate, ensemble, reproduce, overlay, replay, diagnose, check, logs)
+    modules = (
+        emulate,
+        predict,
+        calibrate,
+        ensemble,
+        reproduce,
+        overlay,
+        replay,
+        diagnose,
+        check,
+        logs,
+        exchange,
+    )
     for module in modules:
         module.add_to(app)
     return lambda: sys.exit(_guarded(app))

@@ -1,0 +1,97 @@
+"""Named arrays of any program (MAT, NumPy): vectors are channels, `sample_rate` or `time` says when."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import LogError
+from daq.formats.contents import RATE_NAMES, TIME_NAMES, Column, Contents, StatedRate, TimeAxis, time_axis
+from daq.formats.samples import Scratch, Spooled, precision
+
+_START_NAME = "start_unix_ns"
+_UNIT_ENDINGS = (".unit", "_unit")
+
+
+class Arrays:
+    """Collects the arrays of a file, the samples of each in scratch."""
+
+    def __init__(self, scratch: Scratch) -> None:
+        self._scratch = scratch
+        self._vectors: dict[str, Spooled] = {}
+        self._units: dict[str, str] = {}
+        self._rate: StatedRate | None = None
+        self._start_ns: int | None = None
+        self._times: Spooled | None = None
+        self.notes: list[str] = []
+
+    def add(self, name: str, array: NDArray[Any]) -> None:
+        """Add an array under the name that it has in its file; raises LogError if it makes no sense there."""
+        known = name.lower()
+        if array.dtype.kind == "U" and array.size == 1:
+            self._add_text(name, str(array.item()))
+        elif array.dtype.kind not in "fiub":
+            self.notes.append(f"left out: {name}, which holds no real numbers")
+        elif known in RATE_NAMES and array.size == 1:
+            self._rate = StatedRate.exactly(float(array.item()))
+        elif known == _START_NAME and array.size == 1:
+            self._start_ns = int(array.item())
+        elif known in TIME_NAMES:
+            self._times = self._scratch.keep(vector(array, name))
+        elif array.ndim == 2 and min(array.shape) > 1:
+            self._add_table(name, array)
+        elif array.size > 1:
+            self._vectors[name] = self._scratch.keep(vector(array, name))
+        else:
+            self.notes.append(f"left out: {name}, which holds {array.size} number{'s' * (array.size != 1)}")
+
+    def _add_text(self, name: str, text: str) -> None:
+        for ending in _UNIT_ENDINGS:
+            if name.endswith(ending):
+                self._units[name.removesuffix(ending)] = text
+                return
+        self.notes.append(f"left out: {name}, which is a text")
+
+    def _add_table(self, name: str, array: NDArray[Any]) -> None:
+        """A matrix: the longer side is time."""
+        rows = array if array.shape[0] <= array.shape[1] else array.T
+        self.notes.append(
+            f"{name}: {array.shape[0]} x {array.shape[1]} numbers are {len(rows)} channels of"
+            f" {rows.shape[1]} samples, named {name}.1 to {name}.{len(rows)}"
+        )
+        for number, row in enumerate(rows, start=1):
+            self._vectors[f"{name}.{number}"] = self._scratch.keep(row)
+
+    def contents(self) -> Contents:
+        """All columns; raises LogError where time and samples do not go together."""
+        axis = TimeAxis(None, 0.0) if self._times is None else time_axis(self._times)
+        if self._times is not None:
+            wrong = [
+                f"{name} ({len(each)})"
+                for name, each in self._vectors.items()
+                if len(each) != len(self._times)
+            ]
+            if wrong:
+                raise LogError(f"not as long as its {len(self._times)} times: {', '.join(wrong)}")
+        columns = [
+            Column(
+                name,
+                samples,
+                unit=self._units.get(name),
+                rate=self._rate or axis.rate,
+                start_ns=self._start_ns,
+                start_s=axis.start_s,
+            )
+            for name, samples in self._vectors.items()
+        ]
+        return Contents(tuple(columns), notes=self.notes)
+
+
+def vector(array: NDArray[Any], name: str) -> NDArray[Any]:
+    """An array as one row of numbers, shape (n,); raises LogError if it is none."""
+    precision(array.dtype)
+    if array.size != max(array.shape, default=1):
+        raise LogError(f"{name} is {' x '.join(map(str, array.shape))} numbers, no row of samples")
+    return np.ravel(array)

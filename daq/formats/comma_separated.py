@@ -1,0 +1,196 @@
+"""CSV: a line of names, a line of units, a row a sample; before them a comment line with the description.
+
+Decimal point and comma always, floats in the fewest digits that read back as the same float. Read by Excel,
+by `pandas.read_csv(file, comment="#", header=[0, 1])` and by MATLAB's `readtable`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, BinaryIO
+
+import pyarrow as pa
+from pyarrow import csv as arrow
+
+from daq.errors import LogError
+from daq.formats import description
+from daq.formats.boundary import opened
+from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, time_axis
+from daq.formats.description import Description
+from daq.formats.file_format import FileFormat, Warn
+from daq.formats.recording import Recording
+from daq.formats.samples import Samples, Scratch
+from daq.formats.tables import (
+    TIME,
+    TableColumns,
+    TrackTable,
+    described_table,
+    foreign_table,
+    new_files,
+    table_paths,
+    tables_of,
+)
+
+_MARK = "# rattle "
+_ROWS_OF_EXCEL = 1_048_576
+_HEAD_LINES = 3
+_LONGEST_LINE = 1 << 26
+_COMMENTS = ("#", '"#')
+_DELIMITERS = "\t;,"
+_NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
+
+
+def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
+    """Write a file for every time base; raises RattleError."""
+    tables = tables_of(recording, warn)
+    paths = table_paths(path, tables)
+    if max(table.end - table.first for table in tables) > _ROWS_OF_EXCEL - _HEAD_LINES:
+        warn(f"more rows than Excel shows ({_ROWS_OF_EXCEL})")
+    with ExitStack() as stack:
+        for file, table in zip(new_files(stack, paths), tables, strict=True):
+            _write_table(file, table, recording)
+    return paths
+
+
+def _write_table(file: IO[bytes], table: TrackTable, recording: Recording) -> None:
+    head = io.StringIO()
+    head.write(f"{_MARK}{description.encode(recording, table.tracks)}\n")
+    rows = csv.writer(head, lineterminator="\n")
+    rows.writerow([TIME, *(track.name for track in table.tracks)])
+    rows.writerow(["s", *(track.channel.unit for track in table.tracks)])
+    file.write(head.getvalue().encode())
+    kinds = [pa.float64(), *(pa.from_numpy_dtype(track.samples.dtype) for track in table.tracks)]
+    schema = pa.schema([(str(number), kind) for number, kind in enumerate(kinds)])
+    options = arrow.WriteOptions(include_header=False, quoting_style="none")
+    with arrow.CSVWriter(file, schema, write_options=options) as writer:
+        for index, columns in table.batches():
+            seconds = pa.array(index / table.base.sample_rate)
+            writer.write_batch(pa.record_batch([seconds, *columns], schema=schema))
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What stands before the numbers, and where these begin, in bytes."""
+
+    own: str
+    names: list[str]
+    units: dict[str, str]
+    delimiter: str
+    decimal_point: str
+    body: int
+
+
+def read(path: Path, scratch: Scratch) -> Contents:
+    """Read a table of channels; raises LogError."""
+    with opened(path) as file:
+        head = _head(file)
+        described = description.decode(head.own) if head.own else None
+        found = _columns(file, head, described, scratch)
+        time = next((name for name in head.names if name.lower() in TIME_NAMES), None)
+        times = None if time is None else found.pop(time)
+        if described is not None:
+            starts = [track.stretches[0].first_sample for track in described.tracks if track.stretches]
+            return described_table(described, found, min(starts, default=0))
+        axis = None if times is None else time_axis(times, _seconds(head.units.get(str(time), "s")))
+        return foreign_table(found, head.units, axis)
+
+
+def _seconds(unit: str) -> float:
+    if unit not in TIME_UNITS:
+        raise LogError(f"its time column is in {unit!r}, not one of {', '.join(TIME_UNITS)}")
+    return TIME_UNITS[unit]
+
+
+def _columns(
+    file: BinaryIO, head: _Head, described: Description | None, scratch: Scratch
+) -> dict[str, Samples]:
+    narrow = {track.name for track in described.tracks if not track.wide} if described else set()
+    types = {name: pa.float32() if name in narrow else pa.float64() for name in head.names}
+    columns = TableColumns(head.names, scratch, may_be_empty=described is not None)
+    file.seek(head.body)
+    with arrow.open_csv(
+        file,
+        arrow.ReadOptions(column_names=head.names),
+        arrow.ParseOptions(delimiter=head.delimiter),
+        arrow.ConvertOptions(column_types=types, null_values=[""], decimal_point=head.decimal_point),
+    ) as batches:
+        for batch in batches:
+            for name, cells in zip(head.names, batch.columns, strict=True):
+                columns.add(name, cells)
+    return columns.samples()
+
+
+def _head(file: BinaryIO) -> _Head:
+    own, line = "", ""
+    for line, _ in _lines(file):
+        if line.startswith(_MARK):
+            own = line.removeprefix(_MARK)
+        elif not line.startswith(_COMMENTS) and line.strip():
+            break
+    else:
+        raise LogError("it holds no line of names")
+    delimiter = next((each for each in _DELIMITERS if each in line), ",")
+    names, units = _names_and_units(_cells(line, delimiter))
+    below, below_at = next(_lines(file), ("", 0))
+    if not all(_is_number(cell) for cell in _cells(below, delimiter)):
+        units = _units_of(names, _cells(below, delimiter))
+        below, below_at = next(_lines(file), ("", 0))
+    if not below.strip():
+        raise LogError("it holds no row of numbers")
+    point = "," if delimiter != "," and "," in below else "."
+    return _Head(own, names, units, delimiter, point, below_at)
+
+
+def _lines(file: BinaryIO) -> Iterator[tuple[str, int]]:
+    """Lines of text and the byte at which each begins."""
+    while True:
+        at = file.tell()
+        line = file.readline(_LONGEST_LINE)
+        if not line:
+            return
+        try:
+            yield line.decode("utf-8-sig").rstrip("\r\n"), at
+        except UnicodeDecodeError as error:
+            raise LogError(f"it is no text in UTF-8 (byte {at + error.start}); save it as such") from error
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", ".") or "0")
+    except ValueError:
+        return False
+    return True
+
+
+def _names_and_units(cells: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Names, with the units that some programs put behind them: `force [N]`."""
+    if all(_is_number(cell) for cell in cells):
+        raise LogError("it has no line of names above the numbers")
+    names, units = [], {}
+    for cell in cells:
+        match = _NAME_WITH_UNIT.fullmatch(cell)
+        names.append(match["name"] if match else cell)
+        if match:
+            units[match["name"]] = match["unit"].strip()
+    if "" in names:
+        raise LogError(f"column {names.index('') + 1} has no name")
+    return names, units
+
+
+def _units_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, str]:
+    if len(cells) != len(names):
+        raise LogError(f"{len(names)} names and {len(cells)} units")
+    return {name: unit for name, unit in zip(names, cells, strict=True) if unit}
+
+
+FORMAT = FileFormat("csv", (".csv", ".txt", ".tsv"), read, write)

@@ -1,0 +1,157 @@
+"""MAT files of version 5: one struct a channel, `rattle` with the description.
+
+Read by MATLAB (`load`), Octave and scipy. A variable holds at most 2 GB: 537 million samples of float32, near
+three hours at 51.2 kHz. The whole file may be larger. One channel at a time is in memory.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from daq.errors import LogError, RattleError
+from daq.formats import description
+from daq.formats.arrays import Arrays, vector
+from daq.formats.boundary import new_file, opened
+from daq.formats.contents import Contents, described_contents
+from daq.formats.file_format import FileFormat, Warn
+from daq.formats.recording import Recording, Track
+from daq.formats.samples import Samples, Scratch
+
+_MOST_BYTES = (1 << 31) - (1 << 16)
+_LONGEST_NAME = 63
+_MARK = "rattle"
+_DESCRIPTION = "description"
+_HDF5_MAGIC, _HDF5_AT = b"\x89HDF\r\n\x1a\n", 512
+_NUMBERS = (
+    "double",
+    "single",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "logical",
+)
+
+
+def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
+    """Write the file; raises RattleError where a channel is too long for a variable."""
+    for track in recording.tracks:
+        if len(track.samples) * track.samples.dtype.itemsize > _MOST_BYTES:
+            raise RattleError(f"{track.name}: more than the 2 GB that mat holds of a channel; use tdms")
+        if not track.has_one_base():
+            warn(f"{track.name}: its clock was set anew; start and rate are those of its first sample")
+    with new_file(path) as file:
+        _append(file, _MARK, {_DESCRIPTION: description.encode(recording), "version": "1"})
+        names = variable_names(track.name for track in recording.tracks)
+        for name, track in zip(names, recording.tracks, strict=True):
+            _append(file, name, _struct(track))
+    return (path,)
+
+
+def _append(file: Any, name: str, struct: dict[str, Any]) -> None:
+    """One variable more: scipy writes the head of the file only at its beginning."""
+    scipy.io.savemat(file, {name: struct}, long_field_names=True, oned_as="column")
+
+
+def variable_names(names: Iterable[str]) -> list[str]:
+    """MATLAB's names of these channels, each another: `measured_contact_force_upper`."""
+    taken = [_MARK]
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST_NAME]
+        numbered = (f"{plain[: _LONGEST_NAME - 5]}_{number}" for number in itertools.count(2))
+        taken.append(next(each for each in itertools.chain([plain], numbered) if each not in taken))
+    return taken[1:]
+
+
+def _struct(track: Track) -> dict[str, Any]:
+    channel = track.channel
+    fields: dict[str, Any] = {"origin": track.origin, "name": channel.name, "unit": channel.unit}
+    for key in ("quantity", "location", "sensor", "serial", "raw_unit"):
+        fields[key] = getattr(channel, key)
+    fields["scale"] = np.nan if channel.scale is None else channel.scale
+    if track.stretches:
+        base = track.stretches[0].base
+        fields |= {
+            "sample_rate": base.sample_rate,
+            "start_unix_ns": np.int64(track.stretches[0].time_ns),
+            "first_sample": np.int64(track.first_sample),
+        }
+    fields["gaps"] = np.array(track.gaps(), np.int64).reshape(-1, 2)
+    fields["flags"] = np.array(
+        [(each.first_sample, each.count, int(each.flags)) for each in track.stretches], np.int64
+    ).reshape(-1, 3)
+    fields["values"] = track.samples.read(0, len(track.samples))
+    return fields
+
+
+def read(path: Path, scratch: Scratch) -> Contents:
+    """Read structs that rattle wrote, or the vectors of any program; raises LogError."""
+    with opened(path) as file:
+        return _contents(file, scratch)
+
+
+def _contents(file: BinaryIO, scratch: Scratch) -> Contents:
+    if _is_hdf5(file):
+        raise LogError("a MAT file of version 7.3 is not read; save it with -v7")
+    variables = scipy.io.whosmat(_rewound(file))
+    names = [name for name, _, _ in variables]
+    if _MARK in names:
+        return _described(file, [name for name in names if name != _MARK], scratch)
+    arrays = Arrays(scratch)
+    for name, shape, kind in variables:
+        if kind in _NUMBERS or kind == "char":
+            arrays.add(name, _load(file, name))
+        else:
+            arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
+    return arrays.contents()
+
+
+def _is_hdf5(file: BinaryIO) -> bool:
+    """MATLAB puts 512 bytes of its own before an HDF5 file."""
+    start = file.read(_HDF5_AT + len(_HDF5_MAGIC))
+    return start.startswith(_HDF5_MAGIC) or start.endswith(_HDF5_MAGIC)
+
+
+def _rewound(file: Any) -> Any:
+    file.seek(0)
+    return file
+
+
+def _load(file: BinaryIO, name: str) -> Any:
+    """One variable; raises LogError if it stands in the list but not in the file."""
+    found = scipy.io.loadmat(_rewound(file), variable_names=[name])
+    if name not in found:
+        raise LogError(f"its variable {name} cannot be read")
+    return found[name]
+
+
+def _text(array: NDArray[Any]) -> str:
+    return str(array.item()) if array.size else ""
+
+
+def _described(file: BinaryIO, names: Iterable[str], scratch: Scratch) -> Contents:
+    text = _text(_load(file, _MARK)[0, 0][_DESCRIPTION])
+    found: dict[str, Samples] = {}
+    for name in names:
+        struct = _load(file, name)
+        if struct.dtype.names is None or not {"origin", "name", "values"} <= set(struct.dtype.names):
+            continue  # somebody added a variable of their own
+        fields = struct[0, 0]
+        track = f"{_text(fields['origin'])}/{_text(fields['name'])}"
+        found[track] = scratch.keep(vector(fields["values"], name))
+    return described_contents(description.decode(text), found)
+
+
+FORMAT = FileFormat("mat", (".mat",), read, write)

@@ -1,0 +1,150 @@
+"""Parquet: a column a channel, `sample` and `time` beside them; units in the fields' metadata.
+
+Read by pandas, polars, DuckDB, and by MATLAB's `parquetread`.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from daq.block import NS_PER_S
+from daq.errors import LogError
+from daq.formats import description
+from daq.formats.boundary import opened
+from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, TimeAxis, time_axis
+from daq.formats.file_format import FileFormat, Warn
+from daq.formats.recording import Recording
+from daq.formats.samples import Scratch
+from daq.formats.tables import (
+    SAMPLE,
+    TIME,
+    TableColumns,
+    TrackTable,
+    described_table,
+    foreign_table,
+    new_files,
+    table_paths,
+    tables_of,
+)
+
+_MARK = b"rattle"
+_ROW_GROUP = 1 << 20
+_STAMP = pa.timestamp("ns", tz="UTC")
+
+
+def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
+    """Write a file for every time base; raises RattleError."""
+    tables = tables_of(recording, warn)
+    paths = table_paths(path, tables)
+    with ExitStack() as stack:
+        for file, table in zip(new_files(stack, paths), tables, strict=True):
+            _write_table(file, table, recording)
+    return paths
+
+
+def _write_table(file: IO[bytes], table: TrackTable, recording: Recording) -> None:
+    fields = [pa.field(SAMPLE, pa.int64(), nullable=False), pa.field(TIME, _STAMP, nullable=False)]
+    for track in table.tracks:
+        kind = pa.from_numpy_dtype(track.samples.dtype)
+        fields.append(pa.field(track.name, kind, metadata=track.channel.metadata()))
+    schema = pa.schema(fields, metadata={_MARK: description.encode(recording, table.tracks)})
+    encodings = dict.fromkeys((SAMPLE, TIME), "DELTA_BINARY_PACKED")
+    rows: list[pa.RecordBatch] = []
+    with pq.ParquetWriter(
+        file, schema, compression="zstd", use_dictionary=False, column_encoding=encodings
+    ) as writer:
+        for index, columns in table.batches():
+            stamps = pa.array(times_ns(table, index), pa.int64()).cast(_STAMP)
+            rows.append(pa.record_batch([pa.array(index), stamps, *columns], schema=schema))
+            if sum(len(each) for each in rows) >= _ROW_GROUP:
+                writer.write_table(pa.Table.from_batches(rows), row_group_size=_ROW_GROUP)
+                rows = []
+        if rows:
+            writer.write_table(pa.Table.from_batches(rows), row_group_size=_ROW_GROUP)
+
+
+def times_ns(table: TrackTable, index: np.ndarray) -> np.ndarray:
+    """Times of samples in ns since the Unix epoch, shape of `index`, true to one."""
+    start = int(index[0])
+    # counted from the batch's own first sample, a double is fine enough
+    offset = (index - start) * (NS_PER_S / table.base.sample_rate)
+    return table.base.at(start) + np.rint(offset).astype(np.int64)
+
+
+def read(path: Path, scratch: Scratch) -> Contents:
+    """Read a table of channels; raises LogError."""
+    with opened(path) as file, pq.ParquetFile(file) as table:
+        schema = table.schema_arrow
+        mark = (schema.metadata or {}).get(_MARK)
+        return _foreign(table, scratch) if mark is None else _described(table, mark.decode(), scratch)
+
+
+def _described(table: pq.ParquetFile, text: str, scratch: Scratch) -> Contents:
+    described = description.decode(text)
+    names = [name for name in table.schema_arrow.names if name != TIME]
+    columns = TableColumns(names, scratch, may_be_empty=True)
+    _read_columns(table, names, columns)
+    found = columns.samples()
+    index = found.pop(SAMPLE)
+    if not len(index):
+        raise LogError("its table is empty")
+    first, last = (int(index.read(at, at + 1)[0]) for at in (0, len(index) - 1))
+    if last - first != len(index) - 1:
+        raise LogError("rows of its table are missing")
+    return described_table(described, found, first)
+
+
+def _read_columns(table: pq.ParquetFile, names: list[str], columns: TableColumns) -> None:
+    for batch in table.iter_batches(columns=names):
+        for name, cells in zip(batch.schema.names, batch.columns, strict=True):
+            columns.add(name, cells)
+
+
+def _foreign(table: pq.ParquetFile, scratch: Scratch) -> Contents:
+    fields = list(table.schema_arrow)
+    time = next((field for field in fields if field.name.lower() in TIME_NAMES), None)
+    names = [field.name for field in fields if field is not time and _is_number(field.type)]
+    columns = TableColumns(names, scratch, may_be_empty=False)
+    _read_columns(table, names, columns)
+    axis, start_ns = (None, None) if time is None else _times(table, time, scratch)
+    units = {field.name: _unit(field) for field in fields if _unit(field)}
+    left = [field.name for field in fields if field is not time and field.name not in names]
+    notes = [f"left out: {name}, which holds no numbers" for name in left]
+    return foreign_table(columns.samples(), units, axis, start_ns, notes)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind))
+
+
+def _unit(field: pa.Field) -> str:
+    return str((field.metadata or {}).get(b"unit", b"").decode())
+
+
+def _times(table: pq.ParquetFile, field: pa.Field, scratch: Scratch) -> tuple[TimeAxis, int | None]:
+    """The axis of a column of stamps, with the time of its first, or of a column of seconds."""
+    column, start_ns = scratch.column(), None
+    for batch in table.iter_batches(columns=[field.name]):
+        cells = batch.column(0)
+        if cells.null_count:
+            raise LogError("its time column has empty cells")
+        if pa.types.is_timestamp(field.type):
+            stamps = cells.cast(pa.timestamp("ns", tz=field.type.tz)).cast(pa.int64()).to_numpy()
+            start_ns = int(stamps[0]) if start_ns is None else start_ns
+            column.add((stamps - start_ns).astype(np.float64) / NS_PER_S)
+        else:
+            column.add(cells.to_numpy())
+    unit = _unit(field) or "s"
+    if unit not in TIME_UNITS:
+        raise LogError(f"its time column is in {unit}, not one of {', '.join(TIME_UNITS)}")
+    seconds = 1.0 if start_ns is not None else TIME_UNITS[unit]
+    return time_axis(column.samples(), seconds), start_ns
+
+
+FORMAT = FileFormat("parquet", (".parquet", ".pq"), read, write)

@@ -1,0 +1,185 @@
+"""Channels side by side: a table for every time base, a row for every sample index.
+
+A table cannot hold two rates, so a run of several becomes several: `run.csv` for one, else `run.51200Hz.csv`
+and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, get_args
+
+import numpy as np
+import pyarrow as pa
+
+from daq.errors import LogError, RattleError
+from daq.formats.boundary import new_file
+from daq.formats.contents import Column, Contents, TimeAxis, described_contents
+from daq.formats.description import Description
+from daq.formats.file_format import Warn
+from daq.formats.recording import Recording, TimeBase, Track
+from daq.formats.samples import Samples, Scratch, ScratchColumn
+from daq.log.reader import Origin
+
+_ROWS = 1 << 16
+SAMPLE, TIME = "sample", "time"
+
+
+@dataclass(frozen=True, slots=True)
+class TrackTable:
+    """Tracks on one time base, with rows for sample `first` to `end`."""
+
+    base: TimeBase
+    tracks: tuple[Track, ...]
+    first: int
+    end: int
+
+    def batches(self) -> Iterator[tuple[np.ndarray, list[pa.Array]]]:
+        """Sample indices and columns, some thousand rows at once; null where a sample is missing."""
+        for start in range(self.first, self.end, _ROWS):
+            stop = min(start + _ROWS, self.end)
+            yield np.arange(start, stop), [_cells(track, start, stop) for track in self.tracks]
+
+
+def _cells(track: Track, start: int, stop: int) -> pa.Array:
+    low, high = max(start, track.first_sample), min(stop, track.end_sample)
+    values = np.full(stop - start, np.nan, track.samples.dtype)
+    missing = np.ones(stop - start, np.bool_)
+    if low < high:
+        values[low - start : high - start] = track.samples.read(
+            low - track.first_sample, high - track.first_sample
+        )
+    for stretch in track.stretches:
+        missing[max(stretch.first_sample - start, 0) : max(stretch.end_sample - start, 0)] = False
+    return pa.array(values, mask=missing if missing.any() else None, from_pandas=False)
+
+
+def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
+    """Tables of a recording, one for each time base; raises RattleError if there is not one sample."""
+    groups: list[list[Track]] = []
+    for track in recording.tracks:
+        if not track.stretches:
+            continue
+        if not track.has_one_base():
+            warn(f"{track.name}: its clock was set anew; the column of times is that of its first sample")
+        base = track.stretches[0].base
+        group = next((each for each in groups if each[0].stretches[0].base.agrees(base)), None)
+        if group is None:
+            groups.append([track])
+        else:
+            group.append(track)
+    if not groups:
+        raise RattleError("there is no sample in it to export")
+    groups[0].extend(track for track in recording.tracks if not track.stretches)
+    return [_table(group) for group in groups]
+
+
+def _table(group: Sequence[Track]) -> TrackTable:
+    filled = [track for track in group if track.stretches]
+    first = min(track.first_sample for track in filled)
+    return TrackTable(
+        filled[0].stretches[0].base, tuple(group), first, max(each.end_sample for each in filled)
+    )
+
+
+def table_paths(path: Path, tables: Sequence[TrackTable]) -> tuple[Path, ...]:
+    """The file of each table, named after its rate where there are several."""
+    if len(tables) <= 1:
+        return (path,)
+    names: list[str] = []
+    for table in tables:
+        plain = f"{table.base.sample_rate:.10g}Hz"
+        same = sum(name.split("-")[0] == plain for name in names)
+        names.append(f"{plain}-{same + 1}" if same else plain)
+    return tuple(path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names)
+
+
+def new_files(stack: ExitStack, paths: Sequence[Path]) -> list[IO[bytes]]:
+    """Create all files, or none."""
+    return [stack.enter_context(new_file(path)) for path in paths]
+
+
+class TableColumns:
+    """Collects the columns of a table from its batches, in scratch.
+
+    Only rattle's own tables say what an empty cell means, so any other may have none: `may_be_empty`.
+    """
+
+    def __init__(self, names: Sequence[str], scratch: Scratch, may_be_empty: bool) -> None:
+        twice = sorted({name for name in names if list(names).count(name) > 1})
+        if twice:
+            raise LogError(f"these columns come twice: {', '.join(twice)}")
+        self._columns: dict[str, ScratchColumn] = {name: scratch.column() for name in names}
+        self._may_be_empty = may_be_empty
+
+    def add(self, name: str, cells: pa.Array) -> None:
+        """Append cells of a column; empty ones become NaN. Raises LogError where they may not be."""
+        column = self._columns[name]
+        if cells.null_count and not self._may_be_empty:
+            row = next(at for at, cell in enumerate(cells) if not cell.is_valid)
+            raise LogError(f"column {name} has an empty cell in row {len(column) + row + 1} of its numbers")
+        column.add(cells.to_numpy(zero_copy_only=False))
+
+    def samples(self) -> dict[str, Samples]:
+        """All columns by name."""
+        return {name: column.samples() for name, column in self._columns.items()}
+
+
+def described_table(description: Description, found: dict[str, Samples], first: int) -> Contents:
+    """Columns of a table that rattle wrote, whose first row is sample `first`."""
+    windows: dict[str, Samples] = {}
+    for track in description.tracks:
+        if track.stretches and track.name in found:
+            start = track.stretches[0].first_sample - first
+            stop = track.stretches[-1].end_sample - first
+            if start < 0 or stop > len(found[track.name]):
+                raise LogError(f"{track.name}: {stop} rows are described, {len(found[track.name])} are there")
+            windows[track.name] = Window(found[track.name], start, stop)
+    return described_contents(description, windows)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Part of other samples."""
+
+    samples: Samples
+    start: int
+    stop: int
+
+    @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """Precision of the whole."""
+        return self.samples.dtype
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Read from the whole."""
+        return self.samples.read(self.start + start, self.start + stop)
+
+
+def foreign_table(
+    columns: Mapping[str, Samples],
+    units: Mapping[str, str],
+    axis: TimeAxis | None,
+    start_ns: int | None = None,
+    notes: Sequence[str] = (),
+) -> Contents:
+    """Columns of a table that another program wrote, or that has lost its description on the way."""
+    found = []
+    for name, samples in columns.items():
+        origin, short = _origin_and_name(name)
+        rate, start_s = (axis.rate, axis.start_s) if axis else (None, 0.0)
+        found.append(Column(short, samples, origin, units.get(name), rate, start_ns, start_s))
+    return Contents(tuple(found), notes=notes)
+
+
+def _origin_and_name(name: str) -> tuple[Origin, str]:
+    for origin in get_args(Origin):
+        if name.startswith(f"{origin}/"):
+            return origin, name.removeprefix(f"{origin}/")
+    return "measured", name

@@ -1,0 +1,165 @@
+"""TDMS: one group for measured, one for predicted, each channel one waveform with NaN in its gaps.
+
+A channel's samples lie together, as LabVIEW leaves a file that it has defragmented. Time stamps hold 2^-64 s,
+so the nanosecond survives; `wf_increment` is a double.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from nptdms import ChannelObject, RootObject, TdmsFile, TdmsWriter
+from nptdms.timestamp import TdmsTimestamp
+from numpy.typing import NDArray
+
+from daq.block import NS_PER_S
+from daq.errors import LogError
+from daq.formats import description
+from daq.formats.boundary import new_file, readable
+from daq.formats.contents import Column, Contents, StatedRate, described_contents
+from daq.formats.file_format import FileFormat, Warn
+from daq.formats.recording import Recording, Track
+from daq.formats.samples import Samples, Scratch, precision
+from daq.log.reader import Origin
+
+_UNIX_EPOCH_S = 2_082_844_800
+"""From the epoch of TDMS, 1904-01-01, to 1970-01-01 (66 years, 17 of them leap years)."""
+_FRACTIONS = 1 << 64
+_SEGMENT = 1 << 22
+_MARK = "rattle"
+_ULPS = 4
+"""An increment is a rounded 1/rate, and somebody may have rounded it once more on the way."""
+
+
+def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
+    """Write the file; raises RattleError."""
+    for track in recording.tracks:
+        if not track.has_one_base():
+            warn(f"{track.name}: its clock was set anew; a waveform has one start, that of its first sample")
+    root = {
+        "name": recording.run_id or path.stem,
+        "description": "recorded by rattle; NaN where samples are missing",
+        _MARK: description.encode(recording),
+    }
+    with new_file(path) as file, TdmsWriter(file) as tdms:
+        tdms.write_segment([RootObject(root)])
+        for track in recording.tracks:
+            properties: dict[str, Any] | None = _properties(track)
+            for start in range(0, max(len(track.samples), 1), _SEGMENT):
+                values = track.samples.read(start, min(start + _SEGMENT, len(track.samples)))
+                tdms.write_segment([ChannelObject(track.origin, track.channel.name, values, properties)])
+                properties = None
+    return (path,)
+
+
+def _properties(track: Track) -> dict[str, Any]:
+    texts = {key: text for key, text in track.channel.metadata().items() if key != "unit"}
+    waveform: dict[str, Any] = {"unit_string": track.channel.unit, "NI_ChannelName": track.channel.name}
+    if track.stretches:
+        first = track.stretches[0]
+        waveform |= {
+            "wf_start_time": _timestamp(first.time_ns),
+            "wf_start_offset": 0.0,
+            "wf_increment": 1 / first.base.sample_rate,
+            "wf_samples": len(track.samples),
+            "sample_rate": first.base.sample_rate,
+            "first_sample": track.first_sample,
+        }
+    return waveform | texts
+
+
+def _timestamp(time_ns: int) -> TdmsTimestamp:
+    seconds, nanoseconds = divmod(time_ns, NS_PER_S)
+    # a thousandth of a nanosecond late, so that a reader that cuts off has the same nanosecond
+    fractions = (nanoseconds * 1000 + 1) * _FRACTIONS // (1000 * NS_PER_S)
+    return TdmsTimestamp(seconds + _UNIX_EPOCH_S, fractions)
+
+
+def _unix_ns(stamp: object) -> int | None:
+    """Time of a stamp; None where there is none: a waveform that nobody gave a start has 1904."""
+    if not isinstance(stamp, TdmsTimestamp) or stamp.seconds <= 0:
+        return None
+    seconds = int(stamp.seconds) - _UNIX_EPOCH_S
+    nanoseconds = (int(stamp.second_fractions) * NS_PER_S + _FRACTIONS // 2) // _FRACTIONS
+    return seconds * NS_PER_S + nanoseconds
+
+
+def read(path: Path, scratch: Scratch) -> Contents:
+    """Read the channels of a TDMS file; raises LogError."""
+    with readable(path):
+        # opened here: the package leaves a file that it cannot read open
+        tdms = TdmsFile.open(scratch.hold(path.open("rb")), raw_timestamps=True)
+        if tdms.file_status.incomplete_final_segment:
+            raise LogError("its last segment is cut short")
+        if not tdms.groups() and not tdms.properties:
+            raise LogError("it holds nothing")
+        return _described(tdms) if _MARK in tdms.properties else _foreign(tdms)
+
+
+@dataclass(frozen=True, slots=True)
+class _InTdms:
+    """Samples of a channel, read where they are asked for."""
+
+    channel: Any
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Precision that keeps the channel's values."""
+        return precision(np.dtype(self.channel.dtype))
+
+    def __len__(self) -> int:
+        return len(self.channel)
+
+    def read(self, start: int, stop: int) -> NDArray[np.floating]:
+        """Read from the file; raises LogError."""
+        with readable(Path(self.channel.name)):
+            values = np.asarray(self.channel.read_data(start, stop - start))
+            if len(values) != stop - start:
+                raise LogError(f"{len(values)} of {stop - start} samples are there")
+            return values.astype(self.dtype)
+
+
+def _described(tdms: TdmsFile) -> Contents:
+    found: dict[str, Samples] = {
+        f"{group.name}/{channel.name}": _InTdms(channel)
+        for group in tdms.groups()
+        for channel in group.channels()
+    }
+    return described_contents(description.decode(str(tdms.properties[_MARK])), found)
+
+
+def _foreign(tdms: TdmsFile) -> Contents:
+    groups = [group for group in tdms.groups() if group.channels()]
+    several = len([group for group in groups if group.name not in get_args(Origin)]) > 1
+    columns, notes = [], []
+    for group in groups:
+        for channel in group.channels():
+            name = f"{group.name}/{channel.name}" if several else channel.name
+            if np.dtype(channel.dtype).kind in "fiub":
+                columns.append(_column(name, group.name, channel))
+            else:
+                notes.append(f"left out: {name}, which holds no real numbers")
+    return Contents(tuple(columns), notes=notes)
+
+
+def _column(name: str, group: str, channel: Any) -> Column:
+    properties: Mapping[str, Any] = channel.properties
+    increment = float(properties.get("wf_increment", 0.0))
+    start_s = float(properties.get("wf_start_offset", 0.0))
+    start_ns = _unix_ns(properties.get("wf_start_time"))
+    return Column(
+        name,
+        _InTdms(channel),
+        next((origin for origin in get_args(Origin) if origin == group), "measured"),
+        unit=str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "") or None,
+        rate=StatedRate.of_increment(increment, _ULPS * float(np.spacing(increment))) if increment else None,
+        start_ns=None if start_ns is None else start_ns + round(start_s * NS_PER_S),
+        start_s=start_s,
+    )
+
+
+FORMAT = FileFormat("tdms", (".tdms",), read, write)

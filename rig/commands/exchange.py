@@ -1,0 +1,208 @@
+"""`rattle export` and `rattle import`: logs in other programs' formats, and their files as logs."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from daq.block import NS_PER_S
+from daq.errors import ConfigurationError, Problem
+from daq.log import LogReader, LogWriter
+from rig.commands.arguments import RunFile
+from rig.files.quantity import QuantityError, si_value
+from rig.files.scenario import Scenario, load_scenario, parse_scenario
+from rig.session.progress import Screen
+from rig.twin.prediction_file import removed_if_it_fails
+
+if TYPE_CHECKING:
+    from daq.formats.contents import Contents
+    from daq.formats.recording import Recording
+    from daq.formats.samples import Scratch
+    from rig.files.foreign import Answers
+
+# Formats are imported where they are used: their packages take a second, which no other command need pay.
+Pairs = list[str] | None
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+
+    @app.command()
+    def export(
+        run: RunFile,
+        to: Annotated[str, typer.Option("--to", metavar="uff|tdms|mat|csv|parquet", help="The format.")],
+        out: Annotated[
+            Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN in that format.")
+        ] = None,
+    ) -> None:
+        """Write a log in another program's format; warns of what the format cannot hold."""
+        screen = Screen(Console())
+        for path in export_log(run, to, out, screen):
+            screen.say(f"file       {path}")
+
+    @app.command("import")
+    def import_(
+        files: Annotated[
+            list[Path], typer.Argument(metavar="FILE...", help="A file, or the files of one run.")
+        ],
+        scenario: Annotated[
+            Path | None,
+            typer.Option("--scenario", metavar="S.toml", help="Default: the one that the file carries."),
+        ] = None,
+        out: Annotated[
+            Path | None, typer.Option("-o", "--out", metavar="FILE.mcap", help="Default: FILE.mcap")
+        ] = None,
+        rename: Annotated[Pairs, typer.Option("--rename", metavar="THEIRS=OURS", help=_RENAME)] = None,
+        unit: Annotated[Pairs, typer.Option("--unit", metavar="THEIRS=UNIT", help=_UNIT)] = None,
+        skip: Annotated[Pairs, typer.Option("--skip", metavar="THEIRS", help="Leave a channel out.")] = None,
+        sample_rate: Annotated[Pairs, typer.Option("--sample-rate", metavar="RATE", help=_RATE)] = None,
+        started: Annotated[str | None, typer.Option("--started", metavar="TIME", help=_STARTED)] = None,
+    ) -> None:
+        """Make a log of another program's file; a scenario says which rig it was."""
+        from rig.files.foreign import Answers
+
+        answers = Answers(
+            _pairs(rename, "--rename"),
+            _pairs(unit, "--unit"),
+            skip or (),
+            [_rate(text) for text in sample_rate or ()],
+            None if started is None else _unix_ns(started),
+        )
+        target = out or files[0].with_suffix(".mcap")
+        screen = Screen(Console())
+        import_files(files, scenario, target, answers, screen)
+        screen.say(f"log        {target}")
+
+
+_RENAME = "What the file calls a channel, and its name on the rig. May come again."
+_UNIT = "The unit of a channel, where the file has none or a wrong one. May come again."
+_RATE = 'Such as "51.2 kHz", where the file does not say it in full. May come again.'
+_STARTED = "When the recording began, ISO 8601 in UTC, up to nine digits of a second."
+
+
+def export_log(run: Path, to: str, out: Path | None, screen: Screen) -> tuple[Path, ...]:
+    """Write `run` in the format `to`, beside it or as `out`; returns the files. Raises RattleError."""
+    from daq.formats import FORMATS
+    from daq.formats.log_recording import read_log
+    from daq.formats.samples import Scratch
+
+    chosen = FORMATS.get(to)
+    if chosen is None or chosen.write is None:
+        names = ", ".join(name for name, each in FORMATS.items() if each.write is not None)
+        raise typer.BadParameter(f"--to {to}: one of {names}")
+    target = out or run.with_suffix(chosen.suffixes[0])
+    with LogReader(run) as log, Scratch(target.parent) as scratch:
+        with screen.busy("reading"):
+            recording = read_log(log, scratch)
+        if not log.complete:
+            screen.warn(f"{run} is cut short: exported as far as it goes")
+        with screen.busy("writing"):
+            return chosen.write(recording, target, screen.warn)
+
+
+def import_files(
+    files: Sequence[Path], scenario_file: Path | None, target: Path, answers: Answers, screen: Screen
+) -> None:
+    """Make the new log `target` of `files`; raises ConfigurationError, LogError, RecorderFailed."""
+    from daq.formats.log_recording import write_log
+    from daq.formats.samples import Scratch
+    from rig.files.foreign import matched_to_rig
+
+    given = None if scenario_file is None else load_scenario(scenario_file)
+    source = ", ".join(map(str, files))
+    with ExitStack() as stack:
+        scratch = stack.enter_context(Scratch(target.parent))
+        with screen.busy("reading"):
+            contents = _contents(files, scratch)
+        for note in contents.notes:
+            screen.warn(note)
+        scenario = given or _carried_scenario(contents, source)
+        recording = matched_to_rig(contents, scenario, answers, source, screen.warn)
+        writer = stack.enter_context(LogWriter(target))
+        stack.enter_context(removed_if_it_fails(target))
+        with screen.busy("writing"):
+            write_log(_with_records(recording, scenario, files), writer)
+
+
+def _contents(files: Sequence[Path], scratch: Scratch) -> Contents:
+    """Columns of all files; what else a log says comes from the first that says it."""
+    from daq.formats import format_of
+    from daq.formats.contents import Contents
+
+    found = [format_of(path).read(path, scratch) for path in files]
+    ids = {each.rest.run_id for each in found}
+    if len(ids) > 1:
+        raise ConfigurationError("files", [Problem("run", ", ".join(sorted(ids)), "files of one run")])
+    columns = tuple(column for each in found for column in each.columns)
+    return Contents(columns, found[0].rest, [note for each in found for note in each.notes])
+
+
+def _carried_scenario(contents: Contents, source: str) -> Scenario:
+    text = contents.rest.metadata.get("scenario", {}).get("toml", "")
+    if not text:
+        raise ConfigurationError(source, [Problem("--scenario", "(missing)", "the file carries none")])
+    return parse_scenario(text, f"scenario in {source}")
+
+
+def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path]) -> Recording:
+    """The recording with the scenario in it, and with where it came from in its `run` record."""
+    import dataclasses
+
+    starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
+    run = {
+        "id": files[0].stem,
+        "started": _iso(min(starts, default=0)),
+        **recording.metadata.get("run", {}),
+        "imported_from": ", ".join(path.name for path in files),
+        "imported_by": f"rattle {version('rattle')}",
+    }
+    records: Mapping[str, Mapping[str, str]] = {"scenario": {"toml": scenario.text}, "run": run}
+    return dataclasses.replace(recording, metadata={**recording.metadata, **records})
+
+
+def _iso(time_ns: int) -> str:
+    seconds, nanoseconds = divmod(time_ns, NS_PER_S)
+    moment = datetime.datetime.fromtimestamp(seconds, datetime.UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+
+
+_ISO = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?")
+
+
+def _unix_ns(text: str) -> int:
+    match = _ISO.fullmatch(text)
+    try:
+        if match is None:
+            raise ValueError(text)
+        moment = datetime.datetime.fromisoformat(match[1]).replace(tzinfo=datetime.UTC)
+    except ValueError as error:
+        raise typer.BadParameter(f"--started {text}: a time such as 2026-09-21T14:13:20.5Z") from error
+    return int(moment.timestamp()) * NS_PER_S + int((match[2] or "0").ljust(9, "0"))
+
+
+def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
+    pairs: dict[str, str] = {}
+    for text in texts or ():
+        theirs, mark, ours = text.rpartition("=")
+        if not mark or not theirs or not ours:
+            raise typer.BadParameter(f"{option} {text}: two texts with = between them")
+        pairs[theirs] = ours
+    return pairs
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text) if re.fullmatch(r"[\d.]+", text) else si_value(text, "Hz")
+    except (QuantityError, ValueError) as error:
+        raise typer.BadParameter(f"--sample-rate {text}: {error}") from error
+    if not 0 < rate < 1e9:
+        raise typer.BadParameter(f"--sample-rate {text}: more than 0 Hz")
+    return rate
