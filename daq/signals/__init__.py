@@ -1,20 +1,41 @@
-"""Pure functions on arrays of samples: spectra, impacts, envelopes."""
+"""Pure functions on arrays of samples: spectra, responses, orders, mean cycles, impacts, envelopes.
+
+What makes sense while a rig runs has an object beside the function, which takes the same samples in blocks
+of any size and finds the same, to the bit. Samples that are missing are NaN, those that must not count are
+flagged.
+"""
 
 from daq.signals.envelope import Envelope, envelope
 from daq.signals.impacts import HalfCycles, Impacts, find_impacts, half_cycles
+from daq.signals.segments import Segmenting, flagged_ranges
 from daq.signals.sine import SineFit, fit_sine
-from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
+from daq.signals.spectrum import (
+    Autospectrum,
+    AveragedSpectrum,
+    SpectrumAverage,
+    autospectrum,
+    averaged_spectrum,
+    log_bands,
+)
+from daq.signals.third_octaves import ThirdOctaves, third_octaves
 
 __all__ = [
     "Autospectrum",
+    "AveragedSpectrum",
     "Envelope",
     "HalfCycles",
     "Impacts",
+    "Segmenting",
     "SineFit",
+    "SpectrumAverage",
+    "ThirdOctaves",
     "autospectrum",
+    "averaged_spectrum",
     "envelope",
     "find_impacts",
     "fit_sine",
+    "flagged_ranges",
     "half_cycles",
     "log_bands",
+    "third_octaves",
 ]
