@@ -6,6 +6,7 @@ flagged.
 """
 
 from daq.signals.envelope import Envelope, envelope
+from daq.signals.frf import Frf, FrfAverage, frf
 from daq.signals.impacts import HalfCycles, Impacts, find_impacts, half_cycles
 from daq.signals.segments import Segmenting, flagged_ranges
 from daq.signals.sine import SineFit, fit_sine
@@ -23,6 +24,8 @@ __all__ = [
     "Autospectrum",
     "AveragedSpectrum",
     "Envelope",
+    "Frf",
+    "FrfAverage",
     "HalfCycles",
     "Impacts",
     "Segmenting",
@@ -35,6 +38,7 @@ __all__ = [
     "find_impacts",
     "fit_sine",
     "flagged_ranges",
+    "frf",
     "half_cycles",
     "log_bands",
     "third_octaves",
