@@ -6,8 +6,10 @@ flagged.
 """
 
 from daq.signals.envelope import Envelope, envelope
+from daq.signals.even_angles import AngleSampler, EvenAngles, to_even_angles
 from daq.signals.frf import Frf, FrfAverage, frf
 from daq.signals.impacts import HalfCycles, Impacts, find_impacts, half_cycles
+from daq.signals.orders import OrderMap, OrderTracks, order_map, order_tracks
 from daq.signals.segments import Segmenting, flagged_ranges
 from daq.signals.sine import SineFit, fit_sine
 from daq.signals.spectrum import (
@@ -19,21 +21,28 @@ from daq.signals.spectrum import (
     log_bands,
 )
 from daq.signals.third_octaves import ThirdOctaves, third_octaves
+from daq.signals.turns import angle_turns, drive_turns, mark_times, smooth_turns, turns_at
 
 __all__ = [
+    "AngleSampler",
     "Autospectrum",
     "AveragedSpectrum",
     "Envelope",
+    "EvenAngles",
     "Frf",
     "FrfAverage",
     "HalfCycles",
     "Impacts",
+    "OrderMap",
+    "OrderTracks",
     "Segmenting",
     "SineFit",
     "SpectrumAverage",
     "ThirdOctaves",
+    "angle_turns",
     "autospectrum",
     "averaged_spectrum",
+    "drive_turns",
     "envelope",
     "find_impacts",
     "fit_sine",
@@ -41,5 +50,11 @@ __all__ = [
     "frf",
     "half_cycles",
     "log_bands",
+    "mark_times",
+    "order_map",
+    "order_tracks",
+    "smooth_turns",
     "third_octaves",
+    "to_even_angles",
+    "turns_at",
 ]
