@@ -1,10 +1,12 @@
 """Pure functions on arrays of samples: spectra, responses, orders, mean cycles, impacts, envelopes.
 
 What makes sense while a rig runs has an object beside the function, which takes the same samples in blocks
-of any size and finds the same, to the bit. Samples that are missing are NaN, those that must not count are
-flagged.
+of any size and finds the same, to the bit: `SpectrumAverage`, `FrfAverage`, `AngleSampler`, `CycleAverage`,
+`CycleMeter`, `ImpactDetector` and `BounceGrouper`. Samples that are missing are NaN, samples that must not
+count are flagged.
 """
 
+from daq.signals.cycles import CycleFigures, CycleMeter, cycle_figures
 from daq.signals.envelope import Envelope, envelope
 from daq.signals.even_angles import AngleSampler, EvenAngles, to_even_angles
 from daq.signals.frf import Frf, FrfAverage, frf
@@ -20,6 +22,7 @@ from daq.signals.spectrum import (
     averaged_spectrum,
     log_bands,
 )
+from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average, without_mean_cycle
 from daq.signals.third_octaves import ThirdOctaves, third_octaves
 from daq.signals.turns import angle_turns, drive_turns, mark_times, smooth_turns, turns_at
 
@@ -27,6 +30,9 @@ __all__ = [
     "AngleSampler",
     "Autospectrum",
     "AveragedSpectrum",
+    "CycleAverage",
+    "CycleFigures",
+    "CycleMeter",
     "Envelope",
     "EvenAngles",
     "Frf",
@@ -38,10 +44,12 @@ __all__ = [
     "Segmenting",
     "SineFit",
     "SpectrumAverage",
+    "SynchronousAverage",
     "ThirdOctaves",
     "angle_turns",
     "autospectrum",
     "averaged_spectrum",
+    "cycle_figures",
     "drive_turns",
     "envelope",
     "find_impacts",
@@ -54,7 +62,9 @@ __all__ = [
     "order_map",
     "order_tracks",
     "smooth_turns",
+    "synchronous_average",
     "third_octaves",
     "to_even_angles",
     "turns_at",
+    "without_mean_cycle",
 ]
