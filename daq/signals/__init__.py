@@ -10,7 +10,23 @@ from daq.signals.cycles import CycleFigures, CycleMeter, cycle_figures
 from daq.signals.envelope import Envelope, envelope
 from daq.signals.even_angles import AngleSampler, EvenAngles, to_even_angles
 from daq.signals.frf import Frf, FrfAverage, frf
-from daq.signals.impacts import HalfCycles, Impacts, find_impacts, half_cycles
+from daq.signals.impact_events import (
+    BounceGrouper,
+    CycleImpacts,
+    ImpactDetector,
+    ImpactEvents,
+    impact_events,
+    impacts_by_cycle,
+)
+from daq.signals.impacts import (
+    HalfCycles,
+    Impacts,
+    Levels,
+    contacts_above,
+    find_impacts,
+    half_cycles,
+    levels_of,
+)
 from daq.signals.orders import OrderMap, OrderTracks, order_map, order_tracks
 from daq.signals.segments import Segmenting, flagged_ranges
 from daq.signals.sine import SineFit, fit_sine
@@ -30,15 +46,20 @@ __all__ = [
     "AngleSampler",
     "Autospectrum",
     "AveragedSpectrum",
+    "BounceGrouper",
     "CycleAverage",
     "CycleFigures",
+    "CycleImpacts",
     "CycleMeter",
     "Envelope",
     "EvenAngles",
     "Frf",
     "FrfAverage",
     "HalfCycles",
+    "ImpactDetector",
+    "ImpactEvents",
     "Impacts",
+    "Levels",
     "OrderMap",
     "OrderTracks",
     "Segmenting",
@@ -49,6 +70,7 @@ __all__ = [
     "angle_turns",
     "autospectrum",
     "averaged_spectrum",
+    "contacts_above",
     "cycle_figures",
     "drive_turns",
     "envelope",
@@ -57,6 +79,9 @@ __all__ = [
     "flagged_ranges",
     "frf",
     "half_cycles",
+    "impact_events",
+    "impacts_by_cycle",
+    "levels_of",
     "log_bands",
     "mark_times",
     "order_map",
