@@ -7,6 +7,7 @@ largest force in it (Deck and Dubowsky's statistics of the impact beam system).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -21,6 +22,19 @@ RELEASED_BELOW = 0.02
 
 _FAINTEST_N = 0.5
 """Ten times the noise of a healthy force channel: a record that never passes it holds no contact."""
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """Forces in N: from `counts_from_n` on a contact counts, below `released_below_n` it has ended."""
+
+    counts_from_n: float
+    released_below_n: float
+
+
+def levels_of(largest: float) -> Levels:
+    """The levels of a run whose largest force in N is `largest`, or is expected to be."""
+    return Levels(COUNTS_FROM * largest, RELEASED_BELOW * largest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +85,34 @@ def find_impacts(force: NDArray[np.floating], sample_rate: float, largest: float
     counts as no contact.
     """
     top = largest_force(force) if largest is None else largest
-    if top < _FAINTEST_N:
-        return _no_impacts()
-    touching = np.concatenate(([False], force > RELEASED_BELOW * top, [False]))
+    return contacts_above(levels_of(top), force, sample_rate) if top >= _FAINTEST_N else no_impacts()
+
+
+def contacts_above(
+    levels: Levels, force: NDArray[np.floating], sample_rate: float, longest_s: float = np.inf
+) -> Impacts:
+    """Contacts in `force` (shape (n,)) that count by `levels`, except those that last over `longest_s`.
+
+    What lasts long is no impact but a preload, a stuck sensor or an offset. The unit need not be N.
+    """
+    touching = np.concatenate(([False], force > levels.released_below_n, [False]))
     edges = np.flatnonzero(touching[1:] != touching[:-1])
     if not len(edges):
-        return _no_impacts()
+        return no_impacts()
     found = _contacts(force, edges[::2], edges[1::2], sample_rate)
-    counted = found.peak_n > COUNTS_FROM * top
-    return Impacts(*(getattr(found, field.name)[counted] for field in fields(Impacts)))
+    lasts = found.end - found.start
+    return chosen(found, (found.peak_n > levels.counts_from_n) & (lasts <= longest_s * sample_rate))
+
+
+def chosen(impacts: Impacts, which: NDArray[np.bool_] | slice) -> Impacts:
+    """Some of `impacts`, by a mask of shape (m,) or a slice."""
+    return Impacts(*(getattr(impacts, field.name)[which] for field in fields(Impacts)))
+
+
+def joined(parts: Sequence[Impacts]) -> Impacts:
+    """Impacts one after the other."""
+    columns = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Impacts))
+    return Impacts(*columns)
 
 
 def _contacts(
@@ -129,6 +162,7 @@ def half_cycles(
     return HalfCycles(side[begins], index[begins], peak[begins], index[at], peak[at], contacts)
 
 
-def _no_impacts() -> Impacts:
+def no_impacts() -> Impacts:
+    """Not one."""
     nothing, no_number = np.empty(0, np.intp), np.empty(0)
     return Impacts(nothing, nothing, nothing, no_number, no_number, no_number)

@@ -1,12 +1,28 @@
-"""Autospectra of one channel."""
+"""Autospectra of one channel: density, power and amplitude of the same average over segments.
+
+All are one-sided and hold no line at 0 Hz, because each segment's mean is removed. With a segment x, a window
+w and the lines X = rfft(w x), the density is 2 |X|^2 / (rate sum w^2), the power 2 |X|^2 / (sum w)^2; at half
+the sampling rate, a line without a mirror, without the 2. The average is that of |X|^2.
+Welch 1967, doi:10.1109/TAU.1967.1161901.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+
+from daq.signals.segments import (
+    SegmentCutter,
+    Segmenting,
+    density_scale,
+    line_frequencies,
+    usable,
+    windowed_lines,
+    without_gap,
+)
 
 RESOLUTION_HZ = 2.0
 _FEWEST_SAMPLES = 16
@@ -19,6 +35,85 @@ class Autospectrum(NamedTuple):
     density: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class AveragedSpectrum:
+    """The average over `averages` segments; arrays have shape (m,) and hold NaN where there was no segment.
+
+    `density` in unit^2/Hz: what noise has, whatever the window. `noise_bandwidth_hz` is the width of the
+    window's ideal counterpart for noise.
+    """
+
+    frequency_hz: NDArray[np.float64]
+    density: NDArray[np.float64]
+    noise_bandwidth_hz: float
+    sample_rate: float
+    averages: int
+
+    @property
+    def power(self) -> NDArray[np.float64]:
+        """Mean square in unit^2: A^2/2 at the line of a sine of amplitude A."""
+        return self.density * self.noise_bandwidth_hz
+
+    @property
+    def amplitude(self) -> NDArray[np.float64]:
+        """Amplitude (zero to peak) in unit: A at the line of a sine of amplitude A."""
+        mirrored = self.frequency_hz < self.sample_rate / 2
+        return np.sqrt(np.where(mirrored, 2.0, 1.0) * self.power)
+
+
+class SpectrumAverage:
+    """Autospectrum of a channel whose samples come in blocks of any size; the cuts leave no trace.
+
+    A segment with a sample that is flagged or not finite is left out; hand samples that are missing over as
+    NaN. Once `memory` segments are in, each new one counts 1/`memory` (exponential average); else all count
+    alike.
+    """
+
+    def __init__(self, sample_rate: float, segmenting: Segmenting, memory: int | None = None) -> None:
+        self._sample_rate = sample_rate
+        self._cutter = SegmentCutter(segmenting)
+        self._weights = segmenting.weights()
+        self._memory = memory
+        self._count = 0
+        self._mean = np.full(segmenting.samples // 2, np.nan)
+
+    def add(self, values: NDArray[np.floating], flagged: NDArray[np.bool_] | None = None) -> None:
+        """Take the next samples, shape (n,); those where `flagged`, shape (n,), is True must not count."""
+        for segment in self._cutter.add(usable(values, flagged)):
+            if without_gap(segment)[0]:
+                self._take(segment)
+
+    def result(self) -> AveragedSpectrum:
+        """The average so far."""
+        square, total = float(np.sum(self._weights**2)), float(np.sum(self._weights))
+        return AveragedSpectrum(
+            frequency_hz=line_frequencies(len(self._weights), self._sample_rate),
+            density=self._mean * density_scale(self._weights, self._sample_rate),
+            noise_bandwidth_hz=self._sample_rate * square / total**2,
+            sample_rate=self._sample_rate,
+            averages=self._count,
+        )
+
+    def _take(self, segment: NDArray[np.float64]) -> None:
+        lines = windowed_lines(segment, self._weights)[0]
+        power = lines.real**2 + lines.imag**2
+        self._count += 1
+        mean = power if self._count == 1 else self._mean
+        self._mean = mean + (power - mean) / min(self._count, self._memory or self._count)
+
+
+def averaged_spectrum(
+    values: NDArray[np.floating],
+    sample_rate: float,
+    segmenting: Segmenting,
+    flagged: NDArray[np.bool_] | None = None,
+) -> AveragedSpectrum:
+    """What `SpectrumAverage` finds in the whole of `values`, shape (n,)."""
+    average = SpectrumAverage(sample_rate, segmenting)
+    average.add(values, flagged)
+    return average.result()
+
+
 def autospectrum(
     values: NDArray[np.floating], sample_rate: float, resolution_hz: float = RESOLUTION_HZ
 ) -> Autospectrum:
@@ -26,16 +121,13 @@ def autospectrum(
 
     Segments last 1/`resolution_hz`, or as long as the record where that is shorter. Samples that are not
     finite part the record: the longest finite stretch is used. Empty where that has under 16 samples.
-    Welch 1967, doi:10.1109/TAU.1967.1161901.
     """
     finite = longest_finite(values)
     if len(finite) < _FEWEST_SAMPLES:
         return Autospectrum(np.empty(0), np.empty(0))
     segment = min(len(finite), max(round(sample_rate / resolution_hz), _FEWEST_SAMPLES))
-    frequency, density = signal.welch(finite, sample_rate, nperseg=segment)
-    return Autospectrum(
-        np.asarray(frequency[1:], dtype=np.float64), np.asarray(density[1:], dtype=np.float64)
-    )
+    spectrum = averaged_spectrum(finite, sample_rate, Segmenting(segment))
+    return Autospectrum(spectrum.frequency_hz, spectrum.density)
 
 
 def longest_finite(values: NDArray[np.floating]) -> NDArray[np.floating]:

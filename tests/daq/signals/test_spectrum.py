@@ -1,7 +1,17 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from scipy import signal
 
-from daq.signals import Autospectrum, autospectrum, log_bands
+from daq.signals import (
+    Autospectrum,
+    Segmenting,
+    SpectrumAverage,
+    autospectrum,
+    averaged_spectrum,
+    log_bands,
+)
+from tests.daq.signals.cuts import blocks, cuts_of
 
 RATE = 51_200.0
 
@@ -46,3 +56,79 @@ def test_bands_keep_a_flat_density_and_get_wider_with_frequency() -> None:
     assert np.allclose(bands.density, 3.0)
     assert len(bands.frequency_hz) <= 200
     assert np.all(np.diff(bands.frequency_hz) > 0)
+
+
+@pytest.mark.parametrize("window", ["boxcar", "hann", "flattop"])
+def test_a_sine_on_a_line_has_its_mean_square_and_its_amplitude(window: str) -> None:
+    values = 3.0 * np.sin(2 * np.pi * 100 * np.arange(4096) / 1024 + 0.3)
+    spectrum = averaged_spectrum(values, 1024.0, Segmenting(1024, window=window))
+    line = int(np.flatnonzero(spectrum.frequency_hz == 100.0)[0])
+    # Windows that are sums of cosines leave nothing of a sine on a line to its image below zero.
+    assert spectrum.power[line] == pytest.approx(4.5, rel=1e-12)
+    assert spectrum.amplitude[line] == pytest.approx(3.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(("window", "lines"), [("boxcar", 1.0), ("hann", 1.5), ("flattop", 3.7702)])
+def test_the_noise_bandwidth_is_that_of_the_window(window: str, lines: float) -> None:
+    spectrum = averaged_spectrum(np.zeros(4096), 4096.0, Segmenting(4096, window=window))
+    assert spectrum.noise_bandwidth_hz == pytest.approx(lines, rel=1e-4)  # the flat top's to five digits
+
+
+def test_a_line_at_half_the_sampling_rate_counts_once() -> None:
+    values = 2.0 * (-1.0) ** np.arange(64)
+    spectrum = averaged_spectrum(values, 64.0, Segmenting(64, window="boxcar"))
+    assert spectrum.frequency_hz[-1] == 32.0
+    assert spectrum.amplitude[-1] == pytest.approx(2.0, rel=1e-12)
+    assert spectrum.density.sum() == pytest.approx(4.0, rel=1e-12)  # lines 1 Hz apart
+
+
+@pytest.mark.parametrize("samples", [256, 255])
+def test_the_density_is_that_of_scipy(samples: int) -> None:
+    values = np.random.default_rng(4).normal(size=5000)
+    frequency, density = signal.welch(values, 1000.0, nperseg=samples)
+    spectrum = averaged_spectrum(values, 1000.0, Segmenting(samples))
+    assert spectrum.frequency_hz == pytest.approx(frequency[1:], rel=1e-14)
+    assert spectrum.density == pytest.approx(density[1:], rel=1e-10)  # rounding of some 40 sums
+
+
+NOISE = np.random.default_rng(5).normal(size=700).astype(np.float32)
+NOISE[123] = np.nan
+OVERLOADED = np.arange(700) // 20 == 20
+
+
+@settings(deadline=None, max_examples=40)
+@given(cuts_of(700))
+def test_blocks_of_any_size_give_the_spectrum_of_the_whole(cuts: list[int]) -> None:
+    segmenting = Segmenting(64, overlap=0.7)
+    average = SpectrumAverage(100.0, segmenting)
+    for block in blocks(700, cuts):
+        average.add(NOISE[block], OVERLOADED[block])
+    whole = averaged_spectrum(NOISE, 100.0, segmenting, OVERLOADED)
+    assert np.array_equal(average.result().density, whole.density)
+    assert average.result().averages == whole.averages > 10
+
+
+def test_a_segment_that_is_flagged_or_not_finite_is_left_out() -> None:
+    values = np.random.default_rng(6).normal(size=500)
+    segmenting = Segmenting(100, overlap=0.0)
+    rest = averaged_spectrum(np.concatenate((values[:100], values[200:300], values[400:])), 10.0, segmenting)
+    values[150] = 1e6
+    values[399] = np.inf
+    found = averaged_spectrum(values, 10.0, segmenting, np.arange(500) == 150)
+    assert found.averages == rest.averages == 3
+    assert np.array_equal(found.density, rest.density)
+
+
+def test_without_a_segment_there_is_no_density() -> None:
+    spectrum = averaged_spectrum(np.ones(99), 10.0, Segmenting(100))
+    assert spectrum.averages == 0
+    assert np.isnan(spectrum.amplitude).all()
+
+
+def test_an_exponential_average_forgets() -> None:
+    sine = np.sin(2 * np.pi * 8 * np.arange(64) / 64)
+    average = SpectrumAverage(64.0, Segmenting(64, overlap=0.0, window="boxcar"), memory=4)
+    for amplitude in (1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0):
+        average.add(amplitude * sine)
+    # From 1/2 towards 2 by a quarter of the rest with each segment.
+    assert average.result().power[7] == pytest.approx(0.5 + 1.5 * (1 - 0.75**3), rel=1e-12)

@@ -1,0 +1,160 @@
+"""Impacts block by block, bounces taken together as one event, and cycles that had one or missed it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.signals.impacts import Impacts, Levels, chosen, contacts_above, joined, no_impacts
+
+LONGEST_S = 1.0
+"""A contact that lasts longer is no impact; it also bounds what a detector has to remember."""
+
+
+class ImpactDetector:
+    """Contacts of one force whose samples come in blocks of any size, as `contacts_above` finds them.
+
+    The levels are given beforehand, because the largest force of a run is not known while it lasts.
+    """
+
+    def __init__(self, levels: Levels, sample_rate: float, longest_s: float = LONGEST_S) -> None:
+        self._levels, self._sample_rate, self._longest_s = levels, sample_rate, longest_s
+        self._open: NDArray[np.floating] = np.empty(0, dtype=np.float32)  # samples of a contact that lasts
+        self._end = 0
+
+    @property
+    def settled(self) -> int:
+        """All contacts that begin before this sample are out."""
+        return self._end - len(self._open)
+
+    def add(self, force: NDArray[np.floating]) -> Impacts:
+        """Take the next samples (N, shape (n,)); return the contacts that ended."""
+        first = self.settled
+        samples = np.concatenate((self._open, force))
+        apart = np.flatnonzero(~(samples > self._levels.released_below_n))
+        cut = int(apart[-1]) + 1 if len(apart) else 0
+        self._end += len(force)
+        # Of a contact that is too long already its end is enough.
+        self._open = samples[max(cut, len(samples) - int(self._longest_s * self._sample_rate) - 1) :].copy()
+        return self._found(samples[:cut], first)
+
+    def finish(self) -> Impacts:
+        """The contact that the end of the record cuts."""
+        samples, first = self._open, self.settled
+        self._open = samples[:0]
+        return self._found(samples, first)
+
+    def _found(self, samples: NDArray[np.floating], first: int) -> Impacts:
+        found = contacts_above(self._levels, samples, self._sample_rate, self._longest_s)
+        shifted = found.index + first, found.start + first, found.end + first
+        return Impacts(*shifted, found.peak_n, found.impulse_ns, found.contact_s)
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactEvents:
+    """Impacts with their bounces, one row an event, every array of shape (m,).
+
+    `start` to `end` (excluded) are samples from the first contact to the end of the last, `index` that of
+    the largest peak `peak_n`; `first_n` is the first contact's peak. Impulse and time of contact are added
+    up over the `contacts`.
+    """
+
+    index: NDArray[np.intp]
+    start: NDArray[np.intp]
+    end: NDArray[np.intp]
+    first_n: NDArray[np.float64]
+    peak_n: NDArray[np.float64]
+    impulse_ns: NDArray[np.float64]
+    contact_s: NDArray[np.float64]
+    contacts: NDArray[np.intp]
+
+    @property
+    def bounces(self) -> NDArray[np.intp]:
+        """Contacts after the first."""
+        return self.contacts - 1
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+def impact_events(impacts: Impacts, sample_rate: float, within_s: float) -> ImpactEvents:
+    """Events of `impacts`: what begins within `within_s` of the end of the last one is a bounce of it."""
+    begins = _begins(impacts, sample_rate, within_s)
+    ends = np.append(begins[1:], len(impacts))[: len(begins)]
+    largest = [first + np.argmax(impacts.peak_n[first:end]) for first, end in zip(begins, ends, strict=True)]
+    at = np.array(largest, dtype=np.intp)
+    return ImpactEvents(
+        index=impacts.index[at],
+        start=impacts.start[begins],
+        end=impacts.end[ends - 1],
+        first_n=impacts.peak_n[begins],
+        peak_n=impacts.peak_n[at],
+        impulse_ns=_sums(impacts.impulse_ns, begins),
+        contact_s=_sums(impacts.contact_s, begins),
+        contacts=ends - begins,
+    )
+
+
+def _begins(impacts: Impacts, sample_rate: float, within_s: float) -> NDArray[np.intp]:
+    apart = impacts.start[1:] - impacts.end[:-1] > within_s * sample_rate
+    return np.flatnonzero(np.concatenate(([True], apart))[: len(impacts)]).astype(np.intp)
+
+
+def _sums(values: NDArray[np.float64], begins: NDArray[np.intp]) -> NDArray[np.float64]:
+    return np.add.reduceat(values, begins) if len(begins) else np.empty(0)
+
+
+class BounceGrouper:
+    """Events of contacts that come in parts, as `impact_events` finds them, each once it is over."""
+
+    def __init__(self, sample_rate: float, within_s: float) -> None:
+        self._sample_rate, self._within_s = sample_rate, within_s
+        self._waiting = no_impacts()
+
+    def add(self, impacts: Impacts, settled: int) -> ImpactEvents:
+        """Take what `ImpactDetector.add` returned and its `settled` then; return the events that are over."""
+        waiting = joined((self._waiting, impacts))
+        begins = _begins(waiting, self._sample_rate, self._within_s)
+        over = len(waiting)
+        if over and settled - int(waiting.end[-1]) <= self._within_s * self._sample_rate:
+            over = int(begins[-1])
+        self._waiting = chosen(waiting, slice(over, None))
+        return impact_events(chosen(waiting, slice(over)), self._sample_rate, self._within_s)
+
+    def finish(self) -> ImpactEvents:
+        """The events that wait for more at the end of the record."""
+        waiting, self._waiting = self._waiting, no_impacts()
+        return impact_events(waiting, self._sample_rate, self._within_s)
+
+
+@dataclass(frozen=True, slots=True)
+class CycleImpacts:
+    """One row a cycle, every array of shape (c,): its number and how many impacts it had.
+
+    `first_phase` is where in the cycle (0 to 1) the first was, NaN where there was none.
+    """
+
+    cycle: NDArray[np.int64]
+    count: NDArray[np.int64]
+    first_phase: NDArray[np.float64]
+
+    @property
+    def missed(self) -> NDArray[np.int64]:
+        """Numbers of the cycles without an impact."""
+        return np.asarray(self.cycle[self.count == 0])
+
+
+def impacts_by_cycle(turns: NDArray[np.float64], first_cycle: int, end_cycle: int) -> CycleImpacts:
+    """Impacts at `turns`, shape (m,) and growing, by the cycles from `first_cycle` up to before `end_cycle`.
+
+    `turns[index]` of the samples' turns is where an impact lies. Hand over whole cycles only: one that the
+    record cuts may be counted as missed.
+    """
+    cycle = np.arange(first_cycle, end_cycle, dtype=np.int64)
+    first = np.searchsorted(turns, cycle)
+    count = np.searchsorted(turns, cycle + 1) - first
+    phase = np.full(len(cycle), np.nan)
+    phase[count > 0] = turns[first[count > 0]] % 1.0
+    return CycleImpacts(cycle, count.astype(np.int64), phase)

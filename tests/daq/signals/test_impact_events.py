@@ -1,0 +1,121 @@
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from daq.signals import (
+    BounceGrouper,
+    ImpactDetector,
+    ImpactEvents,
+    Impacts,
+    Levels,
+    contacts_above,
+    drive_turns,
+    find_impacts,
+    impact_events,
+    impacts_by_cycle,
+    levels_of,
+)
+from tests.daq.signals.cuts import blocks, cuts_of
+from tests.daq.signals.test_impacts import RATE, force
+
+LEVELS = Levels(counts_from_n=5.0, released_below_n=1.0)
+SLOW = 100.0  # Hz, for records of few samples
+LONGEST_S, WITHIN_S = 0.1, 0.05  # 10 and 5 samples
+
+
+def equal(parts: Sequence[Impacts | ImpactEvents], whole: Impacts | ImpactEvents) -> bool:
+    return all(
+        np.array_equal(
+            np.concatenate([getattr(part, field.name) for part in parts]), getattr(whole, field.name)
+        )
+        for field in fields(whole)
+    )
+
+
+@st.composite
+def records(draw: st.DrawFn) -> tuple[np.ndarray, list[int]]:
+    """Stretches of force that last for some samples, with the places of cuts."""
+    height = st.sampled_from([0, 0.5, 3, 8, 40, np.nan])
+    heights = draw(hnp.arrays(np.float32, st.integers(0, 60), elements=height))
+    values = np.repeat(heights, draw(hnp.arrays(np.intp, len(heights), elements=st.integers(1, 14))))
+    uneven = np.random.default_rng(len(values)).uniform(0.9, 1.0, len(values))
+    return values * uneven.astype(np.float32), draw(cuts_of(len(values)))
+
+
+@settings(deadline=None, max_examples=150)
+@given(records())
+def test_blocks_of_any_size_give_what_the_whole_gives(record: tuple[np.ndarray, list[int]]) -> None:
+    values, cuts = record
+    detector, grouper = ImpactDetector(LEVELS, SLOW, LONGEST_S), BounceGrouper(SLOW, WITHIN_S)
+    impacts, events = [], []
+    for block in blocks(len(values), cuts):
+        impacts.append(detector.add(values[block]))
+        events.append(grouper.add(impacts[-1], detector.settled))
+    impacts.append(detector.finish())
+    events += [grouper.add(impacts[-1], detector.settled), grouper.finish()]
+    whole = contacts_above(LEVELS, values, SLOW, LONGEST_S)
+    assert equal(impacts, whole)
+    assert equal(events, impact_events(whole, SLOW, WITHIN_S))
+
+
+def test_the_levels_of_a_run_find_its_impacts() -> None:
+    values = force((0.2, 40.0), (0.5, 20.0), (0.7, 3.0))
+    expected = find_impacts(values, RATE)
+    assert equal([contacts_above(levels_of(float(values.max())), values, RATE)], expected)
+    assert len(expected) == 2
+
+
+def test_a_preload_is_no_impact_and_is_not_remembered() -> None:
+    values = np.full(2000, 8.0)
+    detector = ImpactDetector(LEVELS, SLOW, LONGEST_S)
+    for first in range(0, 2000, 100):
+        assert len(detector.add(values[first : first + 100])) == 0
+        assert first + 100 - detector.settled == 11
+    assert len(detector.finish()) == 0
+
+
+def test_an_event_is_out_once_no_bounce_can_follow() -> None:
+    detector, grouper = ImpactDetector(LEVELS, SLOW, LONGEST_S), BounceGrouper(SLOW, WITHIN_S)
+    pulse, pause, more = np.array([0.0, 20.0, 20.0, 0.0]), np.zeros(5), np.full(3, 30.0)
+    for block, expected in ((pulse, 0), (pause, 1), (pulse, 0), (more, 0), (pause, 0), (pause, 1)):
+        assert len(grouper.add(detector.add(block), detector.settled)) == expected
+
+
+def test_bounces_belong_to_the_impact_before_them() -> None:
+    values = force((0.100, 40.0), (0.104, 50.0), (0.109, 10.0), (0.5, 30.0))
+    contacts = find_impacts(values, RATE)
+    events = impact_events(contacts, RATE, within_s=0.005)
+    assert events.contacts.tolist() == [3, 1]
+    assert events.bounces.tolist() == [2, 0]
+    # Noise of 0.05 N adds up to three of its deviations to a peak that is flat over some samples.
+    assert events.first_n == pytest.approx([40.0, 30.0], abs=0.2)
+    assert events.peak_n == pytest.approx([50.0, 30.0], abs=0.2)
+    assert events.index / RATE == pytest.approx([0.1045, 0.5005], abs=1e-4)
+    # A half sine of peak F and duration T has the impulse 2 F T / pi; 2 % of it lies below the release level.
+    assert events.impulse_ns == pytest.approx([2 * 0.1 / np.pi, 2 * 0.03 / np.pi], rel=0.03)
+    assert events.contact_s == pytest.approx([3e-3, 1e-3], abs=3e-4)
+    assert (events.end - events.start) / RATE == pytest.approx([0.010, 0.001], abs=2e-4)
+    assert len(impact_events(contacts, RATE, within_s=0.002)) == 4
+
+
+def test_cycles_have_their_impacts_or_miss_them() -> None:
+    # Drive of 20 Hz; an impact a quarter into cycles 0, 1 and 3, a second one in cycle 1.
+    values = force((0.0125, 40.0), (0.0625, 30.0), (0.080, 20.0), (0.1625, 35.0), seconds=0.25)
+    turns = drive_turns(len(values), RATE, 20.0)
+    found = impacts_by_cycle(turns[find_impacts(values, RATE).index], 0, 5)
+    assert found.count.tolist() == [1, 2, 0, 1, 0]
+    assert found.missed.tolist() == [2, 4]
+    # The peak is half a millisecond, 0.01 cycles, after the first touch.
+    assert found.first_phase[[0, 1, 3]] == pytest.approx(0.26, abs=2e-3)
+    assert np.isnan(found.first_phase[[2, 4]]).all()
+
+
+def test_without_impacts_all_cycles_are_missed() -> None:
+    found = impacts_by_cycle(np.empty(0), 3, 6)
+    assert found.missed.tolist() == [3, 4, 5]
+    assert len(impact_events(find_impacts(np.zeros(10), RATE), RATE, 0.01)) == 0
