@@ -107,9 +107,7 @@ def judge(seed: int, shape: str, stepped: bool, rate_hz: float) -> tuple[Anchor,
 
 def main() -> int:
     arguments = _arguments()
-    print(
-        f"{arguments.runs} runs each, {arguments.rate_hz:g} pairs a second; stated 95 %, but the first and last"
-    )
+    print(f"{arguments.runs} runs each, {arguments.rate_hz:g} pairs a second; 95 %, but first and last")
     print(f"{'':27}" + "".join(f"{each:>20}" for each in COUNTED))
     kinds = [(stepped, shape) for stepped in (False, True) for shape in SHAPES]
     with ProcessPoolExecutor(arguments.workers) as pool:

@@ -67,11 +67,12 @@ def _iterate(design: Array, target: Array) -> tuple[Array, float]:
     """Coefficients and scale: from least absolute deviations, which no outlier starts wrong, to Huber's."""
     count, unknowns = design.shape
     factor = np.ones(count)
-    coefficients, sigma = np.zeros(unknowns), _SMALLEST
+    coefficients: Array = np.zeros(unknowns)
+    sigma = _SMALLEST
     for step in range(_ITERATIONS):
         root = np.sqrt(factor)
         before = coefficients
-        coefficients = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
+        coefficients = np.asarray(np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0])
         distance = np.abs(target - design @ coefficients)
         spread = _MAD_TO_SIGMA * float(np.median(distance)) * np.sqrt(count / (count - unknowns))
         sigma = max(spread, _SMALLEST)

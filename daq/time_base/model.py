@@ -145,11 +145,11 @@ class ClockModel:
 
     def _deviation(self, device_s: Array) -> Array:
         terms = self._terms(device_s)
-        return np.sqrt(np.einsum("ni,ij,nj->n", terms, self.line.covariance, terms)) + _SMALLEST_S
+        variance = np.sum(terms @ self.line.covariance * terms, axis=1)
+        return np.asarray(np.sqrt(variance) + _SMALLEST_S)
 
     def _with_the_rest(self, half_width_s: Array) -> Array:
-        """A half width with what is not in the line's covariance: stamps' resolution, and the wandering
-        rate."""
+        """A half width with what the line's covariance lacks: resolution of the stamps, wandering rate."""
         return np.hypot(half_width_s, _RESOLUTION_S / 2) + self.bend_s
 
     def _quantile(self) -> float:

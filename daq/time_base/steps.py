@@ -47,7 +47,7 @@ def find_steps(late: Array, elapsed_s: Array) -> list[int]:
         return []
     medians = np.median(late[: count * width].reshape(count, width), axis=1)
     bin_s = max(float(elapsed_s[count * width - 1]) / count, 1e-9)
-    level = grey_opening(medians, size=_odd(max(2 * (_WINDOW // 2) - 1, STALL_S / bin_s), count))
+    level = grey_opening(medians, size=(_odd(max(_WINDOW - 1, STALL_S / bin_s), count),))
     before, after = _levels_around(level, window)
     jump, long_jump = _less_drift(after - before), _less_drift(_long_jump(level, window))
     deviation = _MAD_TO_SIGMA * float(np.median(np.abs(jump)))

@@ -120,6 +120,16 @@ def test_a_clock_that_steps_is_found_whoever_it_is(size_s: float, whose: str) ->
     assert f"{step.arrival_s[0]:.6f} to {step.arrival_s[1]:.6f}" in event.text
 
 
+@pytest.mark.parametrize("size_s", [-0.5, 0.5])
+def test_a_step_is_known_three_seconds_later_and_until_then_the_clock_is_not_locked(size_s: float) -> None:
+    device = device_times(103.0)
+    arrival = device + delays(len(device)) + size_s * (device >= 100)
+    assert not fitted(device[:1007], arrival[:1007]).locked
+    model = fitted(device, arrival)
+    assert len(model.steps) == 1
+    assert model.locked
+
+
 def test_two_steps_part_the_run_into_three() -> None:
     truth = device_times(600.0)
     device = truth + 2.0 * (truth >= 200) - 3.0 * (truth >= 400)
