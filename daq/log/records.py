@@ -29,7 +29,11 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class ClockRecord:
-    """How a device's clock lay against the run's time base at `time_ns` (uncertainty: one sigma)."""
+    """How a device's clock lay against the run's time base at `time_ns`.
+
+    `offset_s` is what to add to the device's time to come to the time base, and grows by `rate_ppm`;
+    `uncertainty_s` is the half width of a 95 % interval for it.
+    """
 
     time_ns: int
     device: str

@@ -1,0 +1,21 @@
+"""Crank angle: counters unwrapped, marks followed, encoder and marker checked against each other."""
+
+from daq.angle.crank import CrankAngle, crank_angle
+from daq.angle.marker import Marks, MarkTracker, SpeedChange
+from daq.angle.skew import AtMark, Skew, angles_at_marks, find_skew
+from daq.angle.unwrap import Unwrapped, Unwrapper, unwrap_counts
+
+__all__ = [
+    "AtMark",
+    "CrankAngle",
+    "MarkTracker",
+    "Marks",
+    "Skew",
+    "SpeedChange",
+    "Unwrapped",
+    "Unwrapper",
+    "angles_at_marks",
+    "crank_angle",
+    "find_skew",
+    "unwrap_counts",
+]
