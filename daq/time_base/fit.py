@@ -1,10 +1,9 @@
 """Fits a clock model to pairs of a device's time and the arrival of that stamp at the host.
 
 arrival = device (1 + rate) + offset + delay. What is assumed of the delay: it is independent from pair to
-pair or nearly so, its distribution stays the same over the run but for spikes and stalls, and less than
-half of any few seconds is spike. Its shape is not assumed: the share of arrivals close to the quickest
-decides whether the shortest delay can be known (exponential, uniform, half normal) or only the median
-(normal about a mean).
+pair or nearly so, its distribution stays the same over the run but for stalls, and few of it (less than a
+tenth) are spikes. Its shape is not assumed: the share of arrivals close to the quickest decides whether the
+shortest delay can be known (exponential, uniform, half normal) or only a typical one (normal about a mean).
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ _FEWEST_BINS = 8
 _SHARP_SHARE = 0.04
 """Share of arrivals in the lowest tenth between edge and median from which the edge is sharp: uniform 0.05,
 half normal 0.054, exponential 0.067; gamma of order 2 0.012, normal below 0.01."""
+_JUMP_S = 1.0
 _BEND_SIGMAS = 4.0
 _LATEST = 9
 _UNLOCKED = 10.0
@@ -112,7 +112,7 @@ class _Binned:
             y = np.array([_edge(each) for each in bins])
             weight = self.counts / self.size
         else:
-            y = np.array([_median(each) for each in bins])
+            y = np.array([_middle(each) for each in bins])
             weight = np.sqrt(self.counts / self.size)
         return robust_line(self.x, y + slope * self.x, self.segment, weight, *extra)
 
@@ -125,14 +125,15 @@ def _edge(ordered: Array) -> float:
     return float(2 * ordered[0] - ordered[min(1, len(ordered) - 1)])
 
 
-def _median(ordered: Array) -> float:
-    half = len(ordered) // 2
-    return float(ordered[half] if len(ordered) % 2 else (ordered[half - 1] + ordered[half]) / 2)
+def _middle(ordered: Array) -> float:
+    """Mean of the middle 80 % of a sample in order: deaf to spikes, and nearly as sure as the mean."""
+    cut = min(max(1, len(ordered) // 10), (len(ordered) - 1) // 2)
+    return float(np.mean(ordered[cut : len(ordered) - cut]))
 
 
 def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
     late = arrival - device
-    passed = np.clip(np.minimum(np.diff(device), np.diff(arrival)), 0.0, None)
+    passed = _passed(np.diff(device), np.diff(arrival))
     starts = [0, *find_steps(late, np.concatenate([[0.0], np.cumsum(passed)]))]
     starts = _long_enough(starts, len(late))
     elapsed = _elapsed(device, passed, starts)
@@ -142,8 +143,7 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
     above = binned.residual(shortest)
     delay = max(float(np.median(above)), 0.0)
     if anchor is None:
-        sharp = np.mean(above <= 0.1 * delay) >= _SHARP_SHARE
-        anchor = Anchor.SHORTEST if sharp else Anchor.TYPICAL
+        anchor = Anchor.SHORTEST if _sharp(above, delay) else Anchor.TYPICAL
     line = shortest if anchor is Anchor.SHORTEST else _unbiased(typical, binned)
     segments = tuple(
         Segment(float(device[at]), float(arrival[at]), float(binned.elapsed_s[at])) for at in starts
@@ -158,6 +158,19 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
         locked=_locked(above, delay),
         pairs=len(device),
     )
+
+
+def _passed(device: Array, arrival: Array) -> Array:
+    """Seconds between pairs by the two clocks; one that jumped says too much, or that time ran back."""
+    agree = np.abs(device - arrival) < _JUMP_S
+    return np.clip(np.where(agree, device, np.minimum(device, arrival)), 0.0, None)
+
+
+def _sharp(above: Array, delay: float) -> bool:
+    """Whether arrivals crowd at the shortest delay: the second quickest, lest one pair decides."""
+    quickest = float(np.partition(above, 1)[1])
+    near = above <= quickest + 0.1 * (delay - quickest)
+    return bool(np.mean(near) >= _SHARP_SHARE)
 
 
 def _long_enough(starts: list[int], count: int) -> list[int]:
@@ -188,9 +201,9 @@ def _converged(binned: _Binned, anchor: Anchor, slope: float) -> Line:
 
 
 def _unbiased(line: Line, binned: _Binned) -> Line:
-    """Shift the line to the median of all pairs: that of a small bin of a skew distribution lies above it."""
+    """Shift the line to the middle of all pairs: that of few from a skew distribution is a little off."""
     coefficients = line.coefficients.copy()
-    coefficients[: line.segments] += np.median(binned.residual(line))
+    coefficients[: line.segments] += _middle(np.sort(binned.residual(line)))
     return Line(coefficients, line.covariance, line.segments, line.degrees_of_freedom)
 
 

@@ -25,12 +25,12 @@ class Anchor(Enum):
     """Which delay the offset holds: one-way arrivals cannot tell a constant delay from an offset.
 
     SHORTEST: the shortest delay that occurs; for links whose quickest arrivals all take about the same time
-    (a free bus, an idle host), with waiting on top. TYPICAL: the median delay; for links that jitter about
-    a mean, where the quickest of n arrivals is the quicker the larger n.
+    (a free bus, an idle host), with waiting on top. TYPICAL: the mean of the middle 80 % of
+    delays; for links that jitter about a mean, where the quickest of n arrivals is the quicker the larger n.
     """
 
     SHORTEST = "shortest delay"
-    TYPICAL = "median delay"
+    TYPICAL = "typical delay"
 
 
 @dataclass(frozen=True, slots=True)

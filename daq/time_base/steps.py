@@ -21,7 +21,8 @@ SMALLEST_STEP_S = 1e-4
 
 _PAIRS = 5
 """Pairs of which the median stands for all: two spikes among them do not show."""
-_BIN_S = 0.2
+_BIN_S = 0.5
+"""A tenth of a stall, so that leaving out stalls leaves the same of the noise at any rate of pairs."""
 _WINDOW = 8
 """Medians on either side that a jump is judged by; jumps closer than this are seen as one."""
 _LONG = 4 * _WINDOW
@@ -73,7 +74,7 @@ def _long_jump(level: Array, window: int) -> Array:
 
 
 def _bin_width(elapsed_s: Array) -> int:
-    """Pairs in a bin: five, or what 0.2 s bring."""
+    """Pairs in a bin: five, or what half a second brings."""
     each = float(elapsed_s[-1]) / max(len(elapsed_s) - 1, 1)
     return max(_PAIRS, min(round(_BIN_S / each), len(elapsed_s)) if each > 0 else 1)
 

@@ -42,7 +42,7 @@ def recording(
     clock = fit_clock(stamp_s, true_s + rng.exponential(1e-3, len(true_s)), Anchor.SHORTEST)
     assert clock is not None
     raw = np.floor((angle(true_s - skew_s) + MOUNTED_RAD) / (2 * np.pi) * COUNTS).astype(np.int64) % COUNTS
-    counts = Unwrapper(COUNTS).unwrap(raw).counts
+    counts = Unwrapper(COUNTS).unwrap(raw).counts.astype(np.float64)
     count_rad = 2 * np.pi / COUNTS
     return angles_at_marks(
         clock.time_s(stamp_s), counts * count_rad, marks.position / RATE, count_rad, SAMPLED_S
