@@ -10,7 +10,7 @@ from tempfile import TemporaryFile
 from typing import TypeAlias
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_limits
 
 from daq.errors import RattleError
 from rig.diagnosis.document import Asked, document, effects_file, write_json

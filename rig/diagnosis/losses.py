@@ -25,7 +25,7 @@ _MOSTLY = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Lossy:
-    """A channel's samples, which of them cannot be used, and why."""
+    """A channel's samples; `lost`, shape (n,), says which of them cannot be used, `why` in words."""
 
     series: SampleBlock
     lost: NDArray[np.bool_]
@@ -49,7 +49,11 @@ def lost_of(log: LogReader, table: Mapping[str, SampleBlock]) -> dict[str, Lossy
 def usable(
     path: Path, lost: Mapping[str, Lossy], reference: str
 ) -> tuple[dict[str, SampleBlock], NDArray[np.bool_], tuple[str, ...]]:
-    """The channels that can be used, which samples of the span they share, and what is lost."""
+    """The channels that can be used, which samples of the `span` they share, shape (n,), and what is lost.
+
+    A channel that is lost for half of the run or more is left out. Raises LogError where that is `reference`,
+    which tells the cycles.
+    """
     kept = {name: each for name, each in lost.items() if each.lost.mean() < _MOSTLY}
     if reference not in kept:
         each = lost[reference]

@@ -9,7 +9,7 @@ from itertools import groupby, islice
 from typing import Protocol, TypeVar
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_limits
 
 from daq.errors import SimulationFailed
 from sim_twin.ensembles.variant import Outcome, Variant, status_of

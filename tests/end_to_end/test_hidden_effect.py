@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
+from daq.block import SampleBlock
 from daq.log import LogReader
 from tests.end_to_end.command import Ended
 from tests.end_to_end.conftest import HIDDEN_GAIN
@@ -16,19 +19,22 @@ def test_hidden_gain_shows_in_its_channel_alone(hidden_log: Path) -> None:
     with LogReader(hidden_log) as log:
         measured, predicted = log.table("measured"), log.table("predicted")
         assert "sensor_gain" not in log.metadata["scenario"]["toml"]
-    deviation = [
-        {name: float(np.std(row.values)) for name, row in rows.items()} for rows in (measured, predicted)
-    ]
-    for each in deviation:
-        each["contact"] = float(np.hypot(each["contact.force_upper"], each["contact.force_lower"]))
-    ratio = {
-        name: deviation[0][name] / deviation[1][name] for name in ("drive.force", "yoke.force", "contact")
-    }
-    # Healthy: drive amplitude 1 % and gain 0.5 % (five sigma). Forces of 0.4 s scatter by some 10 %, and the
-    # rig is driven as before.
+    rig, twin = _deviations(measured), _deviations(predicted)
+    ratio = {name: rig[name] / twin[name] for name in rig}
+    # Healthy: drive amplitude 1 % and gain 0.5 % (five sigma). What is pushed slowly hardly hangs on the
+    # motion: over 40 healthy rigs with perfect sensors, the contacts' sum scatters by 0.9 % and the yoke over
+    # it by 0.06 %.
     assert ratio["drive.force"] == pytest.approx(1.0, rel=0.06)
-    assert ratio["contact"] == pytest.approx(1.0, rel=0.25)
-    assert ratio["yoke.force"] / ratio["contact"] == pytest.approx(HIDDEN_GAIN, rel=0.12)
+    assert ratio["contact"] == pytest.approx(1.0, rel=0.06)
+    assert ratio["yoke.force"] / ratio["contact"] == pytest.approx(HIDDEN_GAIN, rel=0.03)
+
+
+def _deviations(table: Mapping[str, SampleBlock]) -> dict[str, float]:
+    """Standard deviations below 200 Hz; of the contacts, of what both push up."""
+    slow = butter(4, 200.0, output="sos", fs=51_200.0)
+    values = {name: sosfiltfilt(slow, block.values.astype(np.float64)) for name, block in table.items()}
+    values["contact"] = values["contact.force_upper"] - values["contact.force_lower"]
+    return {name: float(np.std(values[name])) for name in ("drive.force", "yoke.force", "contact")}
 
 
 def test_twin_knows_nothing_of_it(hidden_log: Path, recorded_runs: dict[str, Ended]) -> None:
