@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import threading
 import time
 from collections import Counter
@@ -22,6 +23,11 @@ _KEPT = ("pipe:", "/dev/", "/proc/", "anon_inode:")
 
 
 _WITHOUT_TWIN = tuple(Path(__file__).parent / folder for folder in ("daq", "drivers"))
+
+
+def pytest_configure() -> None:
+    """Interrupted commands hear it, even if the tests are a shell's background job, which would not."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
