@@ -41,8 +41,8 @@ class CardReading:
     flags: tuple[Flag, ...]
 
 
-class DriveGenerator(Protocol):
-    """A function generator that drives the shaker with a sine.
+class Actuator(Protocol):
+    """An instrument that moves the rig.
 
     Every method may raise `InstrumentRefused` (it said no, or a limit of ours forbids it), `InstrumentSilent`
     (no answer in time) and, once open, `DeviceLost`.
@@ -68,8 +68,19 @@ class DriveGenerator(Protocol):
         ...
 
     def close(self) -> None:
-        """Hang up; leaves the output as it is. Never raises."""
+        """Hang up. Never raises."""
         ...
+
+    def off(self) -> None:
+        """Go to the safe state; no error where it is there or closed already."""
+        ...
+
+
+class DriveGenerator(Actuator, Protocol):
+    """A function generator that drives the shaker with a sine; its safe state is output off.
+
+    `close` leaves the output as it is.
+    """
 
     def arm_sine(self, frequency_hz: float, amplitude_v: float, offset_v: float, *, triggered: bool) -> None:
         """Prepare a sine (Hz, V peak and V into high impedance); the shaker stays at rest.
@@ -89,10 +100,6 @@ class DriveGenerator(Protocol):
 
     def set_offset(self, offset_v: float) -> None:
         """Change the offset (V) of a running sine."""
-        ...
-
-    def off(self) -> None:
-        """Go to the safe state, output off; no error where it is off or closed already."""
         ...
 
 

@@ -12,6 +12,7 @@ from rig.emulation import EmulatedBench
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
+from rig.session.drive import Shaker
 from rig.session.progress import Screen
 
 GENERATORS = {"scpi_33220a": ScpiGenerator}
@@ -37,12 +38,13 @@ def connect(
         GENERATORS[generator.driver],
         GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
     )
+    driver = make_generator()
     return (
         Devices(
-            make_generator(),
+            driver,
             make_generator,
+            lambda wait: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
             CARDS[card.driver](_card_settings(scenario, bench, grpc)),
-            generator.force_per_volt,
         ),
         notes,
     )
