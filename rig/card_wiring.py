@@ -8,7 +8,8 @@ from typing import Final
 from drivers.ni_daq import Amplifier, AntiAliasFilter, CardChannel, Pulses
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
 from rig.files.bench import Bench
-from rig.files.channels import BenchChannel
+from rig.files.channels import BenchChannel, PulseSource
+from rig.files.stages import AmplifierStage, FilterStage
 
 # An input takes 5 V or, with the modules for larger signals, 10 V.
 _RANGES_V: Final = (5.0, 10.0)
@@ -16,7 +17,6 @@ _RANGES_V: Final = (5.0, 10.0)
 
 def card_channel(channel: BenchChannel) -> CardChannel:
     """The driver's settings of a channel."""
-    amplifier, low_pass, pulses = channel.amplifier, channel.filter, channel.pulses
     return CardChannel(
         name=channel.name,
         physical=channel.physical,
@@ -31,16 +31,22 @@ def card_channel(channel: BenchChannel) -> CardChannel:
         serial=channel.serial,
         calibrated=channel.calibrated,
         valid_until=channel.valid_until,
-        pulses=pulses and Pulses(pulses.per_revolution, pulses.decoding, pulses.index, pulses.initial_angle),
-        amplifier=amplifier
-        and Amplifier(
-            amplifier.serial, amplifier.corner, amplifier.output, amplifier.calibrated, amplifier.valid_until
-        ),
-        anti_alias=low_pass
-        and AntiAliasFilter(
-            low_pass.serial, low_pass.corner, low_pass.order, low_pass.calibrated, low_pass.valid_until
-        ),
+        pulses=None if channel.pulses is None else _pulses(channel.pulses),
+        amplifier=None if channel.amplifier is None else _amplifier(channel.amplifier),
+        anti_alias=None if channel.filter is None else _anti_alias(channel.filter),
     )
+
+
+def _pulses(source: PulseSource) -> Pulses:
+    return Pulses(source.per_revolution, source.decoding, source.index, source.initial_angle)
+
+
+def _amplifier(stage: AmplifierStage) -> Amplifier:
+    return Amplifier(stage.serial, stage.corner, stage.output, stage.calibrated, stage.valid_until)
+
+
+def _anti_alias(stage: FilterStage) -> AntiAliasFilter:
+    return AntiAliasFilter(stage.serial, stage.corner, stage.order, stage.calibrated, stage.valid_until)
 
 
 def wiring_of(bench: Bench) -> CardWiring:
@@ -54,12 +60,13 @@ def wiring_of(bench: Bench) -> CardWiring:
 
 def _wire(channel: BenchChannel) -> Wire:
     amplifier, low_pass = channel.amplifier, channel.filter
+    widest_v = _RANGES_V[-1]
     return Wire(
         channel.name,
         channel.volts_per_unit,
-        range_v=next((range_v for range_v in _RANGES_V if channel.full_scale_v <= range_v), _RANGES_V[-1]),
-        charge=amplifier and ChargeStage(amplifier.corner, amplifier.output or _RANGES_V[-1]),
-        low_pass=low_pass and LowPassStage(low_pass.corner, low_pass.order),
+        range_v=next((range_v for range_v in _RANGES_V if channel.full_scale_v <= range_v), widest_v),
+        charge=None if amplifier is None else ChargeStage(amplifier.corner, amplifier.output or widest_v),
+        low_pass=None if low_pass is None else LowPassStage(low_pass.corner, low_pass.order),
     )
 
 

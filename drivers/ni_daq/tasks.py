@@ -69,7 +69,8 @@ class AnalogTask:
         if self._raw.shape[1] != count:
             self._raw = np.empty((len(self._raw), count))
         self._reader.read_many_sample(self._raw, count, timeout_s)
-        return np.multiply(self._raw, self._scales, dtype=np.float64)
+        values: NDArray[np.float64] = self._raw * self._scales
+        return values
 
 
 class CounterTask:

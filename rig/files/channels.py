@@ -117,9 +117,9 @@ class BenchChannel:
     @property
     def expiries(self) -> dict[str, datetime.date]:
         """By key, until when the sensor and the stages behind it are calibrated, as far as the file says."""
-        parts = {"": self, "amplifier.": self.amplifier, "filter.": self.filter}
-        days = {f"{key}valid_until": part and part.valid_until for key, part in parts.items()}
-        return {key: day for key, day in days.items() if day is not None}
+        parts = (("", self), ("amplifier.", self.amplifier), ("filter.", self.filter))
+        days = ((key, None if part is None else part.valid_until) for key, part in parts)
+        return {f"{key}valid_until": day for key, day in days if day is not None}
 
 
 def read_channels(tables: object, key: str, faults: Faults) -> tuple[BenchChannel, ...]:

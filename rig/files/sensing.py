@@ -34,7 +34,7 @@ class Sensing:
     takes: tuple[str, ...] = ()
 
     def sensitivity(self, unit: str) -> Measured:
-        """The sensitivity's unit and the range that any sensor's lies in; for volts the ratio of a divider."""
+        """The sensitivity's unit and the range that any sensor's lies in; for volts a divider's ratio."""
         if unit == VOLTAGE:
             return Measured("", 0, 1000, above=True)
         per = f"({unit})" if "/" in unit else unit

@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from daq import Flag
 from daq.errors import ConfigurationError, InstrumentRefused, InstrumentSilent, RecorderFailed
+from drivers.emulator_process import start_daq_card
 from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard, Pulses
 from drivers.ni_daq.counting import COUNTER_STATES, MarkPulses, UnwrappedCount
 from drivers.ni_daq.emulator.acquisition import CounterRun
 from drivers.ni_daq.emulator.counters import AngleCount
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
-from tests.drivers.in_process import RowsPlant, opened, served
+from tests.drivers.in_process import BUFFER_S, RowsPlant, opened, served
+from tests.drivers.plants import TurningPlant
 
 RATE = 25600.0
 COUNT = math.tau / 4096
@@ -69,6 +71,24 @@ def test_an_angle_that_was_counted_before_comes_back_unchanged() -> None:
     with opened(RowsPlant(rows), wiring(), ANALOG, replace(ENCODER, pulses=start)) as card:
         angle = card.read(25600).values[1]
     assert angle == pytest.approx(rows["angle"], rel=1e-14, abs=1e-12)
+
+
+def test_a_card_in_a_process_of_its_own_counts_in_real_time() -> None:
+    wiring = CardWiring(
+        {"cDAQ1Mod1/ai0": Wire("ramp", 1e-6)}, counters={"cDAQ1Mod3/ctr0": CounterWire("angle")}
+    )
+    ramp = CardChannel("ramp", "cDAQ1Mod1/ai0", "voltage", 1e-6, 4e6, unit="N")
+    with start_daq_card(TurningPlant, wiring) as emulator:
+        card = NiDaqCard(CardSettings(emulator.address, 51200.0, BUFFER_S, (ENCODER, ramp)))
+        card.open()
+        card.start()
+        values = np.concatenate([card.read(2048).values for _ in range(5)], axis=1)
+        assert card.total_acquired >= 10240
+        card.stop()
+        card.close()
+    n = np.rint(values[1])
+    assert (n == np.arange(10240)).all()
+    assert np.rint(values[0] / COUNT).tolist() == np.floor(np.where(n < 4096, n, 8192 - n) / 4.0).tolist()
 
 
 @pytest.mark.parametrize("decoding", [1, 2, 4])
