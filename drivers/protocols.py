@@ -29,16 +29,27 @@ class DriveSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class Finding:
+    """Something about a channel that no flag of a block can say; `code` is one word, `text` says it all."""
+
+    channel: str
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class CardReading:
-    """Consecutive samples of all channels of a card.
+    """Consecutive samples of all channels of a card, analog or counted, on one sample grid.
 
     `first_sample` counts since the start of the task; `values` has shape (channels, n), row by row in the
-    channel's unit; `flags` has one entry a channel.
+    channel's unit; `flags` has one entry a channel. `findings` are those that came up with this reading; one
+    that lasts is not told again.
     """
 
     first_sample: int
     values: NDArray[np.float64]
     flags: tuple[Flag, ...]
+    findings: tuple[Finding, ...] = ()
 
 
 class Actuator(Protocol):

@@ -319,7 +319,7 @@ def test_everything_wrong_with_the_settings_at_once() -> None:
         "channels[c].sensitivity",
         "channels[c].gain",
     }
-    assert "not supported yet" in str(caught.value)
+    assert "on an analog input (.../ai0) one of voltage" in str(caught.value)
 
 
 @pytest.mark.parametrize(
