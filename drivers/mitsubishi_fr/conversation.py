@@ -96,6 +96,7 @@ class Conversation:
             await self._line.send(Request(self._station, WRITE, register.address, raw))
 
     async def _insist(self, request: Request, what: str, attempts: int, expires_s: float) -> Answer:
+        """Exchange until the answer is there, `attempts` requests or twice as many marks were in vain."""
         missing: NoAnswer | None = None
         marks, marks_refused = MARK_ATTEMPTS * attempts, 0
         while attempts > 0 and marks > 0:
@@ -111,18 +112,21 @@ class Conversation:
                     continue
                 if mark is not None:
                     # An exception may be the late answer to anything: it settles nothing.
-                    marks_refused = answer.exception
-                    self._in_doubt = marks_refused != 0
-                    marks -= self._in_doubt
-                    continue
-            if answer.exception == 0 or (answer.exception == ACKNOWLEDGE and request.function == WRITE):
-                return answer  # what it is still at work on is read back by the caller
-            if answer.exception not in (ACKNOWLEDGE, BUSY):
-                raise self._refused(what, answer.exception)
-            await self._sleep(BUSY_S)
+                    self._in_doubt = answer.exception != 0
+            if answer.exception in (ACKNOWLEDGE, BUSY) and not _at_work(request, answer):
+                await self._sleep(BUSY_S)
+            elif mark is None:
+                return self._accepted(answer, what)
+            elif answer.exception:
+                marks, marks_refused = marks - 1, answer.exception
         if marks_refused:
             raise self._refused(str(MARKS[0]), marks_refused)
         raise self._silent(what, missing) from missing
+
+    def _accepted(self, answer: Answer, what: str) -> Answer:
+        if answer.exception not in (0, ACKNOWLEDGE):
+            raise self._refused(what, answer.exception)
+        return answer
 
     def _mark_before(self, request: Request) -> Request | None:
         if request.function != READ or not (self._in_doubt or request.shape == self._last_shape):
@@ -156,3 +160,8 @@ class Conversation:
             f"no answer to {what}{heard}",
             "that it is switched on, its station number, speed and parity",
         )
+
+
+def _at_work(request: Request, answer: Answer) -> bool:
+    """Whether the drive has taken a write and is at it; what came of it is read back by the caller."""
+    return request.function == WRITE and answer.exception == ACKNOWLEDGE

@@ -204,7 +204,9 @@ class SerialLine:
 
     def _take_port(self) -> int:
         """Lock the port among the processes of this machine, for as long as the handle is open."""
-        digest = hashlib.sha256(os.path.realpath(self._settings.port).encode()).hexdigest()[:16]
+        port = self._settings.port
+        name = port if "://" in port else os.path.realpath(port)  # /dev/serial/by-id/... is a link
+        digest = hashlib.sha256(name.encode()).hexdigest()[:16]
         path = Path(tempfile.gettempdir()) / f"rattle-inverter-{digest}.lock"
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)

@@ -21,6 +21,7 @@ OBEYED_S = 0.2
 OBEY_GRACE_S = 0.5  # on top of 1.5 ramps: polls, and the drive's own 20 ms
 RAMP_MARGIN = 1.5
 STANDSTILL_HZ = 0.05
+RUNS_ABOVE_HZ = 1.0  # the RUN signal comes with Pr.13, 0.5 Hz unless somebody changed it
 WITHDRAWALS = 3
 LOOK_AGAIN_S = 0.02
 NOT_OBEYED = "not obeyed"
@@ -113,7 +114,10 @@ class Motor:
             self._expect_ramp()
             if self.orders.target_hz > 0.0:
                 both = Status.RUNNING | Status.FORWARD
-                await self._see(fr.STATUS_BLOCK, lambda status: status & both == both, "run forward")
+                within_s = OBEYED_S + self.parameters.ramp_s(0.0, RUNS_ABOVE_HZ)
+                await self._see(
+                    fr.STATUS_BLOCK, lambda status: status & both == both, "run forward", within_s
+                )
         self._diary.note("info", "inverter.run", f"runs, set to {self.orders.target_hz:g} Hz")
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
@@ -156,9 +160,11 @@ class Motor:
             raise self.refused(f"it stays in operation mode {mode}", f"{fr.OPERATION_MODE}, Pr.79 and Pr.340")
         self.orders.taken = True
 
-    async def _see(self, block: fr.Block, obeyed: Callable[[int], bool], order: str) -> None:
-        """Read back until the first register shows that an order is obeyed; it has 0.2 s for it."""
-        deadline_s = self._clock.monotonic_s() + OBEYED_S
+    async def _see(
+        self, block: fr.Block, obeyed: Callable[[int], bool], order: str, within_s: float = OBEYED_S
+    ) -> None:
+        """Read back until the first register shows that an order is obeyed."""
+        deadline_s = self._clock.monotonic_s() + within_s
         while not obeyed(raw := (await self._talk.read(block, self._soon()))[0]):
             if self._clock.monotonic_s() > deadline_s:
                 raise self.refused(f"not obeyed: {order}; it reads {raw}", "", NOT_OBEYED)
@@ -169,17 +175,16 @@ class Motor:
         await self._talk.write(fr.RUNNING_FREQUENCY, 0, self._soon())
         self._expect_ramp()
         self._diary.note("info", "inverter.zero", "zero speed asked for")
-        began_s, limit_s = self._clock.monotonic_s(), math.inf
-        while True:
-            output_hz = fr.OUTPUT_FREQUENCY.value((await self._talk.read(fr.MONITOR_BLOCK, self._soon()))[0])
-            measured = measured_hz() if measured_hz else math.nan
-            speed_hz = abs(measured) if math.isfinite(measured) else output_hz
-            if speed_hz <= STANDSTILL_HZ:
-                return
-            limit_s = min(limit_s, self._longest_ramp_s(max(speed_hz, output_hz)))
+        began_s = self._clock.monotonic_s()
+        state = await self.look()
+        limit_s = self._longest_ramp_s(state.output_frequency_hz)
+        while (speed_hz := _speed_hz(state, measured_hz)) > STANDSTILL_HZ:
+            if state.fault:
+                raise self.refused(f"it tripped on the ramp: {state.fault}", "", state.fault)
             if self._clock.monotonic_s() - began_s > limit_s:
                 raise self.refused(f"still at {speed_hz:g} Hz after {limit_s:.2f} s of ramp", "", "overrun")
             await asyncio.sleep(LOOK_AGAIN_S)
+            state = await self.look()
 
     async def _withdraw(self) -> None:
         self.orders.run = False
@@ -225,3 +230,8 @@ class Motor:
     def refused(self, what: str, check: str = "", code: str = "") -> InstrumentRefused:
         """Return what to raise where the drive does something else than asked."""
         return InstrumentRefused(self._settings.name, self._settings.port, what, check, code)
+
+
+def _speed_hz(state: MotorState, measured_hz: Callable[[], float] | None) -> float:
+    measured = measured_hz() if measured_hz else math.nan
+    return abs(measured) if math.isfinite(measured) else state.output_frequency_hz
