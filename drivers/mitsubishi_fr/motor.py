@@ -17,6 +17,7 @@ from drivers.mitsubishi_fr.settings import CHECKED, InverterSettings, Parameters
 from drivers.protocols import MotorState
 
 STEP_S = 1.0  # within it a single message has to be answered
+OPENING_STEP_S = 3.0
 OBEYED_S = 0.2
 OBEY_GRACE_S = 0.5  # on top of 1.5 ramps: polls, and the drive's own 20 ms
 RAMP_MARGIN = 1.5
@@ -39,7 +40,8 @@ class Motor:
 
     async def read_parameters(self) -> Parameters:
         """Read what a start depends on."""
-        answers = {block: await self._talk.read(block, self._soon()) for block in CHECKED}
+        patience_s = OPENING_STEP_S - STEP_S  # nothing turns yet
+        answers = {block: await self._talk.read(block, self._soon() + patience_s) for block in CHECKED}
         self.parameters = Parameters.of(answers)
         return self.parameters
 

@@ -181,7 +181,7 @@ class Bench:
     ) -> Bench:
         load = RecordedMotor()
         # 10 Hz in 1 s, watchdog 1 s, ramps down where it trips.
-        setup = InverterSetup({7: 60, 8: 60} | dict(parameters or {}), faults or DriveFaults())
+        setup = InverterSetup({7: 60, 8: 60, 122: 10} | dict(parameters or {}), faults or DriveFaults())
         drive = EmulatedDrive(setup, load, loop.time)
 
         def respond(request: Request) -> bytes:

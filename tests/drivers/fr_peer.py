@@ -29,10 +29,13 @@ class PlainServer:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(10.0)
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(10.0)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
+
+    async def _end(self) -> None:
+        await self._server.shutdown()  # type: ignore[no-untyped-call]
 
     async def _begin(self) -> None:
         data = [

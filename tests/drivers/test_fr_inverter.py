@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 
@@ -117,7 +117,8 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         assert output.slope_hz_per_s == pytest.approx(120.0, abs=1e-9)
         while (state := inverter.read()).output_frequency_hz != 6.67:
             assert time.monotonic() < output.settled_s + DEADLINE_S
-        assert (state.running, state.set_rpm, state.fault) == (True, pytest.approx(200.1), "")
+        assert (state.running, state.fault) == (True, "")
+        assert state.set_rpm == pytest.approx(200.1, abs=1e-9)
         inverter.check()
         inverter.stop()
         assert inverter.read().speed_rpm == 0.0
@@ -174,22 +175,20 @@ def test_another_station_than_the_drives_is_silent(bench: tuple[EmulatedInstrume
 def test_every_kind_of_fault_of_a_line_at_once(bench: tuple[EmulatedInstrument, Ends]) -> None:
     """Over the real wire, with pymodbus's client between: a value is right or it is no value."""
     emulator, ends = bench
-    with opened(replace(settings_for(emulator.address), answer_s=0.2, silent_s=10.0)) as inverter:
+    with opened(settings_for(emulator.address)) as inverter:
         inverter.set_speed(200.0)
         ends.rehearsal.send(LineFaults(0.3, tuple(KINDS), seed=5))
         believed = 0
-        for _ in range(12):
-            try:
+        for _ in range(8):
+            with suppress(InstrumentSilent):
                 state = inverter.read()
-            except InstrumentSilent:
-                continue
-            believed += 1
-            assert state.set_rpm == pytest.approx(200.1, abs=1e-9)
-            assert (state.speed_rpm, state.running, state.fault) == (0.0, False, "")
+                assert state.set_rpm == pytest.approx(200.1, abs=1e-9)
+                assert (state.speed_rpm, state.running) == (0.0, False)
+                believed += 1
         ends.rehearsal.send(LineFaults())
         assert believed > 0
         assert inverter.health is not None
-        assert inverter.health.unanswered > 0
+        assert inverter.health.unanswered + inverter.health.resynchronised > 0
 
 
 def test_a_trip_reaches_whoever_checks_and_only_a_person_resets_it() -> None:

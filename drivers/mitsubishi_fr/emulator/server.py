@@ -26,6 +26,7 @@ from drivers.mitsubishi_fr.registers import FIRST_NUMBER
 REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
 SETTLE_S = 0.01
 TIMER_RESOLUTION_S = 1e-6
+_REQUEST_LENGTH = 8
 
 
 class InverterServer:
@@ -69,12 +70,8 @@ class InverterServer:
         self._loop.close()
 
     async def _open(self) -> tuple[str, str]:
-        drive = SimDevice(
-            self._station,
-            [SimData(0, count=REGISTERS, values=0, datatype=DataType.REGISTERS)],
-            action=self._access,
-        )
-        others = SimDevice(0, [SimData(0, datatype=DataType.REGISTERS)], action=_nobody)
+        drive = SimDevice(self._station, _registers(), action=self._access)
+        others = SimDevice(0, _registers(), action=_nobody)
         # It never listens itself: the wires feed its request handlers.
         self._modbus = ModbusTcpServer(
             [drive, others], framer=FramerType.RTU, address=("127.0.0.1", 0), ignore_missing_devices=True
@@ -178,7 +175,7 @@ class _Wire(asyncio.Transport):
         """Take bytes of the client."""
         if not data:
             return
-        if intact(data):
+        if intact(data) or intact(data[-_REQUEST_LENGTH:]):  # two may have come at once
             self._server.drive.heard_frame()
         self._request = data
         self._handle(data)
@@ -226,6 +223,10 @@ class _TcpClient(asyncio.Protocol):
         """Forget it."""
         if self._wire is not None:
             self._wire.close()
+
+
+def _registers() -> list[SimData]:
+    return [SimData(0, count=REGISTERS, values=0, datatype=DataType.REGISTERS)]
 
 
 async def _nobody(*request: object) -> ExcCodes | None:
