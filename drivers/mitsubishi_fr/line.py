@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import logging
 import os
+import socket
 import tempfile
 import termios
 from collections import deque
@@ -107,6 +108,7 @@ class SerialLine:
         self._instrument, self._settings = instrument, settings
         self.health = LineHealth(monotonic_s)
         self._client: AsyncModbusSerialClient | None = None
+        self._socket: socket.socket | None = None
         self._lock: int | None = None
         self._asked: Request | None = None
         self._answer: Answer | None = None
@@ -134,12 +136,16 @@ class SerialLine:
         if not connected:
             self.close()
             raise self._absent("the port does not open")
+        self._socket = _socket_of(self._client)
 
     def close(self) -> None:
         """Give the port back. Never raises."""
         if self._client is not None:
             client, self._client = self._client, None
             client.close()
+        if self._socket is not None:
+            self._socket.close()  # pyserial leaves one open that the other end has closed
+            self._socket = None
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -227,3 +233,9 @@ class SerialLine:
         return DeviceLost(
             self._instrument, self._settings.port, f"the connection is lost ({why})", "cable and power"
         )
+
+
+def _socket_of(client: AsyncModbusSerialClient) -> socket.socket | None:
+    port = getattr(client.ctx.transport, "sync_serial", None)
+    found = getattr(port, "_socket", None)
+    return found if isinstance(found, socket.socket) else None

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pymodbus.constants import ExcCodes
 
-from daq.errors import DeviceLost
+from daq.errors import DeviceLost, InstrumentError
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.emulator import DriveFaults, InverterSetup, LineFaults
@@ -22,13 +22,19 @@ from drivers.mitsubishi_fr.frames import READ, Answer, Request, checksum, find_a
 from drivers.mitsubishi_fr.keeper import Keeper
 from drivers.mitsubishi_fr.line import LineHealth, NoAnswer
 from drivers.mitsubishi_fr.motor import Motor
-from drivers.mitsubishi_fr.registers import FIRST_NUMBER, STATUS_AND_COMMAND, Command
+from drivers.mitsubishi_fr.registers import FIRST_NUMBER, RUNNING_FREQUENCY, STATUS_AND_COMMAND, Command
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols import InverterOutput
 
 T = TypeVar("T")
 GAP_S = 0.002
 ANSWERS_AFTER_S = 0.02  # a frame of 20 bytes at 19200 baud and the drive's own time
+HZ = 6.67  # 200 rpm at 30 rpm/Hz
+RAMP_S = 0.667  # 10 Hz in a second
+LOOK_S = 0.17  # two looks of three answers each, one of them in turns with the poll
+STOP = (STATUS_AND_COMMAND.number, int(Command.STOP))
+FORWARD = (STATUS_AND_COMMAND.number, int(Command.FORWARD))
+ZERO = (RUNNING_FREQUENCY.number, 0)
 SETTINGS = InverterSettings("nowhere", 1, 19200, "E", rpm_per_hz=30.0, maximum_speed_rpm=300.0)
 
 
@@ -219,3 +225,24 @@ class Bench:
         """Return when run was withdrawn first."""
         stop = (STATUS_AND_COMMAND.address, int(Command.STOP))
         return next(at_s for at_s, request in self.line.sent if (request.address, request.content) == stop)
+
+
+def on_bench(work: Callable[[Bench], Coroutine[Any, Any, T]], **setup: Any) -> T:
+    async def run(loop: VirtualLoop) -> T:
+        bench = Bench.new(loop, **setup)
+        try:
+            return await work(bench)
+        finally:
+            bench.line.mute = False
+            await bench.keeper.close()
+
+    return in_virtual_time(run)
+
+
+async def latched(bench: Bench, within_s: float) -> InstrumentError:
+    """Return the error that the keeper finds within a time."""
+    end_s = bench.loop.time() + within_s
+    while bench.keeper.error is None:
+        assert bench.loop.time() < end_s, "nothing was noticed"
+        await bench.wait(0.02)
+    return bench.keeper.error
