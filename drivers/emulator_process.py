@@ -21,6 +21,10 @@ from typing import Protocol
 
 from daq import SystemClock
 from daq.errors import InstrumentAbsent
+from drivers.mitsubishi_fr.emulator import InverterSetup, LineFaults
+from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, EmulatedDrive
+from drivers.mitsubishi_fr.emulator.load import RemoteLoad
+from drivers.mitsubishi_fr.emulator.server import InverterServer
 from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.server import CardServer
 from drivers.ni_daq.emulator.servicer import CardServicer
@@ -31,6 +35,7 @@ from drivers.scpi.emulator import ScpiServer
 
 START_DEADLINE_S = 60.0  # a plant may have to be compiled first
 STOP_DEADLINE_S = 5.0
+STATION_PARAMETER = 117
 
 
 class _Server(Protocol):
@@ -117,6 +122,19 @@ class GeneratorSetup:
     stale_answer: bytes = b""
 
 
+@dataclass(frozen=True, slots=True)
+class InverterWiring:
+    """What an emulated inverter is joined to, by connections to other processes.
+
+    Every change of its output (`InverterOutput`) goes to `outputs`; `currents` brings the motor current in A
+    as floats; `rehearsal` brings what is to go wrong (`LineFaults`, `DriveFaults`, `Trip`).
+    """
+
+    outputs: Connection | None = None
+    currents: Connection | None = None
+    rehearsal: Connection | None = None
+
+
 def start_function_generator(
     drive: Connection | None = None,
     setup: GeneratorSetup | None = None,
@@ -146,6 +164,21 @@ def start_daq_card(
     """
     wiring.devices()
     return _start(name, _card_server, (plant, wiring, drive, initial), deadline_s)
+
+
+def start_inverter(
+    wiring: InverterWiring | None = None,
+    setup: InverterSetup | None = None,
+    line: LineFaults | None = None,
+    name: str = "emulated inverter",
+    deadline_s: float = START_DEADLINE_S,
+) -> EmulatedInstrument:
+    """Start an emulated FR-D700; its addresses are ports for pyserial, TCP first, then the pty.
+
+    On the pty only parity N can be chosen. Raises `InstrumentAbsent` where it does not start in time.
+    """
+    arguments = (wiring or InverterWiring(), setup or InverterSetup(), line or LineFaults())
+    return _start(name, _inverter_server, arguments, deadline_s)
 
 
 def _start(
@@ -234,6 +267,13 @@ def _generator_server(drive: Connection | None, setup: GeneratorSetup) -> _Serve
 
     instrument = Emulated33220A(tell, SystemClock().monotonic_s, setup.identity, setup.pending_errors)
     return ScpiServer(instrument, setup.stale_answer)
+
+
+def _inverter_server(wiring: InverterWiring, setup: InverterSetup, line: LineFaults) -> _Server:
+    load = RemoteLoad(wiring.outputs, wiring.currents)
+    drive = EmulatedDrive(setup, load, SystemClock().monotonic_s)
+    station = {**PARAMETERS, **setup.parameters}[STATION_PARAMETER]
+    return InverterServer(drive, station, line, wiring.rehearsal)
 
 
 class _CardProcess:

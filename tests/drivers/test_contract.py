@@ -13,13 +13,21 @@ from dataclasses import dataclass
 import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentSilent
-from drivers.emulator_process import EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.emulator_process import (
+    EmulatedInstrument,
+    start_daq_card,
+    start_function_generator,
+    start_inverter,
+)
+from drivers.mitsubishi_fr import FrInverter, InverterSettings
+from drivers.mitsubishi_fr.emulator import InverterSetup
 from drivers.ni_daq import NiDaqCard
-from drivers.protocols import AcquisitionCard, DriveGenerator
+from drivers.protocols import AcquisitionCard, DriveGenerator, SpeedDrive
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import WIRING, card_settings
 from tests.drivers.plants import SinePlant
 
+Driver = DriveGenerator | AcquisitionCard | SpeedDrive
 NOTICED_S = 1.0  # reliability: a lost device is noticed within a second
 
 
@@ -31,30 +39,50 @@ def _card(address: str) -> AcquisitionCard:
     return NiDaqCard(card_settings(address))
 
 
+def _inverter(address: str, parity: str) -> SpeedDrive:
+    return FrInverter(InverterSettings(address, 1, 19200, parity, rpm_per_hz=30.0, maximum_speed_rpm=300.0))
+
+
 @dataclass(frozen=True)
 class Case:
     start: Callable[[], EmulatedInstrument]
     address: Callable[[EmulatedInstrument], str]
-    driver: Callable[[str], DriveGenerator | AcquisitionCard]
-    arm: Callable[[DriveGenerator | AcquisitionCard], object]
-    use: Callable[[DriveGenerator | AcquisitionCard], object]
+    driver: Callable[[str], Driver]
+    arm: Callable[[Driver], object]
+    use: Callable[[Driver], object]
     nobody: Callable[[int], str]
 
 
-def _use_generator(driver: DriveGenerator | AcquisitionCard) -> None:
+def _use_generator(driver: Driver) -> None:
     assert isinstance(driver, ScpiGenerator)
     driver.set_amplitude(1.0)
 
 
-def _arm_generator(driver: DriveGenerator | AcquisitionCard) -> None:
+def _arm_generator(driver: Driver) -> None:
     assert isinstance(driver, ScpiGenerator)
     driver.arm_sine(20.0, 0.5, 0.0, triggered=False)
     driver.start()
 
 
-def _use_card(driver: DriveGenerator | AcquisitionCard) -> None:
+def _use_card(driver: Driver) -> None:
     assert isinstance(driver, NiDaqCard)
     driver.read(51200 // 10)
+
+
+def _start_card(driver: Driver) -> None:
+    assert isinstance(driver, NiDaqCard)
+    driver.start()
+
+
+def _use_inverter(driver: Driver) -> None:
+    assert isinstance(driver, FrInverter)
+    driver.read()
+
+
+def _run_inverter(driver: Driver) -> None:
+    assert isinstance(driver, FrInverter)
+    driver.set_speed(30.0)
+    driver.start()
 
 
 CASES = {
@@ -78,9 +106,25 @@ CASES = {
         lambda: start_daq_card(SinePlant, WIRING),
         lambda emulator: emulator.address,
         _card,
-        lambda driver: driver.start(),
+        _start_card,
         _use_card,
         lambda port: f"127.0.0.1:{port}",
+    ),
+    "inverter on TCP": Case(
+        start_inverter,
+        lambda emulator: emulator.addresses[0],
+        lambda address: _inverter(address, "E"),
+        _run_inverter,
+        _use_inverter,
+        lambda port: f"socket://127.0.0.1:{port}",
+    ),
+    "inverter on a pty": Case(
+        lambda: start_inverter(setup=InverterSetup({120: 0})),  # no pty keeps a parity
+        lambda emulator: emulator.addresses[1],
+        lambda address: _inverter(address, "N"),
+        _run_inverter,
+        _use_inverter,
+        lambda port: f"/dev/pts/{port}",
     ),
 }
 
@@ -92,7 +136,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 @contextmanager
-def running(case: Case) -> Iterator[tuple[EmulatedInstrument, DriveGenerator | AcquisitionCard]]:
+def running(case: Case) -> Iterator[tuple[EmulatedInstrument, Driver]]:
     with case.start() as emulator:
         driver = case.driver(case.address(emulator))
         driver.open()

@@ -1,0 +1,6 @@
+"""An FR-D700 that is not there: its behaviour, the disturbances of its line, a server that speaks for it."""
+
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults, InverterSetup, Trip
+from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
+
+__all__ = ["DriveFaults", "InverterSetup", "LineFaults", "Trip"]
