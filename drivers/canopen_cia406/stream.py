@@ -20,6 +20,8 @@ from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
 
 HEARTBEATS_MISSED = 3
+_ATTENTIVE_S = 0.1
+"""The link looks twice as often; what passes beyond that is a stall of this machine and no silence."""
 _MOST_NOTICES = 1000
 _MISSING = "frames missing"
 
@@ -38,8 +40,7 @@ class PositionStream:
         self._linux = settings.interface in frames.LINUX_INTERFACES
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self._emergencies: tuple[Emergency, ...] = ()
-        self._beat_s = 0.0
-        self._beat_stamp_s = 0.0
+        self._looked_s = self._unheard_s = self._beat_stamp_s = 0.0
         self._beats = 0
         self._state = -1
         self._beat_limit_s = 0.0
@@ -146,18 +147,21 @@ class PositionStream:
     def frame(self, message: can.Message, arrival_s: float) -> None:
         """Take a frame of any node."""
         with self._changed:
+            self._attend(arrival_s)
             if message.is_error_frame:
                 self._error_frame(message, arrival_s)
             elif not (message.is_remote_frame or message.is_extended_id):
                 take = self._take.get(message.arbitration_id)
                 if take is not None:
                     take(message, arrival_s)
+                # By one clock alone, one that was set would look the same.
+                self._check_heart(min(self._unheard_s, message.timestamp - self._beat_stamp_s))
 
     def quiet(self, now_s: float) -> None:
         """Nothing waits on the bus."""
         with self._changed:
-            if self._operational and now_s - self._beat_s > self._beat_limit_s:
-                self._heart_stopped(now_s)
+            self._attend(now_s)
+            self._check_heart(self._unheard_s)
 
     def lost(self, why: str, cause: Exception | None = None) -> None:
         """The first reason why no position can come any more."""
@@ -178,12 +182,6 @@ class PositionStream:
         if counts >= self._total_range:
             self._reject("out_of_range", f"position {counts} beyond the total range of {self._total_range}")
             return
-        if self._operational:
-            # By either clock alone a stall of this machine, or a clock that was set, would look the same.
-            age_s = min(arrival_s - self._beat_s, message.timestamp - self._beat_stamp_s)
-            if age_s > self._beat_limit_s:
-                self._heart_stopped(arrival_s)
-                return
         for placed in self._order.put(PositionFrame(message.timestamp, arrival_s, counts)):
             self._enqueue(placed)
 
@@ -215,18 +213,20 @@ class PositionStream:
             self._count("wrong_length")
             return
         self._state, self._beats = state, self._beats + 1
-        self._beat_s, self._beat_stamp_s = arrival_s, message.timestamp
+        self._unheard_s, self._beat_stamp_s = 0.0, message.timestamp
         if self._streaming and self._operational and state != NmtState.OPERATIONAL:
             self.lost(f"it fell back to {frames.state_name(state)}; its settings are no longer certain")
         self._operational = self._streaming and state == NmtState.OPERATIONAL
         self._changed.notify_all()
 
-    def _heart_stopped(self, now_s: float) -> None:
-        if self._fault is None:
-            self.lost(
-                f"no heartbeat for {now_s - self._beat_s:.2f} s, "
-                f"that is over {HEARTBEATS_MISSED} periods ({self._beat_limit_s:g} s)"
-            )
+    def _attend(self, now_s: float) -> None:
+        self._unheard_s += min(now_s - self._looked_s, _ATTENTIVE_S)
+        self._looked_s = now_s
+
+    def _check_heart(self, unheard_s: float) -> None:
+        if self._operational and self._fault is None and unheard_s > self._beat_limit_s:
+            limit = f"{HEARTBEATS_MISSED} periods ({self._beat_limit_s:g} s)"
+            self.lost(f"no heartbeat for {unheard_s:.2f} s, more than {limit}")
 
     def _emergency(self, message: can.Message, arrival_s: float) -> None:
         try:

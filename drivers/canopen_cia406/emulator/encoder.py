@@ -13,6 +13,7 @@ from typing import Any
 import can
 import canopen
 import numpy as np
+from canopen.nmt import NMT_STATES
 
 from daq import Clock
 from drivers.canopen_cia406.emulator.dictionary import dictionary
@@ -20,6 +21,7 @@ from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
 from drivers.protocols import Shaft
 
+_STATES = {name: number for number, name in NMT_STATES.items()}
 _RESENT_S = 130e-6
 _BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040
 _GARBAGE = "< frame 18Z what >"
@@ -44,6 +46,12 @@ class EmulatedEncoder:
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
         self._silent = False
+        self._frame, self._start_s = -1, 0.0
+        self._beat_s, self._beat_due_s = 0.0, math.inf
+        # canopen's heartbeat has a thread of its own, which on a busy machine falls behind the positions.
+        nmt: Any = self._node.nmt
+        nmt.start_heartbeat = self._start_heartbeat
+        nmt.stop_heartbeat = lambda: self._start_heartbeat(0)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated encoder", daemon=True)
 
@@ -103,22 +111,32 @@ class EmulatedEncoder:
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                timer_ms = self._node.sdo[0x6200].raw
-                if self._node.nmt.state != "OPERATIONAL" or timer_ms == 0:
-                    self._stop.wait(_IDLE_S)
+                due_s = min(self._beat_due_s, self._position_due_s())
+                # Not for longer: what is due may change, for the bus may start or stop the node.
+                self._stop.wait(min(max(due_s - self._clock.monotonic_s(), 0.0), _IDLE_S))
+                if due_s > self._clock.monotonic_s():
+                    continue
+                if due_s == self._beat_due_s:
+                    self._send(0x700, bytes([_STATES[self._node.nmt.state]]), due_s)
+                    self._beat_due_s += self._beat_s
                 else:
-                    self._send_positions(timer_ms * 1e-3 * (1.0 + self._setup.period_ppm * 1e-6))
-        except Exception:  # the shaft is not ours: whatever it raises ends the positions, not the node
+                    self._frame += 1
+                    self._send_position(self._frame - 1, due_s)
+        except Exception:  # the shaft is not ours: whatever it raises ends what the node sends by itself
             traceback.print_exc(file=sys.stderr)
 
-    def _send_positions(self, period_s: float) -> None:
-        start_s, frame = self._clock.monotonic_s(), 0
-        while self._node.nmt.state == "OPERATIONAL":
-            due_s = start_s + frame * period_s
-            if self._stop.wait(max(due_s - self._clock.monotonic_s(), 0.0)):
-                return
-            self._send_position(frame, due_s)
-            frame += 1
+    def _position_due_s(self) -> float:
+        timer_ms = int(self._node.sdo[0x6200].raw)
+        if self._node.nmt.state != "OPERATIONAL" or timer_ms == 0:
+            self._frame = -1
+            return math.inf
+        if self._frame < 0:
+            self._frame, self._start_s = 0, self._clock.monotonic_s()
+        return self._start_s + self._frame * timer_ms * 1e-3 * (1.0 + self._setup.period_ppm * 1e-6)
+
+    def _start_heartbeat(self, period_ms: int) -> None:
+        self._beat_s = period_ms * 1e-3
+        self._beat_due_s = self._clock.monotonic_s() if period_ms else math.inf
 
     def _send_position(self, frame: int, due_s: float) -> None:
         kinds = {fault.kind: fault.value for fault in self._faults.get(frame, ())}
