@@ -43,10 +43,8 @@ class PositionStream:
         self._looked_s = self._unheard_s = self._beat_stamp_s = 0.0
         self._beats = 0
         self._state = -1
-        self._beat_limit_s = 0.0
         self._fault: InstrumentError | None = None
-        self.begin(PositionLayout(0, 4), 1, 0.0)
-        self._streaming = False
+        self.connected()
 
     @property
     def emergencies(self) -> tuple[Emergency, ...]:
@@ -76,8 +74,11 @@ class PositionStream:
     def connected(self) -> None:
         """Forget everything: a new connection begins."""
         with self._changed:
-            self._fault, self._streaming, self._beats, self._state = None, False, 0, -1
+            self._fault, self._beats, self._state = None, 0, -1
             self._emergencies = ()
+            self._notices.clear()
+            self.begin(PositionLayout(0, 4), 1, 0.0)
+            self._streaming = False
 
     def begin(self, layout: PositionLayout, total_range: int, heartbeat_s: float) -> None:
         """Expect positions from now on, and a heartbeat every `heartbeat_s` once the node is operational."""
@@ -161,6 +162,7 @@ class PositionStream:
         """Nothing waits on the bus."""
         with self._changed:
             self._attend(now_s)
+            self._close_order()  # nothing is on its way that could belong between the last frames
             self._check_heart(self._unheard_s)
 
     def lost(self, why: str, cause: Exception | None = None) -> None:

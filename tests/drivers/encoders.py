@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from daq import SystemClock
@@ -15,6 +16,9 @@ from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.protocols import Shaft
 
 PATIENCE_S = 5.0  # a busy machine may take this long to answer; nothing here depends on it
+CALM_MS = (
+    300  # the slowest heartbeat that the driver takes: three of them outlast most stalls of a busy machine
+)
 
 
 def turning(rev_per_s: float) -> Shaft:
@@ -34,7 +38,8 @@ def socketcand(address: str, **settings: Any) -> EncoderSettings:
 
 @contextmanager
 def emulated(setup: EncoderSetup, shaft: Shaft | None = None) -> Iterator[str]:
-    """Run an emulator and yield where it listens."""
+    """Run an emulator and yield where it listens; its heartbeat is a calm one where `setup` has none."""
+    setup = replace(setup, heartbeat_ms=setup.heartbeat_ms or CALM_MS)
     emulator = EmulatedEncoder(shaft or slow_shaft(), setup, SystemClock())
     address = emulator.open()[0]
     serving = threading.Thread(target=emulator.serve)
