@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-import socket
 import struct
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
@@ -20,14 +19,10 @@ from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import NmtCommand
 from drivers.canopen_cia406.objects import Entry
 from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.canopen_cia406.socketcand import SocketcandBus
 
 SLICE_S = 0.05
 _JOIN_S = 2.0
-_LONGEST_GREETING = 256
-_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    "socketcand": {"tcp_tune": True},  # an answer must not wait 40 ms for an acknowledgement
-    "slcan": {"sleep_after_open": 0.05},  # 2 s by default
-}
 
 
 class Listener(Protocol):
@@ -61,15 +56,7 @@ class CanLink:
         # Both libraries raise what they log; the lines would only clutter the operator's screen.
         for library in ("can", "canopen"):
             logging.getLogger(library).setLevel(logging.CRITICAL)
-        interface, options = self._settings.interface, dict(self._settings.options)
-        greet = _GREETINGS.get(interface)
-        if greet is not None:
-            greet(self._settings)
-        try:
-            known = {**_DEFAULTS.get(interface, {}), **options}
-            bus = can.Bus(interface=interface, ignore_config=True, **known)
-        except (can.CanError, NotImplementedError, OSError, TypeError, ValueError, KeyError) as error:
-            raise _absent(self._settings, f"{type(error).__name__}: {error}") from error
+        bus = self._connected()
         self._network = canopen.Network(bus)
         node = self._network.add_node(canopen.RemoteNode(self._settings.node, import_od(None)))
         self._sdo = node.sdo
@@ -77,6 +64,21 @@ class CanLink:
         self._stop.clear()
         self._thread = threading.Thread(target=self._run, args=(bus,), name="encoder", daemon=True)
         self._thread.start()
+
+    def _connected(self) -> can.BusABC:
+        settings = self._settings
+        check = "the interface, its keys in the bench file, and that it runs"
+        keys: dict[str, Any] = dict(settings.options)
+        try:
+            if settings.interface == "socketcand":
+                return SocketcandBus(timeout_s=settings.timeout_s, **keys)
+            return can.Bus(interface=settings.interface, ignore_config=True, **keys)
+        except TimeoutError as error:
+            what = f"no answer within {settings.timeout_s:g} s"
+            raise InstrumentSilent(settings.name, settings.address, what, check) from error
+        except (can.CanError, NotImplementedError, OSError, TypeError, ValueError, KeyError) as error:
+            what = f"nobody answers ({error})"
+            raise InstrumentAbsent(settings.name, settings.address, what, check) from error
 
     def close(self) -> None:
         """Hang up. Never raises."""
@@ -118,16 +120,13 @@ class CanLink:
                 message = bus.recv(SLICE_S)
                 now_s = self._clock.monotonic_s()
                 if message is None:
-                    if _hung_up(bus):
-                        self._listener.lost("it closed the connection")
-                        return
                     self._listener.quiet(now_s)
                 elif message.arbitration_id == answer_id and not message.is_error_frame:
                     self._network.notify(answer_id, message.data, message.timestamp)
                 else:
                     self._listener.frame(message, now_s)
         except Exception as error:  # top of a thread: whatever it was, no frame will come
-            self._listener.lost(f"receiving failed: {error}", error)
+            self._listener.lost(f"receiving failed ({error})", error)
 
     @contextmanager
     def _translated(self, doing: str) -> Iterator[None]:
@@ -154,48 +153,3 @@ class CanLink:
         return InstrumentRefused(
             self._settings.name, self._settings.address, what, "that it is a CiA 406 encoder", code
         )
-
-
-def _absent(settings: EncoderSettings, why: str) -> InstrumentAbsent:
-    check = "the interface, its keys in the bench file, and that it runs"
-    return InstrumentAbsent(settings.name, settings.address, f"nobody answers ({why})", check)
-
-
-def _greet_socketcand(settings: EncoderSettings) -> None:
-    """Shake hands once with a deadline; python-can tries for 10 s without a pause, or waits for ever."""
-    where = (str(settings.options.get("host", "")), int(settings.options.get("port", 0)))
-    try:
-        with socket.create_connection(where, settings.timeout_s) as greeting:
-            greeting.settimeout(settings.timeout_s)
-            _expect(greeting, "< hi >")
-            greeting.sendall(f"< open {settings.options.get('channel', '')} >".encode("ascii"))
-            _expect(greeting, "< ok >")
-    except TimeoutError as error:
-        what = f"no answer within {settings.timeout_s:g} s"
-        raise InstrumentSilent(
-            settings.name, settings.address, what, "that socketcand is not hung"
-        ) from error
-    except (OSError, ValueError) as error:
-        raise _absent(settings, str(error)) from error
-
-
-def _expect(greeting: socket.socket, words: str) -> None:
-    answer = greeting.recv(_LONGEST_GREETING).decode("ascii", "replace")
-    if answer != words:
-        raise ValueError(f"it says {answer[:80]!r} and not {words!r}, as socketcand would")
-
-
-_GREETINGS: Mapping[str, Callable[[EncoderSettings], None]] = {"socketcand": _greet_socketcand}
-
-
-def _hung_up(bus: can.BusABC) -> bool:
-    # python-can 4.6 takes the end of a socketcand stream for silence.
-    stream = getattr(bus, "_SocketCanDaemonBus__socket", None)
-    if not isinstance(stream, socket.socket):
-        return False
-    try:
-        return stream.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b""
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True

@@ -183,7 +183,7 @@ def test_hangs_while_in_use(case: Case, freeze: Callable[[int], None]) -> None:
         error, match = case.silence
         with pytest.raises(error, match=match) as caught:
             case.use(driver)
-        # Three heartbeats 0.3 s. Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s.
+        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s, the encoder 0.3 s.
         assert time.monotonic() - began < 2.0
         assert caught.value.check
         os.kill(emulator.pid, signal.SIGCONT)

@@ -139,7 +139,7 @@ class EmulatedEncoder:
         self._beat_due_s = self._clock.monotonic_s() if period_ms else math.inf
 
     def _send_position(self, frame: int, due_s: float) -> None:
-        kinds = {fault.kind: fault.value for fault in self._faults.get(frame, ())}
+        kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
         for kind, value in kinds.items():
             self._fail(kind, value)
         if self._silent or kinds.keys() & {"missing", "receive_overrun"}:

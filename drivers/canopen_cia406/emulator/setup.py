@@ -30,7 +30,7 @@ FRAME_FAULTS: tuple[FaultKind, ...] = ("duplicate", "reorder", "missing", "wrong
 
 @dataclass(frozen=True, slots=True)
 class EncoderFault:
-    """A fault at the position frame `at_frame` (from 0, counted since the node was started)."""
+    """A fault at the position frame `at_frame` (from 0, counted since the node was started); happens once."""
 
     kind: FaultKind
     at_frame: int
