@@ -131,7 +131,7 @@ class PositionStream:
     def take(self, count: int, seconds: float) -> PositionBlock:
         """Wait for `count` positions for so long; see `PositionEncoder.read`."""
         with self._changed:
-            self._wanted = count
+            self._wanted, self._capacity = count, max(self._capacity, 2 * count)
             self._changed.wait_for(lambda: len(self._queue) >= count or self._ended, seconds)
             if self._ended and not self._queue:
                 raise self._fault or self._lost_error("it was not started")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -22,8 +23,9 @@ from daq.errors import (
 )
 from drivers.canopen_cia406 import CanopenEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup, FaultKind, random_faults
+from drivers.canopen_cia406.socketcand import SocketcandBus
 from drivers.protocols import PositionBlock, PositionStatistics
-from tests.drivers.encoders import emulated, opened, slow_shaft, socketcand, turning
+from tests.drivers.encoders import PATIENCE_S, emulated, opened, slow_shaft, socketcand, turning
 
 COUNTS = 4096
 
@@ -284,7 +286,7 @@ def test_synchronous_positions_of_tpdo_2_are_none_of_ours() -> None:
     with emulated(EncoderSetup()) as address, opened(socketcand(address)) as encoder:
         host, port = address.split(":")
         encoder.start()
-        with can.Bus("can0", interface="socketcand", host=host, port=int(port)) as other:
+        with SocketcandBus("can0", host, int(port), timeout_s=PATIENCE_S) as other:
             for _ in range(20):
                 other.send(can.Message(arbitration_id=0x80, is_extended_id=False))
             seen: set[int] = set()
@@ -369,6 +371,30 @@ def test_another_channel() -> None:
         pytest.raises(InstrumentAbsent, match="it says '< error could not open bus >' and not '< ok >'"),
     ):
         CanopenEncoder(socketcand(address)).open()
+
+
+def test_a_handshake_on_a_busy_bus() -> None:
+    # A frame right behind the last answer, in one piece with it, is neither an error nor lost.
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            server.accept()[0].close()  # somebody looks whether it is there
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"< hi >")
+                connection.recv(100)
+                connection.sendall(b"< ok >")
+                connection.recv(100)
+                connection.sendall(b"< ok >< frame 707 1.5 7F >")
+                connection.recv(1)
+
+        answering = threading.Thread(target=answer)
+        answering.start()
+        with SocketcandBus("can0", "127.0.0.1", server.getsockname()[1], timeout_s=PATIENCE_S) as bus:
+            message = bus.recv(PATIENCE_S)
+        answering.join()
+    assert message is not None
+    assert (message.arbitration_id, message.timestamp, message.data) == (0x707, 1.5, b"\x7f")
 
 
 def test_what_listens_there_says_nothing() -> None:

@@ -14,6 +14,7 @@ import canopen
 import numpy as np
 import pytest
 
+from daq import SystemClock
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.canopen_cia406 import CanopenEncoder, EncoderSettings
 from tests.drivers.encoders import PATIENCE_S, opened
@@ -172,7 +173,9 @@ def test_an_emergency_of_a_foreign_node(peer: RunPeer) -> None:
     with peer(eds()) as other, opened(settings()) as encoder:
         encoder.start()
         other.node.emcy.send(0x8110, 0x11)
-        encoder.read(10)
+        sent_s = SystemClock().monotonic_s()
+        while encoder.read(5).arrival_s[-1] < sent_s:  # positions that came before it
+            pass
         assert [(found.code, found.text) for found in encoder.emergencies] == [(0x8110, "Monitoring")]
 
 
