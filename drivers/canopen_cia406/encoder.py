@@ -25,7 +25,6 @@ from drivers.protocols import Emergency, Notice, PositionBlock, PositionStatisti
 HEARTBEAT_S = 0.1
 _SLOWEST_HEARTBEAT_S = 0.3
 """Three of these are 0.9 s: a lost encoder is to be noticed within a second."""
-_ANSWER_MARGIN_S = 1.0
 
 
 class CanopenEncoder:
@@ -95,7 +94,7 @@ class CanopenEncoder:
     def read(self, count: int) -> PositionBlock:
         """Wait for the next `count` positions; see `PositionEncoder.read`."""
         self._opened()
-        return self._stream.take(count, (count + HOLD) * self.period_s + _ANSWER_MARGIN_S)
+        return self._stream.take(count, (count + HOLD) * self.period_s + self.settings.timeout_s)
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call."""

@@ -15,7 +15,8 @@ class EncoderSettings:
     """A CANopen encoder behind any interface of python-can; `options` are that interface's own keys.
 
     `period_s` is the time between positions in s, whole milliseconds. What is None is taken as the encoder
-    says; what is not must agree with it. Positions that nobody reads are kept for `buffer_s`.
+    says; what is not must agree with it. Positions that nobody reads are kept for `buffer_s`. An answer, or a
+    position beyond its time, is awaited for `timeout_s`.
     """
 
     interface: str

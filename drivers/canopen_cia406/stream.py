@@ -40,7 +40,7 @@ class PositionStream:
         self._linux = settings.interface in frames.LINUX_INTERFACES
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self._emergencies: tuple[Emergency, ...] = ()
-        self._looked_s = self._unheard_s = self._beat_stamp_s = 0.0
+        self._looked_s = self._unheard_s = self._beat_s = self._beat_stamp_s = 0.0
         self._beats = 0
         self._state = -1
         self._fault: InstrumentError | None = None
@@ -156,7 +156,7 @@ class PositionStream:
                 if take is not None:
                     take(message, arrival_s)
                 # By one clock alone, one that was set would look the same.
-                self._check_heart(min(self._unheard_s, message.timestamp - self._beat_stamp_s))
+                self._check_heart(min(arrival_s - self._beat_s, message.timestamp - self._beat_stamp_s))
 
     def quiet(self, now_s: float) -> None:
         """Nothing waits on the bus."""
@@ -215,7 +215,7 @@ class PositionStream:
             self._count("wrong_length")
             return
         self._state, self._beats = state, self._beats + 1
-        self._unheard_s, self._beat_stamp_s = 0.0, message.timestamp
+        self._unheard_s, self._beat_s, self._beat_stamp_s = 0.0, arrival_s, message.timestamp
         if self._streaming and self._operational and state != NmtState.OPERATIONAL:
             self.lost(f"it fell back to {frames.state_name(state)}; its settings are no longer certain")
         self._operational = self._streaming and state == NmtState.OPERATIONAL

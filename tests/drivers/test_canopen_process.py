@@ -7,15 +7,17 @@ import time
 import numpy as np
 
 from daq import Flag
+from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.emulator_process import start_encoder
-from tests.drivers.encoders import opened, slow_shaft, socketcand
+from tests.drivers.encoders import CALM_MS, opened, slow_shaft, socketcand
 
 FRAMES = 2500
 SHARE = 0.25  # of a core at 1 kHz, 4 % on an idle machine; twice the rate must leave half a core for the rest
 
 
 def test_two_seconds_and_a_half_at_1_khz_without_loss() -> None:
-    with start_encoder(slow_shaft) as emulator, opened(socketcand(emulator.address)) as encoder:
+    setup = EncoderSetup(heartbeat_ms=CALM_MS)
+    with start_encoder(slow_shaft, setup) as emulator, opened(socketcand(emulator.address)) as encoder:
         encoder.start()
         encoder.read(10)
         before = time.process_time()

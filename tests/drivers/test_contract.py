@@ -25,7 +25,7 @@ from drivers.ni_daq import NiDaqCard
 from drivers.protocols import AcquisitionCard, DriveGenerator, PositionEncoder
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import WIRING, card_settings
-from tests.drivers.encoders import slow_shaft, socketcand
+from tests.drivers.encoders import CALM_MS, slow_shaft, socketcand
 from tests.drivers.plants import SinePlant
 
 NOTICED_S = 1.0  # reliability: a lost device is noticed within a second
@@ -104,7 +104,7 @@ CASES = {
         lambda port: f"127.0.0.1:{port}",
     ),
     "encoder": Case(
-        lambda: start_encoder(slow_shaft, EncoderSetup()),
+        lambda: start_encoder(slow_shaft, EncoderSetup(heartbeat_ms=CALM_MS)),
         lambda emulator: emulator.address,
         _encoder,
         lambda driver: driver.start(),
@@ -183,7 +183,7 @@ def test_hangs_while_in_use(case: Case, freeze: Callable[[int], None]) -> None:
         error, match = case.silence
         with pytest.raises(error, match=match) as caught:
             case.use(driver)
-        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s, the encoder 0.3 s.
+        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s, the encoder 0.9 s.
         assert time.monotonic() - began < 2.0
         assert caught.value.check
         os.kill(emulator.pid, signal.SIGCONT)
