@@ -19,12 +19,13 @@ from drivers.canopen_cia406.link import CanLink
 from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import HOLD
 from drivers.canopen_cia406.settings import EncoderSettings, problems
-from drivers.canopen_cia406.stream import PositionStream
+from drivers.canopen_cia406.stream import HEARTBEATS_MISSED, PositionStream
 from drivers.protocols import Emergency, Notice, PositionBlock, PositionStatistics
 
 HEARTBEAT_S = 0.1
 _SLOWEST_HEARTBEAT_S = 0.3
 """Three of these are 0.9 s: a lost encoder is to be noticed within a second."""
+_ANSWER_MARGIN_S = 0.2
 
 
 class CanopenEncoder:
@@ -94,7 +95,9 @@ class CanopenEncoder:
     def read(self, count: int) -> PositionBlock:
         """Wait for the next `count` positions; see `PositionEncoder.read`."""
         self._opened()
-        return self._stream.take(count, (count + HOLD) * self.period_s + self.settings.timeout_s)
+        # Long enough for heartbeats to tell a silent encoder from a lost one.
+        late_s = max(self.settings.timeout_s, HEARTBEATS_MISSED * self._heartbeat_s + _ANSWER_MARGIN_S)
+        return self._stream.take(count, (count + HOLD) * self.period_s + late_s)
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call."""
