@@ -21,6 +21,8 @@ from typing import Protocol
 
 from daq import SystemClock
 from daq.errors import InstrumentAbsent
+from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
+from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.mitsubishi_fr.emulator import InverterSetup, LineFaults
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, EmulatedDrive
 from drivers.mitsubishi_fr.emulator.load import RemoteLoad
@@ -29,7 +31,7 @@ from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.server import CardServer
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
-from drivers.protocols import DriveSettings, Plant
+from drivers.protocols import DriveSettings, Plant, Shaft
 from drivers.scpi.emulated_33220a import IDENTITY, Emulated33220A
 from drivers.scpi.emulator import ScpiServer
 
@@ -181,6 +183,20 @@ def start_inverter(
     return _start(name, _inverter_server, arguments, deadline_s)
 
 
+def start_encoder(
+    shaft: Callable[[], Shaft],
+    setup: EncoderSetup | None = None,
+    name: str = "emulated encoder",
+    deadline_s: float = START_DEADLINE_S,
+) -> EmulatedInstrument:
+    """Start an emulated CANopen encoder; its address is the `host:port` of its socketcand server.
+
+    `shaft` is called in the new process, so it must be picklable, and returns the angle over time. Raises
+    `InstrumentAbsent` where it does not start in time.
+    """
+    return _start(name, _encoder_server, (shaft, setup or EncoderSetup()), deadline_s)
+
+
 def _start(
     name: str, make: Callable[..., _Server], arguments: tuple[object, ...], deadline_s: float
 ) -> EmulatedInstrument:
@@ -274,6 +290,10 @@ def _inverter_server(wiring: InverterWiring, setup: InverterSetup, line: LineFau
     drive = EmulatedDrive(setup, load, SystemClock().monotonic_s)
     station = {**PARAMETERS, **setup.parameters}[STATION_PARAMETER]
     return InverterServer(drive, station, line, wiring.rehearsal)
+
+
+def _encoder_server(shaft: Callable[[], Shaft], setup: EncoderSetup) -> _Server:
+    return EmulatedEncoder(shaft(), setup, SystemClock())
 
 
 class _CardProcess:

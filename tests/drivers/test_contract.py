@@ -12,22 +12,26 @@ from dataclasses import dataclass
 
 import pytest
 
-from daq.errors import DeviceLost, InstrumentAbsent, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentSilent
+from drivers.canopen_cia406 import CanopenEncoder
+from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.emulator_process import (
     EmulatedInstrument,
     start_daq_card,
+    start_encoder,
     start_function_generator,
     start_inverter,
 )
 from drivers.mitsubishi_fr import FrInverter, InverterSettings
 from drivers.mitsubishi_fr.emulator import InverterSetup
 from drivers.ni_daq import NiDaqCard
-from drivers.protocols import AcquisitionCard, DriveGenerator, SpeedDrive
+from drivers.protocols import AcquisitionCard, DriveGenerator, PositionEncoder, SpeedDrive
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import WIRING, card_settings
+from tests.drivers.encoders import CALM_MS, slow_shaft, socketcand
 from tests.drivers.plants import SinePlant
 
-Driver = DriveGenerator | AcquisitionCard | SpeedDrive
+Driver = DriveGenerator | AcquisitionCard | SpeedDrive | PositionEncoder
 NOTICED_S = 1.0  # reliability: a lost device is noticed within a second
 
 
@@ -43,6 +47,10 @@ def _inverter(address: str, parity: str) -> SpeedDrive:
     return FrInverter(InverterSettings(address, 1, 19200, parity, rpm_per_hz=30.0, maximum_speed_rpm=300.0))
 
 
+def _encoder(address: str) -> PositionEncoder:
+    return CanopenEncoder(socketcand(address, period_s=0.01, timeout_s=0.5))
+
+
 @dataclass(frozen=True)
 class Case:
     start: Callable[[], EmulatedInstrument]
@@ -51,6 +59,7 @@ class Case:
     arm: Callable[[Driver], object]
     use: Callable[[Driver], object]
     nobody: Callable[[int], str]
+    silence: tuple[type[InstrumentError], str] = (InstrumentSilent, "no answer")
 
 
 def _use_generator(driver: Driver) -> None:
@@ -83,6 +92,13 @@ def _run_inverter(driver: Driver) -> None:
     assert isinstance(driver, FrInverter)
     driver.set_speed(30.0)
     driver.start()
+
+
+def _use_encoder(driver: Driver) -> None:
+    assert isinstance(driver, CanopenEncoder)
+    began = time.monotonic()
+    while driver.read(5).arrival_s[-1] < began:  # what had come before is read first
+        pass
 
 
 CASES = {
@@ -125,6 +141,15 @@ CASES = {
         _run_inverter,
         _use_inverter,
         lambda port: f"/dev/pts/{port}",
+    ),
+    "encoder": Case(
+        lambda: start_encoder(slow_shaft, EncoderSetup(heartbeat_ms=CALM_MS)),
+        lambda emulator: emulator.address,
+        _encoder,
+        lambda driver: driver.start(),
+        _use_encoder,
+        lambda port: f"127.0.0.1:{port}",
+        (DeviceLost, "no heartbeat for"),
     ),
 }
 
@@ -194,9 +219,10 @@ def test_hangs_while_in_use(case: Case, freeze: Callable[[int], None]) -> None:
         case.use(driver)
         freeze(emulator.pid)
         began = time.monotonic()
-        with pytest.raises(InstrumentSilent, match="no answer") as caught:
+        error, match = case.silence
+        with pytest.raises(error, match=match) as caught:
             case.use(driver)
-        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s.
+        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s, the encoder 0.9 s.
         assert time.monotonic() - began < 2.0
         assert caught.value.check
         os.kill(emulator.pid, signal.SIGCONT)

@@ -13,11 +13,12 @@ import psutil
 import pytest
 
 from daq.errors import ConfigurationError, InstrumentAbsent
-from drivers.emulator_process import start_daq_card, start_function_generator
+from drivers.emulator_process import start_daq_card, start_encoder, start_function_generator
 from drivers.ni_daq import NiDaqCard
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import WIRING, card_settings
+from tests.drivers.encoders import slow_shaft
 from tests.drivers.plants import SinePlant, UnbuildablePlant
 
 DEADLINE_S = 10.0
@@ -129,8 +130,12 @@ def test_a_plant_that_takes_too_long_is_given_up() -> None:
 
 
 def test_they_listen_on_loopback_only() -> None:
-    with start_function_generator() as emulated_generator, start_daq_card(SinePlant, WIRING) as emulated_card:
-        for emulator in (emulated_generator, emulated_card):
+    with (
+        start_function_generator() as emulated_generator,
+        start_daq_card(SinePlant, WIRING) as emulated_card,
+        start_encoder(slow_shaft) as emulated_encoder,
+    ):
+        for emulator in (emulated_generator, emulated_card, emulated_encoder):
             listeners = [
                 connection.laddr.ip.removeprefix("::ffff:")
                 for connection in psutil.Process(emulator.pid).net_connections(kind="inet")

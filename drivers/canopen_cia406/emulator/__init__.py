@@ -1,0 +1,1 @@
+"""A CANopen encoder on a bus of its own, behind a socketcand server."""

@@ -1,0 +1,115 @@
+"""What the rig asks of an acquisition card, and what an emulated one asks of its plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import Channel, Flag
+from drivers.protocols.generator import DriveSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something about a channel that no flag of a block can say; `code` is one word, `text` says it all."""
+
+    channel: str
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class CardReading:
+    """Consecutive samples of all channels of a card, analog or counted, on one sample grid.
+
+    `first_sample` counts since the start of the task; `values` has shape (channels, n), row by row in the
+    channel's unit; `flags` has one entry a channel. `findings` are those that came up with this reading; one
+    that lasts is not told again.
+    """
+
+    first_sample: int
+    values: NDArray[np.float64]
+    flags: tuple[Flag, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+class AcquisitionCard(Protocol):
+    """A card that samples all its channels with one clock."""
+
+    @property
+    def name(self) -> str:
+        """What the bench calls it."""
+        ...
+
+    @property
+    def address(self) -> str:
+        """Where it is."""
+        ...
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels in the order of the rows of a reading."""
+        ...
+
+    @property
+    def sample_rate(self) -> float:
+        """Samples a second as the device really runs, in Hz; known after `open`."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the operator should know and the run may ignore, e.g. an expired calibration."""
+        ...
+
+    @property
+    def total_acquired(self) -> int:
+        """Samples per channel that the device has taken since `start`, read or not."""
+        ...
+
+    def open(self) -> None:
+        """Connect, check devices and channels, arm. Raises `InstrumentAbsent`, `InstrumentRefused`."""
+        ...
+
+    def close(self) -> None:
+        """Give the device back. Never raises for a device that is gone."""
+        ...
+
+    def start(self) -> None:
+        """Start the sample clock; sample 0 is taken now."""
+        ...
+
+    def read(self, count: int) -> CardReading:
+        """Wait for the next `count` samples of every channel.
+
+        Raises `RecorderFailed` where samples were overwritten before they were read, `InstrumentSilent` where
+        none came in time, `DeviceLost` where the device went away.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Stop the sample clock."""
+        ...
+
+
+class Plant(Protocol):
+    """The physics behind an emulated card: what its sensors would see."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the rows that `advance` returns."""
+        ...
+
+    def start(self, sample_rate: float) -> None:
+        """Begin anew, with sample 0 next, at `sample_rate` Hz."""
+        ...
+
+    def drive(self, settings: DriveSettings, at_sample: float) -> None:
+        """Take new settings from the (fractional) sample `at_sample` on, which is none made already."""
+        ...
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        """Return the next `count` samples, shape (channels, count), in SI units with the sensor noise in."""
+        ...
