@@ -40,8 +40,12 @@ def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, B
         check_drivable(scenario)
     except ConfigurationError as error:
         errors.append(error)
+    rig = None if scenario is None else scenario.rig
     try:
-        bench = embedded_bench() if bench_file is None else load_bench(bench_file)
+        if bench_file is not None:
+            bench = load_bench(bench_file, rig)
+        elif rig is not None:
+            bench = embedded_bench(rig)
     except ConfigurationError as error:
         errors.append(error)
     if errors or scenario is None or bench is None:
