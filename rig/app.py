@@ -44,7 +44,7 @@ def connect(
         Devices(
             driver,
             make_generator,
-            lambda wait: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
+            lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
             CARDS[card.driver](_card_settings(scenario, bench, grpc)),
         ),
         notes,

@@ -48,6 +48,16 @@ class FrInverter:
         """What went wrong on its line since it was opened; None while it is closed."""
         return self._open.line.health if self._open else None
 
+    @property
+    def longest_stop_s(self) -> float:
+        """By when a stop has ended or raised; 30 s and four ramps from the highest speed."""
+        return self._open.longest_stop_s if self._open else HANGS_S
+
+    def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
+        """Return the time of a ramp by its parameters; 0 while it is closed."""
+        per_hz = self.settings.rpm_per_hz
+        return self._open.motor.parameters.ramp_s(from_rpm / per_hz, to_rpm / per_hz) if self._open else 0.0
+
     def open(self) -> None:
         """Connect, check parameters and watchdog, and poll from now on; nothing is written."""
         self.close()

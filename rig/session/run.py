@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -111,7 +112,7 @@ class _Run:
     def execute(self, stack: ExitStack) -> Path:
         scenario = self._scenario
         twin = self._twin()
-        motion = self._devices.motion(self._wait)
+        motion = self._devices.motion(self._wait, lambda: math.nan)
         motion.arm(self._soft)
         self._supervisor = Supervisor(self._devices.spare)
         self._supervisor.launch()
