@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, Literal
 
@@ -21,6 +22,7 @@ _PORT: Final = Text(
 )
 _SOCKET: Final = "socket://"
 _LOOPBACK_VISA: Final = ("TCPIP::127.0.0.1::", "TCPIP0::127.0.0.1::", "TCPIP::localhost::", "ASRL")
+_MOST_HZ: Final = 400.0
 _BAUDRATES: Final = (4800, 9600, 19200, 38400)
 
 
@@ -78,6 +80,15 @@ def _inverter_reachable(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]
         yield "port", wrong
 
 
+def _within_its_output(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    output_hz = inverter["maximum_speed"] * 60 / math.tau / inverter["rpm_per_hz"]
+    if output_hz > _MOST_HZ:
+        yield (
+            "maximum_speed",
+            f"at most {_MOST_HZ:g} Hz of output, not {output_hz:g} Hz: maximum_speed / rpm_per_hz",
+        )
+
+
 def _baudrate_known(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if inverter["baudrate"] not in _BAUDRATES:
         yield "baudrate", " or ".join(map(str, _BAUDRATES))
@@ -91,6 +102,7 @@ def _patient(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 GENERATOR_CHECKS: Final = (Check(("resource", "emulated"), _generator_reachable),)
 INVERTER_CHECKS: Final = (
     Check(("port", "emulated"), _inverter_reachable),
+    Check(("maximum_speed", "rpm_per_hz"), _within_its_output),
     Check(("baudrate",), _baudrate_known),
     Check(("silent", "answer"), _patient),
 )

@@ -94,15 +94,16 @@ class Bench:
         return _of_kind(Inverter, self.actuator)
 
     @property
+    def instruments(self) -> tuple[str, ...]:
+        """The tables of its instruments, the actuator's first."""
+        return (RIGS[self.rig].actuator, "daq_card", *(() if self.encoder is None else ("encoder",)))
+
+    @property
     def emulated(self) -> tuple[str, ...]:
-        """The tables of the instruments that are emulated, the actuator's first."""
-        encoder = self.encoder is not None and self.encoder.emulated
-        tables = {
-            RIGS[self.rig].actuator: self.actuator.emulated,
-            "daq_card": self.daq_card.emulated,
-            "encoder": encoder,
-        }
-        return tuple(name for name, emulated in tables.items() if emulated)
+        """The tables of those that are emulated."""
+        each = (self.actuator, self.daq_card, self.encoder)
+        known = zip(self.instruments, each, strict=False)
+        return tuple(table for table, instrument in known if instrument is not None and instrument.emulated)
 
 
 def load_bench(path: str | Path, rig: str | None = None) -> Bench:

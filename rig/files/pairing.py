@@ -19,14 +19,6 @@ _LEAST_MOTOR_SETTLE_S = 1.0
 _ROUNDING = 1e-9
 
 
-def check_drivable(scenario: Scenario) -> None:
-    """Raise ConfigurationError for a rig whose actuator this version cannot drive."""
-    kind = RIGS[scenario.rig]
-    if kind.actuator != "signal_generator":
-        allowed = f"this version cannot drive an {kind.actuator}; predict and overlay work"
-        raise ConfigurationError(f"scenario {scenario.name!r}", [Problem("rig", scenario.rig, allowed)])
-
-
 def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 

@@ -118,6 +118,7 @@ def test_an_emulated_encoder_needs_nothing_else() -> None:
         (changed("rpm_per_hz = 5.0", ""), "inverter.rpm_per_hz", "above 0, up to 10000"),
         (changed("rpm_per_hz = 5.0", "rpm_per_hz = 0"), "inverter.rpm_per_hz", "above 0, up to 10000"),
         (changed('"300 rpm"', '"300 Hz"'), "inverter.maximum_speed", "not a unit of this kind"),
+        (changed("= 5.0", "= 0.5"), "inverter.maximum_speed", "at most 400 Hz of output, not 600 Hz"),
         (changed("station = 1", "station = 0"), "inverter.station", "a whole number from 1 to 247"),
         (changed("= 19200", "= 19201"), "inverter.baudrate", "4800 or 9600 or 19200 or 38400"),
         (changed('"E"', '"even"'), "inverter.parity", '"E" or "O" or "N"'),
