@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from daq.errors import InstrumentError
-from daq.log.records import Event
+from daq.log.records import ClockRecord, Event
 from drivers.protocols import Actuator, DriveGenerator
 from rig.files.rigs.impact_beam import DriveSection
+from rig.session.clocks import CardClock
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
 
@@ -60,6 +61,10 @@ class Motion(Protocol):
 
     def events(self) -> tuple[Event, ...]:
         """What happened to the actuator since the last call, oldest first."""
+        ...
+
+    def clocks(self, base: CardClock) -> list[ClockRecord]:
+        """How an actuator that was polled since the last call lies against the run's time base."""
         ...
 
 
@@ -160,6 +165,10 @@ class Shaker:
     def events(self) -> tuple[Event, ...]:
         """None."""
         return ()
+
+    def clocks(self, base: CardClock) -> list[ClockRecord]:
+        """None: it is not polled."""
+        return []
 
     def _set(self, share: float) -> None:
         if self._amplitude_v >= _SMALLEST_V:

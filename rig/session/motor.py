@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
-from daq.log.records import Event
+from daq.log.records import ClockRecord, Event
 from drivers.protocols import SpeedDrive
+from rig.session.clocks import CardClock
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _STEP_S = 0.02
@@ -81,7 +82,8 @@ class Motor:
         self._wanted_rpm = speed_rad_s * _RPM_PER_RAD_S
         self._kept_rpm = 0.0
         self._events: list[Event] = []
-        self.polls_s: list[tuple[float, float]] = []
+        self._polls_s: list[tuple[float, float]] = []
+        self._new_polls = False
 
     @property
     def what(self) -> str:
@@ -131,6 +133,14 @@ class Motor:
         """What the inverter and the loop around it did."""
         own, self._events = self._events, []
         return (*own, *self._drive.events())
+
+    def clocks(self, base: CardClock) -> list[ClockRecord]:
+        """When the inverter's answers were taken, by all polls so far; nothing without a new one."""
+        if not self._new_polls:
+            return []
+        self._new_polls = False
+        request_s, reply_s = zip(*self._polls_s, strict=True)
+        return [base.polled(self._drive.name, request_s, reply_s)]
 
     def _await_output(self) -> None:
         """Wait for the ramp; the driver itself raises where the output does not follow."""
@@ -217,7 +227,8 @@ class Motor:
         """Ask the inverter once, for how long an answer takes."""
         before_s = self._clock.monotonic_s()
         self._drive.read()
-        self.polls_s.append((before_s, self._clock.monotonic_s()))
+        self._polls_s.append((before_s, self._clock.monotonic_s()))
+        self._new_polls = True
 
     def _tell(self, mean_rpm: float) -> None:
         off = mean_rpm / self._wanted_rpm - 1.0

@@ -54,7 +54,7 @@ def test_the_record_is_every_sample_from_its_start_to_its_end(count: int) -> Non
         values = np.concatenate([block.values for block in blocks])
         assert values.tolist() == (np.arange(begin, begin + count) + 1000.0 * row).tolist()
         assert [block.first_sample for block in blocks] == list(range(0, count, COUNT))
-        start_ns = sample_time_ns(acquiring.start_ns, begin, RATE)
+        start_ns = sample_time_ns(acquiring.base.start_ns, begin, RATE)
         assert [block.time_ns for block in blocks] == [
             sample_time_ns(start_ns, block.first_sample, RATE) for block in blocks
         ]
