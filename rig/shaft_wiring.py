@@ -18,6 +18,8 @@ from rig.files.encoder import Encoder
 
 RAMP_S: Final = 1.5
 """From 0 to 60 Hz, of the emulated inverter."""
+_RPM_DIGITS: Final = 9
+"""So that the way through rad/s adds nothing that a drive's maximum frequency would be short of."""
 _COUNTS: Final = 4096
 _CLOCK_PPM: Final = 20.0
 """Standard deviation of a crystal from its rate."""
@@ -31,7 +33,7 @@ def inverter_settings(inverter: Inverter, port: str | None) -> InverterSettings:
         baudrate=inverter.baudrate,
         parity=inverter.parity,
         rpm_per_hz=inverter.rpm_per_hz,
-        maximum_speed_rpm=inverter.maximum_speed * 60.0 / math.tau,
+        maximum_speed_rpm=round(inverter.maximum_speed * 60.0 / math.tau, _RPM_DIGITS),
         answer_s=inverter.answer,
         poll_s=inverter.poll,
         silent_s=inverter.silent,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
 from drivers.mitsubishi_fr.registers import Register
@@ -14,7 +16,7 @@ def matching_setup(settings: InverterSettings, ramp_s: float) -> InverterSetup:
         fr.STATION: settings.station,
         fr.BAUDRATE: settings.baudrate // 100,
         fr.PARITY: PARITY_SETTINGS[settings.parity],
-        fr.MAXIMUM_FREQUENCY: fr.MAXIMUM_FREQUENCY.raw(settings.maximum_hz),
+        fr.MAXIMUM_FREQUENCY: math.ceil(settings.maximum_hz / fr.MAXIMUM_FREQUENCY.scale),
         fr.ACCELERATION_TIME: fr.ACCELERATION_TIME.raw(ramp_s),
         fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
     }
