@@ -46,6 +46,7 @@ class FakeDrive:
     identity: str = "a fake"
     warnings: tuple[str, ...] = ()
     longest_stop_s: float = 40.0
+    step_rpm: float = STEP_RPM
     error: Exception | None = None
     told: list[tuple[object, ...]] = field(default_factory=list)
     _from: tuple[float, float] = (0.0, 0.0)

@@ -99,5 +99,5 @@ def test_a_step_of_the_encoders_clock_is_told_once() -> None:
         late = lab._jitter.exponential(1e-3, 10)
         lab.encoder.note(lab.stamps(taken) + 3600.0, lab._zero_s + taken + late)
     _, steps = lab.encoder.refit(at_last=True)
-    assert [step.code for step in steps] == ["clock.step"]
+    assert [step.code for step in steps] == ["clock.step"], steps
     assert lab.encoder.refit(at_last=True)[1] == []

@@ -44,10 +44,11 @@ def test_the_shaft_turns_as_wanted_within_half_a_step_of_the_inverter(slip: floa
 
 
 def test_a_speed_that_ripples_within_a_turn_is_trimmed_in_its_mean() -> None:
-    # 1 % once per revolution, and the loop averages over 3.3 turns: at most 1 % / (2 pi 3.3) is left of it.
+    # 1 % once per revolution; the loop averages over four turns, to 20 ms, in which the ripple cannot make
+    # more than 20 ms x 2 rpm / 1.2 s.
     drive = FakeDrive(SteppedClock(), slip=0.02, ripple=lambda t: 2.0 * math.sin(RAD_S * t))
     started(drive)
-    assert drive.output_rpm * 0.98 == pytest.approx(200.0, abs=2.0 / (math.tau * 3.3) + STEP_RPM / 2)
+    assert drive.output_rpm * 0.98 == pytest.approx(200.0, abs=0.02 * 2.0 / 1.2 + STEP_RPM / 2)
 
 
 def test_once_started_nothing_changes_the_set_value() -> None:
