@@ -17,6 +17,7 @@ from drivers.mitsubishi_fr.keeper import Keeper
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
 from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.orders import OvertakenOrder
+from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
 from drivers.protocols import MotorState
 
@@ -47,6 +48,11 @@ class FrInverter:
     def health(self) -> LineHealth | None:
         """What went wrong on its line since it was opened; None while it is closed."""
         return self._open.line.health if self._open else None
+
+    @property
+    def step_rpm(self) -> float:
+        """The smallest step of the set speed: 0.01 Hz."""
+        return RUNNING_FREQUENCY.scale * self.settings.rpm_per_hz
 
     @property
     def longest_stop_s(self) -> float:

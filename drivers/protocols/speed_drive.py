@@ -62,6 +62,11 @@ class SpeedDrive(Protocol):
         ...
 
     @property
+    def step_rpm(self) -> float:
+        """The smallest step of the set speed."""
+        ...
+
+    @property
     def longest_stop_s(self) -> float:
         """By when a stop has ended or raised, in s since it was asked for; known after `open`."""
         ...

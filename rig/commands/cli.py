@@ -22,6 +22,7 @@ from rig.commands import (
     replay,
     reproduce,
     run,
+    skew,
 )
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -64,6 +65,7 @@ def build(connect: Connect) -> Callable[[], None]:
         check,
         logs,
         exchange,
+        skew,
     )
     for module in modules:
         module.add_to(app)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,10 @@ Array = NDArray[np.float64]
 
 _FIRST_FIT_S, _FIT_AGAIN = 1.0, 1.3
 """When a model is fitted first, and again whenever its pairs span so much more: a fit takes 30 to 70 ms."""
+
+
+_STEP_S = 1e-3
+"""What of a step is worth telling: less than any crank angle here could show."""
 
 
 class _Fitted:
@@ -114,7 +119,7 @@ class DeviceClock:
         self._device, self._base = device, base
         self._fitted = _Fitted()
         self._origin_s: float | None = None
-        self._steps = 0
+        self._told_until_s = -np.inf
 
     def note(self, stamp_s: Array, arrival_s: Array) -> None:
         """Stamps by the device's clock and their arrivals by the monotonic one, shape (n,), n at least 1."""
@@ -154,8 +159,12 @@ class DeviceClock:
             rate * 1e6,
             float(uncertainty),
         )
-        steps, self._steps = model.steps[self._steps :], max(self._steps, len(model.steps))
-        return [record], [
-            step.event(self._device, self._base.unix_ns(float(self._base.card_s([step.arrival_s[1]])[0])))
-            for step in steps
-        ]
+        return [record], [*self._news(model, record.uncertainty_s)]
+
+    def _news(self, model: ClockModel, uncertainty_s: float) -> Iterator[Event]:
+        """Steps that were not told yet; a fit finds some that are less than what it knows."""
+        for step in model.steps:
+            if step.device_s[1] > self._told_until_s and abs(step.size_s) > max(_STEP_S, 2 * uncertainty_s):
+                self._told_until_s = step.device_s[1]
+                at_s = float(self._base.card_s([step.arrival_s[1]])[0])
+                yield step.event(self._device, self._base.unix_ns(at_s))

@@ -36,7 +36,10 @@ _CHECKED_S = 30.0
 
 def encoder_channel(encoder: PositionEncoder) -> Channel:
     """How a log describes the encoder's angle."""
-    return Channel(ENCODER_CHANNEL, "rad", "angle", "encoder", encoder.identity)
+    rad_per_count = math.tau / encoder.counts_per_revolution
+    return Channel(
+        ENCODER_CHANNEL, "rad", "angle", "encoder", encoder.identity, scale=rad_per_count, raw_unit="count"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +56,24 @@ class EncoderRecord:
     """Reads an encoder in a thread of its own; what lies between `begin` and `end` goes to the log.
 
     Nothing is resampled: a block says where its first position lies by the clock models of that moment, and
-    carries CLOCK_NOT_LOCKED while these do not stand. The first error of the thread ends it.
+    carries CLOCK_NOT_LOCKED while these do not stand. The first error of the thread ends it. Over missing
+    positions the angle is certain as long as a shaft at `fastest_rad_s` could not have gone half way round.
     """
 
     def __init__(
-        self, encoder: PositionEncoder, base: CardClock, hub: Hub, on_gap: Callable[[Gap], None]
+        self,
+        encoder: PositionEncoder,
+        base: CardClock,
+        hub: Hub,
+        on_gap: Callable[[Gap], None],
+        fastest_rad_s: float,
     ) -> None:
         self._encoder, self._base, self._hub, self._on_gap = encoder, base, hub, on_gap
         self._clock = DeviceClock("encoder", base)
         self._count = max(1, round(BLOCK_S / encoder.period_s))
         self._per_count = math.tau / encoder.counts_per_revolution
-        self._unwrapper = Unwrapper(encoder.total_range)
+        step = math.ceil(fastest_rad_s / self._per_count * encoder.period_s) + 1
+        self._unwrapper = Unwrapper(encoder.total_range, min(step, (encoder.total_range - 1) // 2))
         self._next_number = 0
         self._backlog: deque[_Stretch] = deque()
         self._begin_s = self._end_s = math.inf
@@ -157,7 +167,7 @@ class EncoderRecord:
         number = int(block.number[low])
         missing, self._next_number = number - self._next_number, int(block.number[high - 1]) + 1
         unwrapped = self._unwrapper.unwrap(block.counts[low:high], missing)
-        if unwrapped.ambiguous.any() and number:
+        if unwrapped.ambiguous.any():
             text = f"{missing} positions missing at frame {number}: whole turns may be lost"
             self._event(float(block.arrival_s[low]), "warning", "encoder.ambiguous", text)
         flags = block.flags & ~Flag.SAMPLES_MISSING_BEFORE

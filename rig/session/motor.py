@@ -20,7 +20,7 @@ ARRIVED_SHARE = 0.10
 """Of the wanted speed: slip and gearing may be off by as much before the loop is closed."""
 _SEEN_TURNS, _SEEN_S = 8.0, 2.0
 """A marker shows a speed after four marks that agree; the reading that has them comes a block later."""
-_MEAN_TURNS, _MEAN_S = 3.0, 1.0
+_FEWEST_TURNS, _MEAN_S = 3, 1.0
 _MOST_TRIMS = 6
 HELD_SHARE = 0.005
 """Of the wanted speed: a mean that stays further off after trimming is told as a warning."""
@@ -178,18 +178,22 @@ class Motor:
         )
 
     def _trim(self) -> None:
-        """Correct the set value by what the mean speed lacks, until that is less than it resolves."""
+        """Correct the set value by what the mean speed lacks, until that is half a step of it or less."""
+        self._settle()
         asked_rpm = self._wanted_rpm
         lacking: dict[float, float] = {}
         for _ in range(_MOST_TRIMS):
             self._poll()
-            lacking[self._kept_rpm] = self._wanted_rpm - self._mean_rpm()
-            asked_rpm += lacking[self._kept_rpm]
+            lacking[self._kept_rpm] = found = self._wanted_rpm - self._mean_rpm()
+            if abs(found) <= self._drive.step_rpm / 2:
+                break
+            asked_rpm += found
             self._give(asked_rpm)
             if self._kept_rpm in lacking:
                 break
         nearest = min(lacking, key=lambda kept: abs(lacking[kept]))
-        self._give(nearest)
+        if nearest != self._kept_rpm:
+            self._give(nearest)
         self._tell(self._wanted_rpm - lacking[nearest])
 
     def _give(self, rpm: float) -> None:
@@ -211,8 +215,9 @@ class Motor:
         self._wait(_MEAN_S / 2 + 60.0 / self._wanted_rpm)
 
     def _mean_rpm(self) -> float:
-        """Mean of the measured speed over some turns; raises InterlockTripped where it is not known."""
-        count = math.ceil(max(_MEAN_S, _MEAN_TURNS * 60.0 / self._wanted_rpm) / _STEP_S)
+        """Mean of the measured speed over whole turns; raises InterlockTripped where it is not known."""
+        turn_s = 60.0 / self._wanted_rpm
+        count = round(max(_FEWEST_TURNS, math.ceil(_MEAN_S / turn_s)) * turn_s / _STEP_S)
         seen = []
         for _ in range(count):
             self._wait(_STEP_S)

@@ -43,6 +43,9 @@ from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
 
+_OVERSPEED, _ANY_SPEED_RAD_S = 1.5, 314.0
+"""How much faster than wanted a shaft may turn for a moment; 3000 rpm where nothing is wanted."""
+
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
@@ -151,7 +154,7 @@ class _Run:
         acquisition = Acquisition(
             self._devices.card, self._clock, self._hub, limits, self._on_reading, self._request.enough
         )
-        self._acquisition, encoder = acquisition, self._encoder(acquisition)
+        self._acquisition, encoder = acquisition, self._encoder(acquisition, motion)
         self._follow(motion, encoder)
         sequence = Sequence(
             wanted=self._scenario.acquisition,
@@ -177,11 +180,12 @@ class _Run:
         if encoder is not None:
             self._compare(encoder)
 
-    def _encoder(self, acquisition: Acquisition) -> EncoderRecord | None:
+    def _encoder(self, acquisition: Acquisition, motion: Motion) -> EncoderRecord | None:
         encoder = self._devices.encoder
         if encoder is None:
             return None
-        return EncoderRecord(encoder, acquisition.base, self._hub, self._recorder.gap)
+        fastest_rad_s = _OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
+        return EncoderRecord(encoder, acquisition.base, self._hub, self._recorder.gap, fastest_rad_s)
 
     def _follow(self, motion: Motion, encoder: EncoderRecord | None) -> None:
         """Say what is looked at while the sequence waits, and what the log gets of it."""

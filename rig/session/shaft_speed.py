@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -35,12 +35,14 @@ class Shown:
     valid: bool = False
 
 
-class _Reading(Protocol):
+class ShaftReading(Protocol):
     """A channel's way to the speed; `marks` are passages of crank angle zero, in samples since the start."""
 
     marks: deque[float]
 
-    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown: ...
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+        """Take the next samples, shape (n,), without a hole."""
+        ...
 
 
 class ShaftSpeed:
@@ -50,7 +52,7 @@ class ShaftSpeed:
     """
 
     def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
-        self.channel, self._reading = _reading(channels, sample_rate)
+        self.channel, self._reading = shaft_reading(channels, sample_rate)
         self._clock = clock
         self._shown, self._at_s = Shown(), -math.inf
 
@@ -142,8 +144,9 @@ class _ByMarker:
         return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True)
 
 
-def _reading(channels: Sequence[Channel], sample_rate: float) -> tuple[str | None, _Reading | None]:
-    """The channel that shows the shaft best: an angle before a marker."""
+def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:
+    """The channel that shows the shaft best, an angle before a marker, and how it does; None for neither."""
+    channels = list(channels)
     for suffix, unit, kind in ((".angle", "rad", _ByAngle), (".marker", "V", _ByMarker)):
         for channel in channels:
             if channel.name.endswith(suffix) and channel.unit == unit:
