@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.canopen_cia406 import EncoderSettings
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.objects import SCALING
 from drivers.mitsubishi_fr import InverterSettings
 from drivers.mitsubishi_fr.emulator import InverterSetup
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
@@ -69,7 +70,7 @@ def encoder_setup(encoder: Encoder, seed: int, healthy: bool) -> EncoderSetup:
     wanted = {name: value for name, value in asdict(encoder.identity).items() if value is not None}
     counts = wanted.pop("counts_per_revolution", _COUNTS)
     revolutions = max(wanted.pop("total_range", counts) // counts, 1)
-    wanted.pop("operating_parameters", None)
+    scaling = bool(wanted.pop("operating_parameters", SCALING) & SCALING)
     draw = np.random.default_rng([seed, 4])
     zero = int(draw.integers(counts))
     period_ppm, clock_ppm = (float(off) for off in draw.normal(0.0, _CLOCK_PPM, 2))
@@ -78,6 +79,7 @@ def encoder_setup(encoder: Encoder, seed: int, healthy: bool) -> EncoderSetup:
         channel=str(encoder.options["channel"]),
         counts_per_revolution=counts,
         revolutions=revolutions,
+        scaling=scaling,
         offset_counts=zero if healthy else 0,
         period_ppm=period_ppm if healthy else 0.0,
         clock_ppm=clock_ppm if healthy else 0.0,
