@@ -81,6 +81,10 @@ class CardClock:
         """A block that ends before `end_sample` is there."""
         self._fitted.add(end_sample / self._rate, self._clock.monotonic_s() - self._start_s)
 
+    def now_s(self) -> float:
+        """Seconds since the card's start by the host's clock."""
+        return self._clock.monotonic_s() - self._start_s
+
     def host_s(self, monotonic_s: ArrayLike) -> Array:
         """Host times as seconds since the card's start by the host's clock."""
         return np.asarray(monotonic_s, np.float64) - self._start_s

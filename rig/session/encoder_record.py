@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from daq.angle import Unwrapper
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
-from daq.errors import InstrumentError, InterlockTripped, RattleError
+from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.records import ClockRecord, Event, Gap
 from drivers.protocols import PositionBlock, PositionEncoder
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 ENCODER_CHANNEL = "encoder.angle"
 _BACKLOG_S = 2.0
 """Kept before a record begins, which is where the card was a block ago."""
+_SILENT_S = 2.0
+"""Positions that come late on a busy machine or bus are a gap at worst; for so long, its timer is off."""
 _CHECKED_S = 30.0
 
 
@@ -143,8 +145,15 @@ class EncoderRecord:
 
     def _run(self) -> None:
         try:
+            silent_since_s: float | None = None
             while not self._stop.is_set():
-                self._take(self._encoder.read(self._count))
+                try:
+                    self._take(self._encoder.read(self._count))
+                    silent_since_s = None
+                except InstrumentSilent:  # it lives, its heartbeat says so
+                    silent_since_s = silent_since_s or self._base.now_s()
+                    if self._base.now_s() - silent_since_s > _SILENT_S:
+                        raise
         except RattleError as error:
             self.error = error
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other

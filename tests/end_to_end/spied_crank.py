@@ -1,0 +1,218 @@
+"""A crank's instruments in processes of the test's own: it hears the inverter, spoils its line, kills any."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.emulator_process import (
+    DriveLink,
+    EmulatedInstrument,
+    InverterWiring,
+    start_daq_card,
+    start_encoder,
+    start_inverter,
+)
+from drivers.mitsubishi_fr import InverterSettings
+from drivers.mitsubishi_fr.emulator import InverterSetup, LineFaults, Trip
+from drivers.mitsubishi_fr.emulator.matching import matching_setup
+from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
+from drivers.protocols import InverterOutput
+from rig.twin.shaft import EmulatedMotor, ShaftCourse, ShaftFactory
+from sim_twin.rigs.crank_drive import SpeedDrive
+from tests.end_to_end.command import await_true
+
+RPM, RPM_PER_HZ, RAMP_S, WATCHDOG_S = 300.0, 5.0, 1.0, 2.0
+SETTINGS = InverterSettings("", 1, 19200, "E", rpm_per_hz=RPM_PER_HZ, maximum_speed_rpm=350.0)
+MOTOR = EmulatedMotor(RPM_PER_HZ * math.tau / 60.0, SpeedDrive(1.0))
+WATCHDOG = 122
+_POINT_S = 0.002
+
+SCENARIO = f"""\
+name = "tested crank"
+rig = "planar_slider_crank"
+[drive]
+speed = "{RPM:g} rpm"
+[acquisition]
+sample_rate = "10.24 kHz"
+settle = "1 s"
+duration = "30 s"
+"""
+BENCH = """\
+[inverter]
+driver = "mitsubishi_fr"
+port = "{inverter}"
+rpm_per_hz = {rpm_per_hz}
+maximum_speed = "350 rpm"
+[daq_card]
+grpc = "{card}"
+[[daq_card.channels]]
+name = "crank.angle"
+physical = "cDAQ1Mod3/ctr0"
+kind = "encoder"
+pulses_per_revolution = 1024
+decoding = "x4"
+index = true
+[[daq_card.channels]]
+name = "crank.marker"
+physical = "cDAQ1Mod1/ai0"
+kind = "marker"
+range = "10 V"
+[encoder]
+interface = "socketcand"
+host = "{host}"
+port = {port}
+channel = "can0"
+node = 7
+"""
+
+
+@dataclass
+class TurningPlant:
+    """A shaft that follows the inverter; `slips_after_s` a steady output it falls to four fifths of it."""
+
+    slips_after_s: float = math.inf
+    channels: tuple[str, ...] = ("crank.angle", "crank.marker")
+    _course: ShaftCourse = field(default_factory=lambda: ShaftCourse(MOTOR))
+    _rate: float = 1.0
+    _made: int = 0
+    _start_s: float | None = None
+    _steady_s: float = math.inf
+    _lost_rad: float = 0.0
+
+    def start(self, sample_rate: float) -> None:
+        self._rate, self._made = sample_rate, 0
+
+    def drive(self, output: InverterOutput, at_sample: float) -> None:
+        self._start_s = output.started_s - at_sample / self._rate
+        self._steady_s = output.settled_s if output.target_hz > 0.0 else math.inf
+        self._course.hear(output)
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        samples = self._made + np.arange(count)
+        self._made += count
+        if self._start_s is None:
+            angle = np.zeros(count)
+        else:
+            times = self._start_s + samples / self._rate
+            points = np.arange(times[0], times[-1] + _POINT_S, _POINT_S)
+            angle = np.interp(times, points, [self._course.angle(float(at)) for at in points])
+            slipping = np.maximum(times - self._steady_s - self.slips_after_s, 0.0)
+            lost = 0.2 * RPM * math.tau / 60.0 * slipping
+            self._lost_rad = max(self._lost_rad, float(lost[-1]))
+            angle = angle - np.maximum(lost, self._lost_rad if lost[-1] == 0.0 else 0.0)
+        return np.stack([angle, 5.0 * (np.mod(angle, math.tau) < 0.1)])
+
+
+@dataclass(frozen=True, slots=True)
+class Slipping:
+    """Makes the plant in the card's process."""
+
+    after_s: float
+
+    def __call__(self) -> TurningPlant:
+        return TurningPlant(self.after_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Fork:
+    """Passes outputs on to several processes."""
+
+    sinks: tuple[Connection, ...]
+
+    def send(self, output: InverterOutput, /) -> None:
+        for sink in self.sinks:
+            with suppress(OSError):
+                sink.send(output)
+
+
+class InverterSpy:
+    """Hears every change of an inverter's output."""
+
+    def __init__(self, receiver: Connection) -> None:
+        self.heard: list[InverterOutput] = []
+        self._receiver = receiver
+        self._thread = threading.Thread(target=self._listen, name="inverter spy", daemon=True)
+        self._thread.start()
+
+    @property
+    def runs(self) -> bool:
+        return bool(self.heard) and self.heard[-1].on and self.heard[-1].target_hz > 0.0
+
+    @property
+    def moved(self) -> bool:
+        return any(output.target_hz > 0.0 for output in self.heard)
+
+    def await_stopping(self) -> None:
+        """Wait until it was told, or tripped, to come to rest; what it puts out then ends on its ramp."""
+        await_true("inverter stops", lambda: self.moved and not self.runs, 15.0)
+
+    def _listen(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                self.heard.append(self._receiver.recv())
+
+    def join(self) -> None:
+        self._thread.join()
+
+
+@dataclass(frozen=True, slots=True)
+class SpiedCrank:
+    """Scenario and bench file of real instruments, the instruments, and what the motor heard."""
+
+    scenario: Path
+    file: Path
+    inverter: EmulatedInstrument
+    card: EmulatedInstrument
+    encoder: EmulatedInstrument
+    spy: InverterSpy
+    rehearsal: Connection
+
+    def spoil_line(self, faults: LineFaults) -> None:
+        self.rehearsal.send(faults)
+
+    def trip(self, code: int) -> None:
+        self.rehearsal.send(Trip(code))
+
+
+@contextmanager
+def spied_crank(folder: Path, slips_after_s: float = math.inf) -> Iterator[SpiedCrank]:
+    """A crank's bench without physics but for its shaft."""
+    wiring = CardWiring(
+        {"cDAQ1Mod1/ai0": Wire("crank.marker", 1.0, range_v=10.0)},
+        counters={"cDAQ1Mod3/ctr0": CounterWire("crank.angle", 1024)},
+    )
+    parameters = {**matching_setup(SETTINGS, RAMP_S).parameters, WATCHDOG: round(WATCHDOG_S * 10)}
+    rehearsal, ordered = get_context("spawn").Pipe()
+    with DriveLink.new() as spied, DriveLink.new() as shown, DriveLink.new() as sensed:
+        fork = Fork((spied.sender, shown.sender, sensed.sender))
+        inverter = start_inverter(InverterWiring(fork, None, ordered), InverterSetup(parameters))
+        ordered.close()
+        card = start_daq_card(Slipping(slips_after_s), wiring, shown.receiver)
+        encoder = start_encoder(ShaftFactory(MOTOR, sensed.receiver))
+        spied.sender.close()
+        spy = InverterSpy(spied.receiver)
+        host, _, port = encoder.address.rpartition(":")
+        text = BENCH.format(
+            inverter=inverter.address, rpm_per_hz=RPM_PER_HZ, card=card.address, host=host, port=port
+        )
+        scenario, bench = folder / "scenario.toml", folder / "bench.toml"
+        scenario.write_text(SCENARIO)
+        bench.write_text(re.sub(r"valid_until = 2036", "valid_until = 2096", text))
+        try:
+            yield SpiedCrank(scenario, bench, inverter, card, encoder, spy, rehearsal)
+        finally:
+            for instrument in (inverter, card, encoder):
+                instrument.close()
+            rehearsal.close()
+            spy.join()
