@@ -83,6 +83,8 @@ class LogReader:
         """Open the file and read what describes it; raises LogError if it is no MCAP file at all."""
         try:
             self._file: IO[bytes] = self.path.open("rb")
+        except IsADirectoryError as error:
+            raise LogError(f"{self.path}: a folder; name a log in it") from error
         except OSError as error:
             raise LogError(f"{self.path}: {error.strerror}") from error
         try:

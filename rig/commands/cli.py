@@ -13,6 +13,7 @@ from rig.commands import (
     calibrate,
     check,
     diagnose,
+    effects,
     emulate,
     ensemble,
     exchange,
@@ -61,6 +62,7 @@ def build(connect: Connect) -> Callable[[], None]:
         overlay,
         replay,
         diagnose,
+        effects,
         check,
         logs,
         exchange,
@@ -78,5 +80,6 @@ def _guarded(app: typer.Typer) -> int:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
         return next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
-        print(f"rattle: {error}", file=sys.stderr)
+        told = error.format_message() if isinstance(error, typer.BadParameter) else error
+        print(f"rattle: {told}", file=sys.stderr)
         return WRONG_USE

@@ -141,6 +141,7 @@ def _read(path: Path) -> _Run:
         wanted = [name for name in twin.channels if name in channels]
         _check_units(path, channels, twin, wanted)
         lost = lost_of(log, log.table("measured", wanted))
+        unfinished = _unfinished(log)
     table, sound, losses = usable(path, lost, model.reference)
     step, records, kept = _resampled(path, table, sound, twin)
     rate = table[model.reference].sample_rate / step
@@ -149,10 +150,17 @@ def _read(path: Path) -> _Run:
     whole = _whole(cycles, kept)
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
-    remarks = (*losses, *_remarks(twin, channels, table, records))
+    remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
     return _Run(
         path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario
     )
+
+
+def _unfinished(log: LogReader) -> tuple[str, ...]:
+    if log.complete:
+        return ()
+    reason = f" ({log.damage})" if log.damage else ""
+    return (f"the log was never finished, or cut{reason}; its whole blocks are used",)
 
 
 def _too_few(path: Path, whole: int) -> LogError:

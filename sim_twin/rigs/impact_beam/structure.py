@@ -12,7 +12,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+from threadpoolctl import ThreadpoolController
 
 from sim_twin.parts.modal import Modes, lowest_modes
 from sim_twin.rigs.impact_beam.base.coupling import couple

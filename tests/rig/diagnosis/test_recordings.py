@@ -262,6 +262,16 @@ def test_what_is_no_log_or_not_there_is_refused(tmp_path: Path) -> None:
         recorded([tmp_path / "absent.mcap"])
 
 
+def test_a_log_that_was_cut_is_used_as_far_as_it_goes_and_said(log: Path) -> None:
+    whole = recorded([write(log, beam(), BEAM)])
+    content = log.read_bytes()
+    log.write_bytes(content[: len(content) * 3 // 4])
+    found = recorded([log])
+    assert found.records[0][YOKE].size < whole.records[0][YOKE].size
+    assert any("never finished, or cut" in remark for remark in found.remarks)
+    assert not any("never finished" in remark for remark in whole.remarks)
+
+
 def test_a_run_at_twice_the_rate_gives_the_same_numbers(tmp_path: Path) -> None:
     found = recorded([write(tmp_path / "run.mcap", beam(), BEAM)])
     channels, samples = beam()
