@@ -237,7 +237,7 @@ class LogReader:
                 elif isinstance(record, Chunk):
                     self._note_channels(record)
         except _FOREIGN_ERRORS as error:
-            self.damage = f"{type(error).__name__}: {error}"
+            self.damage = f"{type(error).__name__}: {error}".removesuffix(": ")
         if not self._topics and not self.metadata:
             raise LogError(f"{self.path}: not a log ({self.damage or 'it holds nothing'})")
 

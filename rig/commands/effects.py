@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from rig.commands.arguments import Json, ScenarioFile, print_json
-from rig.files.effects_file import Catalogue
+from rig.files.effects_file import Catalogue, ParameterRange
 from rig.files.scenario import load_scenario
 from rig.session.progress import Screen
 from rig.twin.scenario_twin import catalogue_of, twin_of
@@ -46,10 +48,13 @@ def _table(twin: AnyTwin, allowed: Catalogue) -> Table:
         table.add_column(column, no_wrap=column != "may be", overflow="fold")
     for effect in model_of(twin).effects.values():
         reason = effect.refusal(twin)
-        rows = (
-            {"": f"not here: {reason}"} if reason else {n: v.allowed for n, v in allowed[effect.name].items()}
-        )
+        rows = {"": f"not here: {reason}"} if reason else _allowed(allowed[effect.name])
         names = [(effect.name, effect.location)] + [("", "")] * len(rows)
         for (name, where), (parameter, values) in zip(names, rows.items(), strict=False):
             table.add_row(name, where, parameter, values)
     return table
+
+
+def _allowed(ranges: Mapping[str, ParameterRange]) -> dict[str, str]:
+    """Of each parameter what it may be, words one below the other."""
+    return {name: "\n".join(values.words) or values.allowed for name, values in ranges.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,7 @@ def recorded(paths: Sequence[Path]) -> Recorded:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used."""
     _each_once(paths)
     runs = [_read(path) for path in paths]
+    _none_copied(runs)
     _of_one_rig(runs)
     common = [name for name in runs[0].twin.channels if all(name in run.records for run in runs)]
     settings = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
@@ -107,6 +109,15 @@ def _each_once(paths: Sequence[Path]) -> None:
     twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
     if twice:
         raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
+
+
+def _none_copied(runs: Sequence[_Run]) -> None:
+    """A copy under another name would count as a second run."""
+    for first, second in combinations(runs, 2):
+        shared = first.records.keys() & second.records.keys()
+        if shared and all(np.array_equal(first.records[name], second.records[name]) for name in shared):
+            same = f"{first.path} and {second.path} hold the same samples"
+            raise ConfigurationError("campaign", [Problem("runs", same, "each run once")])
 
 
 def _of_one_rig(runs: Sequence[_Run]) -> None:

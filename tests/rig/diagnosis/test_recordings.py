@@ -149,10 +149,21 @@ def test_another_missing_channel_is_remarked_and_its_effects_are_no_candidates(l
     assert [cause for cause in found.campaign.causes if cause.channel == UPPER]
 
 
+def turned(found: Recording) -> Recording:
+    """Another run: the same samples from the middle of its cycles on."""
+    return found[0], np.roll(found[1], found[1].shape[1] // 2, axis=1)
+
+
+def test_a_copy_of_a_run_is_no_second_run(tmp_path: Path) -> None:
+    paths = [write(tmp_path / name, beam(), BEAM) for name in ("run.mcap", "copy.mcap")]
+    with pytest.raises(ConfigurationError, match=r"copy\.mcap hold the same samples: each run once"):
+        recorded(paths)
+
+
 def test_a_channel_that_one_of_two_runs_lacks_is_used_in_neither(tmp_path: Path) -> None:
     paths = [
         write(tmp_path / "all.mcap", beam(), BEAM),
-        write(tmp_path / "fewer.mcap", beam(), BEAM, without={YOKE}),
+        write(tmp_path / "fewer.mcap", turned(beam()), BEAM, without={YOKE}),
     ]
     found = recorded(paths)
     assert found.remarks == (f"fewer.mcap: no {YOKE}: what only it shows cannot be found",)
