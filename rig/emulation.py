@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from types import TracebackType
 
 from daq.clock import SystemClock
-from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.emulator_process import DriveLink, EmulatedInstrument
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.protocols import DriveSettings
+from drivers.scpi.emulator import start_function_generator
 from rig.card_wiring import wiring_of
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
