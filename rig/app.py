@@ -5,13 +5,15 @@ from __future__ import annotations
 from contextlib import ExitStack
 from functools import partial
 
-from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
+from drivers.ni_daq import CardSettings, NiDaqCard
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
 from rig.emulation import EmulatedBench
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
+from rig.session.drive import Shaker
 from rig.session.progress import Screen
 
 GENERATORS = {"scpi_33220a": ScpiGenerator}
@@ -23,13 +25,13 @@ def connect(
 ) -> tuple[Devices, dict[str, str]]:
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
     generator, card = bench.signal_generator, bench.daq_card
-    resource, grpc, notes = generator.resource, card.grpc, {}
+    resource, grpc, notes = generator.resource, card.grpc, chain_record(bench)
     if generator.emulated or card.emulated:
         with screen.busy("starting the emulated instruments"):
             emulated = stack.enter_context(EmulatedBench(scenario, bench))
         resource = emulated.generator.address if emulated.generator else resource
         grpc = emulated.card.address if emulated.card else grpc
-        notes = {"emulated": "generator " * generator.emulated + "card" * card.emulated}
+        notes["emulated"] = "generator " * generator.emulated + "card" * card.emulated
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
             screen.warn("the emulated card cannot hear the real generator: it plays the scenario's drive")
@@ -37,36 +39,20 @@ def connect(
         GENERATORS[generator.driver],
         GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
     )
+    driver = make_generator()
     return (
         Devices(
-            make_generator(),
+            driver,
             make_generator,
+            lambda wait: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
             CARDS[card.driver](_card_settings(scenario, bench, grpc)),
-            generator.force_per_volt,
         ),
         notes,
     )
 
 
 def _card_settings(scenario: Scenario, bench: Bench, grpc: str | None) -> CardSettings:
-    channels = tuple(
-        CardChannel(
-            name=channel.name,
-            physical=channel.physical,
-            kind=channel.kind,
-            sensitivity=channel.sensitivity,
-            gain=channel.gain,
-            range=channel.range,
-            unit=channel.unit,
-            location=channel.name.partition(".")[0],
-            quantity=channel.name.partition(".")[2].split("_")[0],
-            sensor=channel.kind,
-            serial=channel.serial,
-            calibrated=channel.calibrated,
-            valid_until=channel.valid_until,
-        )
-        for channel in bench.daq_card.channels
-    )
+    channels = tuple(card_channel(channel) for channel in bench.daq_card.channels)
     return CardSettings(grpc, scenario.acquisition.sample_rate, bench.daq_card.buffer, channels)
 
 

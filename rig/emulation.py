@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from types import TracebackType
 
 from daq.clock import SystemClock
-from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_function_generator
-from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.emulator_process import DriveLink, EmulatedInstrument
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.protocols import DriveSettings
+from drivers.scpi.emulator import start_function_generator
+from rig.card_wiring import wiring_of
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.twin.plant import BeamPlantFactory
@@ -79,10 +81,3 @@ class EmulatedBench:
             offset_v=drive.offset / per_volt,
             started_s=SystemClock().monotonic_s(),
         )
-
-
-def wiring_of(bench: Bench) -> CardWiring:
-    """The emulated card's inputs: each channel of the bench with the sensitivity that the bench states."""
-    return CardWiring(
-        {channel.physical: Wire(channel.name, channel.volts_per_unit) for channel in bench.daq_card.channels}
-    )

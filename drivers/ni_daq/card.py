@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, date, datetime
 from typing import Any
 
 import nidaqmx
 import numpy as np
-from nidaqmx.constants import AcquisitionType
-from nidaqmx.errors import DaqError, Error, RpcError
-from nidaqmx.stream_readers import AnalogMultiChannelReader
+from nidaqmx.errors import DaqError
 from nidaqmx.system import System
 from numpy.typing import NDArray
 
 from daq import Channel, Clock, Flag, SystemClock
-from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused
+from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused, RecorderFailed
 from drivers.ni_daq import session
-from drivers.ni_daq.channels import KINDS, CardChannel, CardSettings, problems
+from drivers.ni_daq.channels import CardChannel, CardSettings
 from drivers.ni_daq.faults import UNSUPPORTED, translated
-from drivers.protocols import CardReading
+from drivers.ni_daq.kinds import INPUTS, described
+from drivers.ni_daq.problems import problems
+from drivers.ni_daq.quality import QualityWatch
+from drivers.ni_daq.survey import Survey, survey
+from drivers.ni_daq.tasks import AnalogTask, CounterTask, give_back
+from drivers.protocols import CardReading, Finding
 
 RATE_TOLERANCE = 10e-6
+LARGEST_RATE_ERROR = 0.01
 WAIT_MARGIN_S = 1.0  # how much later than its last sample a block may come
-FULL_SCALE = 0.99999  # a 24-bit code at full scale reads a little below the range
+_STATUS = {
+    "overloaded_chans": Flag.OVERLOAD,
+    "open_chans": Flag.OPEN_SENSOR,
+    "excit_fault_chans": Flag.OPEN_SENSOR,
+    "pll_unlocked_chans": Flag.CLOCK_NOT_LOCKED,
+}
+_FAULTS = {"excit_fault_chans": "the supply of its sensor is short-circuited or overloaded"}
 
 
 class NiDaqCard:
@@ -31,86 +43,115 @@ class NiDaqCard:
     def __init__(self, settings: CardSettings, clock: Clock | None = None) -> None:
         self.settings = settings
         self.name, self.address = settings.name, settings.grpc or "the NI driver of this machine"
-        self.channels: tuple[Channel, ...] = tuple(channel.describe() for channel in settings.channels)
+        self.channels: tuple[Channel, ...] = tuple(described(channel) for channel in settings.channels)
         self.identity = ""
         self.sample_rate = 0.0
-        self.warnings = _expired(settings.channels, _today(clock or SystemClock()))
-        self._scales = np.array([[channel.scale or 1.0] for channel in self.channels])
-        self._limits = np.array([[channel.range * FULL_SCALE] for channel in settings.channels])
+        self._expired = tuple(_expired(settings.channels, _today(clock or SystemClock())))
+        self.warnings = self._expired
         self._rows = {channel.physical: row for row, channel in enumerate(settings.channels)}
+        self._analog_rows = [self._rows[channel.physical] for channel in _on(settings, "ai")]
         self._grpc_channel: Any = None
-        self._task: Any = None
-        self._reader: Any = None
-        self._raw: NDArray[np.float64] = np.empty((len(self.channels), 0))
+        self._analog: AnalogTask | None = None
+        self._counters: list[CounterTask] = []
+        self._watch = QualityWatch((), 0.0)
         self._next_sample = 0
-        self._status = {Flag.OVERLOAD: "overloaded_chans", Flag.OPEN_SENSOR: "open_chans"}
+        self._status = dict(_STATUS)
 
     def open(self) -> None:
-        """Connect, check that all devices and channels are there, declare the sensors, set the clock."""
+        """Connect, check devices, channels and data sheets, declare the sensors, set the clock."""
         found = problems(self.settings)
         if found:
             raise ConfigurationError(self.name, found)
+        self.warnings = self._expired
         try:
             if self.settings.grpc is not None:
                 self._grpc_channel = session.connect(self.name, self.settings.grpc)
             with self._translated("looking for its devices"):
-                self._check_devices(self._system())
-            self._create_task()
-            self._set_clock()
+                seen = survey(self._system(), self.settings.channels, self._new_task)
+            self._accept(seen)
+            self._analog = self._create_analog()
+            self._set_clock(self._analog)
+            for channel in _on(self.settings, "ctr"):
+                self._counters.append(self._create_counter(channel, f"/{seen.chassis}/ai/SampleClock"))
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
         """Give the device back; silent where it is gone, for then there is nothing to give back."""
-        task, self._task, self._reader = self._task, None, None
+        analog, self._analog = self._analog, None
+        counters, self._counters = self._counters, []
         channel, self._grpc_channel = self._grpc_channel, None
         try:
-            if task is not None:
-                task.close()
-        except (Error, ValueError):
-            pass
+            if analog is not None:
+                analog.close()
+            for counter in counters:
+                counter.close()
         finally:
             if channel is not None:
                 channel.close()
 
     def start(self) -> None:
-        """Start the sample clock."""
-        with self._translated("starting"):
-            self._opened().start()
+        """Start the sample clock; the counters first, which wait for its first edge."""
+        analog = self._opened()
+        for counter in self._counters:
+            with self._translated(f"starting {_label(counter)}"):
+                counter.start()
+        self._watch = QualityWatch(self.settings.channels, self.sample_rate)
         self._next_sample = 0
+        with self._translated("starting"):
+            analog.start()
 
     def stop(self) -> None:
         """Stop the sample clock."""
         with self._translated("stopping"):
             self._opened().stop()
+        for counter in self._counters:
+            with self._translated(f"stopping {_label(counter)}"):
+                counter.stop()
 
     @property
     def total_acquired(self) -> int:
         """Samples per channel taken since `start`."""
         with self._translated("counting samples"):
-            return int(self._opened().in_stream.total_samp_per_chan_acquired)
+            return int(self._opened().stream.total_samp_per_chan_acquired)
 
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel; see `AcquisitionCard.read`.
 
-        The device's overload and open-sensor status covers what it took since it was last asked, which may be
-        a little more than the block; a value at or beyond the channel's range marks its own block.
+        The device's status covers what it took since it was last asked, which may be a little more than the
+        block; what the values themselves tell marks their own block.
         """
-        task = self._opened()
-        if self._raw.shape[1] != count:
-            self._raw = np.empty((len(self.channels), count))
-        with self._translated(f"reading samples {self._next_sample} to {self._next_sample + count}"):
-            self._reader.read_many_sample(self._raw, count, count / self.sample_rate + WAIT_MARGIN_S)
-            reported = self._reported(task.in_stream)
-        first, self._next_sample = self._next_sample, self._next_sample + count
-        values = self._raw * self._scales
-        return CardReading(first, values, self._flags(values, reported))
+        analog, first = self._opened(), self._next_sample
+        doing = f"reading samples {first} to {first + count}"
+        values = np.empty((len(self.channels), count))
+        with self._translated(doing):
+            values[self._analog_rows] = analog.read(count, count / self.sample_rate + WAIT_MARGIN_S)
+            reported = self._reported(analog.stream)
+        for counter in self._counters:
+            values[self._rows[counter.channel.physical]] = self._counted(counter, count, doing)
+        self._next_sample = first + count
+        flags = self._watch.flags(values)
+        faults: list[Finding] = []
+        for attribute, row in reported:
+            flags[row] |= _STATUS[attribute]
+            if attribute in _FAULTS:
+                faults.append(Finding(self.channels[row].name, "supply", _FAULTS[attribute]))
+        return CardReading(first, values, tuple(flags), self._watch.findings(values, faults))
 
-    def _opened(self) -> Any:
-        if self._task is None:
+    def _counted(self, counter: CounterTask, count: int, doing: str) -> NDArray[np.float64]:
+        # The clock has sampled them already; all that is left to wait for is their way here.
+        doing = f"{doing} of {_label(counter)}"
+        with self._translated(doing):
+            values = counter.read(count, WAIT_MARGIN_S)
+        if len(values) < count:
+            raise RecorderFailed(f"{self.name} at {self.address}: {doing}: only {len(values)} of them came")
+        return values
+
+    def _opened(self) -> AnalogTask:
+        if self._analog is None:
             raise DeviceLost(self.name, self.address, "the card is not open")
-        return self._task
+        return self._analog
 
     def _options(self) -> Any:
         # A session belongs to one task or system, so each gets its own over the one channel.
@@ -119,42 +160,58 @@ class NiDaqCard:
     def _system(self) -> Any:
         return System.local() if self._grpc_channel is None else System.remote(self._options())
 
-    def _check_devices(self, system: Any) -> None:
-        present = {device.name: device for device in system.devices}
-        wanted: dict[str, list[str]] = {}
-        for physical in self._rows:
-            wanted.setdefault(physical.partition("/")[0], []).append(physical)
-        missing: list[str] = []
-        identities: list[str] = []
-        for device, physicals in wanted.items():
-            if device not in present:
-                missing += [f"{physical} (no device {device})" for physical in physicals]
-                continue
-            offered = set(present[device].ai_physical_chans.channel_names)
-            missing += [f"{physical} (no such input)" for physical in physicals if physical not in offered]
-            identities.append(_identity(present[device]))
-        if missing:
-            there = ", ".join(sorted(present)) or "no device at all"
-            what = f"missing: {', '.join(missing)}; present: {there}"
-            raise InstrumentAbsent(self.name, self.address, what, "the physical channels in the bench file")
-        self.identity = "; ".join(identities)
+    def _new_task(self) -> Any:
+        return nidaqmx.Task(grpc_options=self._options())
 
-    def _create_task(self) -> None:
-        with self._translated("creating the task"):
-            self._task = nidaqmx.Task(grpc_options=self._options())
-        for channel in self.settings.channels:
-            with self._translated(f"declaring {channel.name} on {channel.physical} as {channel.kind}"):
-                KINDS[channel.kind].add(self._task, channel)
-        self._reader = AnalogMultiChannelReader(self._task.in_stream)
-        self._reader.verify_array_shape = False  # it would cost a call for each read
+    def _accept(self, seen: Survey) -> None:
+        what = f"missing: {', '.join(seen.absent)}" if seen.absent else ""
+        what = "; ".join([text for text in (what, *seen.wrong) if text])
+        check = "the physical channels and sensors in the bench file"
+        if seen.absent:
+            there = ", ".join(seen.present) or "no device at all"
+            raise InstrumentAbsent(self.name, self.address, f"{what}; present: {there}", check)
+        if seen.wrong:
+            raise InstrumentRefused(self.name, self.address, what, check)
+        self.identity = seen.identity
+        self.channels = tuple(_with_serial(channel, seen) for channel in self.settings.channels)
 
-    def _set_clock(self) -> None:
+    def _create_analog(self) -> AnalogTask:
+        channels = _on(self.settings, "ai")
+        return AnalogTask(self._declared(channels), channels, self.settings.buffer_s)
+
+    def _create_counter(self, channel: CardChannel, clock: str) -> CounterTask:
+        counter = CounterTask(self._declared([channel]), channel)
+        try:
+            with self._translated(f"clocking {_label(counter)} by {clock}"):
+                counter.follow(clock, self.sample_rate, self.settings.buffer_s)
+        except BaseException:
+            counter.close()
+            raise
+        return counter
+
+    def _declared(self, channels: list[CardChannel]) -> Any:
+        with self._translated("creating a task"):
+            task = self._new_task()
+        try:
+            for channel in channels:
+                with self._translated(f"declaring {channel.name} on {channel.physical} as {channel.kind}"):
+                    INPUTS[channel.input][channel.kind].add(task, channel)
+        except BaseException:
+            give_back(task)
+            raise
+        return task
+
+    def _set_clock(self, analog: AnalogTask) -> None:
         asked = self.settings.sample_rate_hz
         with self._translated(f"setting the sample rate to {asked:g} Hz"):
-            self.sample_rate = self._coerced_rate(asked)
-            if abs(self.sample_rate / asked - 1.0) <= RATE_TOLERANCE:
+            self.sample_rate = analog.set_rate(asked)
+            error = self.sample_rate / asked - 1.0
+            if abs(error) <= LARGEST_RATE_ERROR:
+                if abs(error) > RATE_TOLERANCE:
+                    text = f"{self.name} samples at {self.sample_rate:.7g} Hz instead of {asked:.7g} Hz"
+                    self.warnings += (f"{text} ({error * 1e6:+.0f} ppm)",)
                 return
-            near = ", ".join(f"{rate:.7g}" for rate in self._rates_near(asked))
+            near = ", ".join(f"{rate:.7g}" for rate in analog.rates_near(asked))
         raise InstrumentRefused(
             self.name,
             self.address,
@@ -163,71 +220,47 @@ class NiDaqCard:
             "rate",
         )
 
-    def _coerced_rate(self, rate_hz: float) -> float:
-        buffer = max(round(rate_hz * self.settings.buffer_s), 2)
-        self._task.timing.cfg_samp_clk_timing(
-            rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=buffer
-        )
-        return float(self._task.timing.samp_clk_rate)
-
-    def _rates_near(self, asked: float) -> list[float]:
-        # DAQmx takes the next higher rate that the device has; asking for ever less finds the next lower one.
-        near = {self.sample_rate}
-        for step in range(1, 40):
-            try:
-                rate = self._coerced_rate(asked * 0.98**step)
-            except DaqError:
-                break
-            near.add(rate)
-            if rate < asked:
-                break
-        return sorted(near)
-
-    def _reported(self, in_stream: Any) -> dict[Flag, set[str]]:
-        reported: dict[Flag, set[str]] = {}
-        for flag, attribute in list(self._status.items()):
+    def _reported(self, stream: Any) -> list[tuple[str, int]]:
+        reported: list[tuple[str, int]] = []
+        for attribute in list(self._status):
             try:
                 # DAQmx wants the question whether there are any before the one which they are.
-                if getattr(in_stream, f"{attribute}_exist"):
-                    reported[flag] = set(getattr(in_stream, attribute))
-            except RpcError:
-                raise
+                names = getattr(stream, attribute) if getattr(stream, f"{attribute}_exist") else ()
             except DaqError as error:
                 if error.error_code not in UNSUPPORTED:
                     raise
-                del self._status[flag]
+                del self._status[attribute]
                 self.warnings += (f"{self.name} does not report {attribute}",)
+            else:
+                reported += [(attribute, self._rows[name]) for name in names if name in self._rows]
         return reported
-
-    def _flags(self, values: NDArray[np.float64], reported: dict[Flag, set[str]]) -> tuple[Flag, ...]:
-        flags = [Flag.GOOD] * len(self.channels)
-        for flag, names in reported.items():
-            for row in (self._rows[name] for name in names if name in self._rows):
-                flags[row] |= flag
-        beyond = np.any(np.abs(values) >= self._limits, axis=1)
-        finite = np.all(np.isfinite(values), axis=1)
-        for row in range(len(flags)):
-            flags[row] |= Flag.OVERLOAD if beyond[row] else Flag.GOOD
-            flags[row] |= Flag.GOOD if finite[row] else Flag.NOT_FINITE
-        return tuple(flags)
 
     def _translated(self, doing: str) -> Any:
         return translated(self.name, self.address, doing)
 
 
-def _identity(device: Any) -> str:
-    simulated = ", simulated" if device.is_simulated else ""
-    return f"{device.name}: {device.product_type}, serial {device.serial_num:X}{simulated}"
+def _on(settings: CardSettings, kind: str) -> list[CardChannel]:
+    return [channel for channel in settings.channels if channel.input == kind]
+
+
+def _label(counter: CounterTask) -> str:
+    return f"{counter.channel.name} ({counter.channel.physical})"
+
+
+def _with_serial(channel: CardChannel, seen: Survey) -> Channel:
+    sheet = seen.sheets.get(channel.name)
+    known = channel.serial or ("" if sheet is None else str(sheet.serial))
+    return described(replace(channel, serial=known))
 
 
 def _today(clock: Clock) -> date:
     return datetime.fromtimestamp(clock.unix_ns() / 1e9, UTC).date()
 
 
-def _expired(channels: tuple[CardChannel, ...], today: date) -> tuple[str, ...]:
-    return tuple(
-        f"{channel.name}: the calibration of {channel.sensor or 'sensor'} {channel.serial} "
-        f"expired on {channel.valid_until.isoformat()}"
-        for channel in channels
-        if channel.valid_until is not None and channel.valid_until < today
-    )
+def _expired(channels: tuple[CardChannel, ...], today: date) -> Iterator[str]:
+    for channel in channels:
+        parts = {channel.sensor or "sensor": channel, **channel.stages}
+        for what, part in parts.items():
+            if part.valid_until is not None and part.valid_until < today:
+                until = part.valid_until.isoformat()
+                yield f"{channel.name}: the calibration of {what} {part.serial} expired on {until}"

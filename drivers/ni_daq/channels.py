@@ -1,27 +1,63 @@
-"""What hangs on the inputs of a card, and how each kind of sensor is declared to DAQmx."""
+"""What hangs on the inputs of a card: sensors, the stages behind them, and pulses on its counters."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable
+import re
 from dataclasses import dataclass
 from datetime import date
-from typing import Any
 
-from nidaqmx.constants import (
-    AccelSensitivityUnits,
-    AccelUnits,
-    ExcitationSource,
-    ForceIEPESensorSensitivityUnits,
-    ForceUnits,
-)
+_INPUT = re.compile(r"[^/]+/_?(ai|ctr)[0-9]+", re.IGNORECASE)
 
-from daq import Channel
-from daq.errors import Problem
 
-STANDARD_GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901; DAQmx takes accelerometer sensitivities per g
-LATER_KINDS = ("encoder", "marker", "tachometer")
+@dataclass(frozen=True, slots=True)
+class Amplifier:
+    """A charge amplifier as a stage: beyond `output_v` (V, either side) it is overloaded.
+
+    `corner_hz` is its high-pass of first order (its droop); None where it is not known.
+    """
+
+    serial: str = ""
+    corner_hz: float | None = None
+    output_v: float | None = None
+    calibrated: date | None = None
+    valid_until: date | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AntiAliasFilter:
+    """A programmable low-pass before the card, set to `corner_hz`; `order` of its Butterworth."""
+
+    serial: str
+    corner_hz: float
+    order: int = 8
+    calibrated: date | None = None
+    valid_until: date | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Pulses:
+    """A source of pulses on a counter: `per_revolution` of one track.
+
+    Of two tracks in quadrature the counter sees `decoding` (1, 2 or 4) counts for each pulse. `initial_angle`
+    in rad is where the shaft stands when the task starts; with `index` it is where the index mark sits, and
+    the mark sets the count anew once a revolution, so that nothing lost adds up.
+    """
+
+    per_revolution: int
+    decoding: int = 4
+    index: bool = False
+    initial_angle: float = 0.0
+
+    @property
+    def counts_per_revolution(self) -> int:
+        """Counts for one turn of the shaft."""
+        return self.per_revolution * self.decoding
+
+    @property
+    def rad_per_count(self) -> float:
+        """Resolution in rad."""
+        return math.tau / self.counts_per_revolution
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +66,14 @@ class CardChannel:
 
     `sensitivity` is in V per `unit`, for a charge amplifier in C per `unit` with `gain` in V/C. `range` is
     the largest magnitude to be measured, in `unit`. `excitation_a` is the supply of an IEPE sensor in A; an
-    NI 9234 has 2 mA and nothing else.
+    NI 9234 has 2 mA and nothing else. An encoder has `pulses` and neither sensitivity nor range.
     """
 
     name: str
     physical: str
     kind: str
-    sensitivity: float
-    range: float
+    sensitivity: float = 1.0
+    range: float = math.inf
     gain: float | None = None
     unit: str = "V"
     quantity: str = ""
@@ -47,33 +83,46 @@ class CardChannel:
     calibrated: date | None = None
     valid_until: date | None = None
     excitation_a: float = 0.002
+    pulses: Pulses | None = None
+    amplifier: Amplifier | None = None
+    anti_alias: AntiAliasFilter | None = None
 
     @property
     def volts_per_unit(self) -> float:
         """Volts at the input for one `unit`."""
         return self.sensitivity * (1.0 if self.gain is None else self.gain)
 
-    def describe(self) -> Channel:
-        """Return what a log keeps of this channel."""
-        in_volts = self.kind in KINDS and KINDS[self.kind].in_volts
-        return Channel(
-            name=self.name,
-            unit=self.unit,
-            quantity=self.quantity,
-            location=self.location,
-            sensor=self.sensor or self.kind,
-            serial=self.serial,
-            scale=1.0 / self.volts_per_unit if in_volts else None,
-            raw_unit="V" if in_volts else "",
-        )
+    @property
+    def device(self) -> str:
+        """The module that the input belongs to."""
+        return self.physical.partition("/")[0]
+
+    @property
+    def input(self) -> str:
+        """`ai` for an analog input, `ctr` for a counter, empty for anything else."""
+        match = _INPUT.fullmatch(self.physical)
+        return "" if match is None else match[1].lower()
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude that arrives undistorted, in `unit`: that of the sensor or its amplifier."""
+        if self.amplifier is None or self.amplifier.output_v is None:
+            return self.range
+        return min(self.range, self.amplifier.output_v / self.volts_per_unit)
+
+    @property
+    def stages(self) -> dict[str, Amplifier | AntiAliasFilter]:
+        """What lies between sensor and card, in the order of the signal."""
+        stages = {"amplifier": self.amplifier, "filter": self.anti_alias}
+        return {name: stage for name, stage in stages.items() if stage is not None}
 
 
 @dataclass(frozen=True, slots=True)
 class CardSettings:
     """A card with its channels. `grpc` is `host:port` of a device server, None for this machine's driver.
 
-    `sample_rate_hz` must be one that the device has; `buffer_s` is how long the driver keeps samples that
-    nobody has read, in s.
+    `sample_rate_hz` is the rate asked for; `buffer_s` is how long the driver keeps samples that nobody has
+    read, in s.
     """
 
     grpc: str | None
@@ -81,92 +130,3 @@ class CardSettings:
     buffer_s: float
     channels: tuple[CardChannel, ...]
     name: str = "DAQ card"
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """How a kind of sensor is added to a task; with `in_volts` DAQmx delivers volts, else the unit itself."""
-
-    in_volts: bool
-    units: tuple[str, ...]
-    needs_gain: bool
-    add: Callable[[Any, CardChannel], None]
-
-
-def _add_voltage(task: Any, channel: CardChannel) -> None:
-    limit_v = channel.range * channel.volts_per_unit
-    task.ai_channels.add_ai_voltage_chan(channel.physical, min_val=-limit_v, max_val=limit_v)
-
-
-def _add_force_iepe(task: Any, channel: CardChannel) -> None:
-    task.ai_channels.add_ai_force_iepe_chan(
-        channel.physical,
-        min_val=-channel.range,
-        max_val=channel.range,
-        units=ForceUnits.NEWTONS,
-        sensitivity=channel.sensitivity * 1e3,
-        sensitivity_units=ForceIEPESensorSensitivityUnits.MILLIVOLTS_PER_NEWTON,
-        current_excit_source=ExcitationSource.INTERNAL,
-        current_excit_val=channel.excitation_a,
-    )
-
-
-def _add_acceleration_iepe(task: Any, channel: CardChannel) -> None:
-    task.ai_channels.add_ai_accel_chan(
-        channel.physical,
-        min_val=-channel.range,
-        max_val=channel.range,
-        units=AccelUnits.METERS_PER_SECOND_SQUARED,
-        sensitivity=channel.sensitivity * STANDARD_GRAVITY * 1e3,
-        sensitivity_units=AccelSensitivityUnits.MILLIVOLTS_PER_G,
-        current_excit_source=ExcitationSource.INTERNAL,
-        current_excit_val=channel.excitation_a,
-    )
-
-
-KINDS = {
-    "voltage": Kind(in_volts=True, units=("V", "N", "m/s2"), needs_gain=False, add=_add_voltage),
-    "charge_amplifier": Kind(in_volts=True, units=("N", "m/s2"), needs_gain=True, add=_add_voltage),
-    "force_iepe": Kind(in_volts=False, units=("N",), needs_gain=False, add=_add_force_iepe),
-    "acceleration_iepe": Kind(in_volts=False, units=("m/s2",), needs_gain=False, add=_add_acceleration_iepe),
-}
-
-
-def problems(settings: CardSettings) -> list[Problem]:
-    """Return everything that is wrong with the settings of a card by themselves."""
-    found: list[Problem] = []
-    if not settings.channels:
-        found.append(Problem("channels", "none", "at least one"))
-    for key in ("sample_rate_hz", "buffer_s"):
-        if not _positive(getattr(settings, key)):
-            found.append(Problem(key, repr(getattr(settings, key)), "above 0"))
-    for field in ("name", "physical"):
-        counts = Counter(getattr(channel, field) for channel in settings.channels)
-        found += [Problem(f"channels.{field}", text, "only once") for text, n in counts.items() if n > 1]
-    for channel in settings.channels:
-        found += _channel_problems(channel)
-    return found
-
-
-def _channel_problems(channel: CardChannel) -> list[Problem]:
-    key = f"channels[{channel.name}]"
-    kind = KINDS.get(channel.kind)
-    if kind is None:
-        later = "not supported yet; " if channel.kind in LATER_KINDS else ""
-        return [Problem(f"{key}.kind", channel.kind, f"{later}one of {', '.join(KINDS)}")]
-    found = [
-        Problem(f"{key}.{field}", repr(getattr(channel, field)), "above 0")
-        for field in ("sensitivity", "range", "excitation_a")
-        if not _positive(getattr(channel, field))
-    ]
-    if channel.unit not in kind.units:
-        found.append(Problem(f"{key}.unit", channel.unit, f"one of {', '.join(kind.units)}"))
-    if kind.needs_gain and not _positive(channel.gain or 0.0):
-        found.append(Problem(f"{key}.gain", repr(channel.gain), "above 0, in V/C"))
-    if not kind.needs_gain and channel.gain is not None:
-        found.append(Problem(f"{key}.gain", repr(channel.gain), "only for a charge_amplifier"))
-    return found
-
-
-def _positive(value: float) -> bool:
-    return math.isfinite(value) and value > 0.0

@@ -21,6 +21,9 @@ from daq.errors import (
 OVERWRITTEN = {
     DAQmxErrors.SAMPLES_NO_LONGER_AVAILABLE.value,
     DAQmxErrors.ACQ_STOPPED_TO_PREVENT_INPUT_BUFFER_OVERWRITE.value,
+    DAQmxErrors.ACQ_STOPPED_TO_PREVENT_INPUT_BUFFER_OVERWRITE_ONE_DATA_XFER_MECH.value,
+    DAQmxErrors.ACQ_STOPPED_TO_PREVENT_INTERMEDIATE_BUFFER_OVERFLOW.value,
+    DAQmxErrors.INPUT_FIFO_OVERFLOW.value,
     DAQmxErrors.INPUT_FIFO_OVERFLOW_2.value,
 }
 GONE = {DAQmxErrors.DEV_ABSENT_OR_UNAVAILABLE.value, DAQmxErrors.DEV_CANNOT_BE_ACCESSED.value}
@@ -51,9 +54,8 @@ def _of_daqmx(error: nidaqmx_errors.DaqError, instrument: str, address: str, doi
     code = error.error_code
     what = f"{doing}: DAQmx {code}, {_line(error)}"
     if code in OVERWRITTEN:
-        return RecorderFailed(
-            f"{instrument} at {address}: samples were overwritten before they were read (DAQmx {code})"
-        )
+        lost = f"samples were overwritten before they were read (DAQmx {code})"
+        return RecorderFailed(f"{instrument} at {address}: {doing}: {lost}")
     if code == DAQmxErrors.SAMPLES_NOT_YET_AVAILABLE.value:
         return InstrumentSilent(instrument, address, what, "that its sample clock runs", str(code))
     if code in GONE:

@@ -202,3 +202,21 @@ class Raw(Field):
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
             return value
         raise FieldError(self.allowed)
+
+
+@dataclass(frozen=True, slots=True)
+class Table(Field):
+    """A table within a table, read by its own section class."""
+
+    meaning: str
+
+    @property
+    def allowed(self) -> str:
+        """The meaning."""
+        return self.meaning
+
+    def read(self, value: object) -> dict[str, Any]:
+        """Return the table."""
+        if not isinstance(value, dict):
+            raise FieldError(self.allowed)
+        return value

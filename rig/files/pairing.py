@@ -80,6 +80,7 @@ def _calibrations(bench: Bench, today: datetime.date) -> Iterator[Problem]:
     if bench.daq_card.emulated:
         return
     for channel in bench.daq_card.channels:
-        if channel.valid_until is not None and channel.valid_until < today:
-            key = dotted("daq_card.channels", channel.name)
-            yield Problem(f"{key}.valid_until", str(channel.valid_until), f"not before today, {today}")
+        for name, day in channel.expiries.items():
+            if day < today:
+                key = dotted("daq_card.channels", channel.name)
+                yield Problem(f"{key}.{name}", str(day), f"not before today, {today}")

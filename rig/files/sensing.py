@@ -1,4 +1,4 @@
-"""The kinds of channel a data acquisition card can have, and what a sensitivity means for each."""
+"""The kinds of channel a data acquisition card can have, and which keys of a bench file each one has."""
 
 from __future__ import annotations
 
@@ -11,44 +11,92 @@ from rig.files.fields import Measured
 
 FORCE: Final = "N"
 ACCELERATION: Final = "m/s2"
+ANGLE: Final = "rad"
+SPEED: Final = "rad/s"
+VOLTAGE: Final = "V"
 # what an input can resolve and take: below a millivolt lies its noise, above 10 V its range
 LOWEST_FULL_SCALE_V: Final = 1e-3
 HIGHEST_FULL_SCALE_V: Final = 10.0
+_VOLTS_EACH: Final = ("sensitivity", "range")
 
 
 @dataclass(frozen=True, slots=True)
-class SensorKind:
-    """An analog channel kind: the channel units it can measure, and what it gives per such unit.
+class Sensing:
+    """A channel kind on one sort of input: the channel units it can measure, and its keys.
 
-    `output` is "V", or "C" where a charge amplifier with a gain of its own makes volts of it.
+    `output` is what the sensor gives, "V", or "C" where a charge amplifier makes volts of it; empty on a
+    counter. A channel must have the keys `needs` and may have the keys `takes`.
     """
 
     units: tuple[str, ...]
     output: str
-    example: str
+    needs: tuple[str, ...]
+    takes: tuple[str, ...] = ()
 
     def sensitivity(self, unit: str) -> Measured:
-        """The sensitivity's unit and the range that any sensor's lies in."""
+        """The sensitivity's unit and the range that any sensor's lies in; for volts a divider's ratio."""
+        if unit == VOLTAGE:
+            return Measured("", 0, 1000, above=True)
+        per = f"({unit})" if "/" in unit else unit
         if self.output == "C":
-            return Measured(f"pC/({unit})" if "/" in unit else f"pC/{unit}", 0, 1e6, above=True)
-        return Measured(f"mV/({unit})" if "/" in unit else f"mV/{unit}", 0, 1e9, above=True)
+            return Measured(f"pC/{per}", 0, 1e6, above=True)
+        return Measured(f"mV/{per}", 0, 1e9, above=True)
 
 
-SENSOR_KINDS: Mapping[str, SensorKind] = MappingProxyType(
+SENSINGS: Mapping[tuple[str, str], Sensing] = MappingProxyType(
     {
-        "voltage": SensorKind((FORCE, ACCELERATION), "V", "100 mV/N"),
-        "charge_amplifier": SensorKind((FORCE, ACCELERATION), "C", "4 pC/N"),
-        "force_iepe": SensorKind((FORCE,), "V", "22.4 mV/N"),
-        "acceleration_iepe": SensorKind((ACCELERATION,), "V", "100 mV/g"),
+        ("voltage", "ai"): Sensing((FORCE, ACCELERATION), "V", _VOLTS_EACH, ("filter",)),
+        ("charge_amplifier", "ai"): Sensing(
+            (FORCE, ACCELERATION), "C", (*_VOLTS_EACH, "gain"), ("amplifier", "filter")
+        ),
+        ("force_iepe", "ai"): Sensing((FORCE,), "V", _VOLTS_EACH),
+        ("acceleration_iepe", "ai"): Sensing((ACCELERATION,), "V", _VOLTS_EACH),
+        ("encoder", "ctr"): Sensing(
+            (ANGLE,), "", ("pulses_per_revolution",), ("decoding", "index", "initial_angle")
+        ),
+        ("marker", "ai"): Sensing((VOLTAGE,), "V", ("range",), ("sensitivity", "filter")),
+        ("marker", "ctr"): Sensing((VOLTAGE,), "", ("range",)),
+        ("tachometer", "ai"): Sensing((SPEED,), "V", _VOLTS_EACH, ("filter",)),
+        ("tachometer", "ctr"): Sensing((SPEED,), "", ("pulses_per_revolution", "range")),
     }
 )
-LATER_KINDS: Mapping[str, str] = MappingProxyType(
-    dict.fromkeys(
-        ("encoder", "marker", "tachometer"),
-        "this version drives the impact beam, whose channels are analog",
-    )
+"""By kind and sort of input: `ai` analog, `ctr` counter."""
+KINDS: Final = tuple(dict.fromkeys(kind for kind, _ in SENSINGS))
+INPUTS: Mapping[str, str] = MappingProxyType(
+    {"ai": 'an analog input, such as "cDAQ1Mod1/ai0"', "ctr": 'a counter, such as "cDAQ1Mod3/ctr0"'}
 )
 GAIN: Final = Measured("mV/pC", 0, 1e6, above=True)
 RANGES: Mapping[str, Measured] = MappingProxyType(
-    {FORCE: Measured("N", 0, 1e6, above=True), ACCELERATION: Measured("m/s2", 0, 1e6, above=True)}
+    {
+        FORCE: Measured("N", 0, 1e6, above=True),
+        ACCELERATION: Measured("m/s2", 0, 1e6, above=True),
+        VOLTAGE: Measured("V", 0, 1e3, above=True),
+        SPEED: Measured("rad/s", 0, 1e5, above=True),
+    }
 )
+MEANINGS: Mapping[str, str] = MappingProxyType(
+    {
+        "sensitivity": 'a sensitivity, such as "100 mV/N"',
+        "range": 'the full scale, such as "100 N"',
+        "gain": f"the charge amplifier's gain, {GAIN.allowed}",
+        "pulses_per_revolution": "the pulses of one track for each revolution, a whole number",
+    }
+)
+"""What a key that is missing should hold."""
+
+
+def sort_of_input(physical: str) -> str:
+    """Return `ai` or `ctr` for an input of the card, whatever its case."""
+    return physical.rpartition("/")[2].lstrip("_").rstrip("0123456789").lower()
+
+
+def owners(key: str) -> str:
+    """Name the kinds that have a key, for a message."""
+    return " or ".join(
+        dict.fromkeys(kind for (kind, _), sensing in SENSINGS.items() if key in keys_of(sensing))
+    )
+
+
+def keys_of(sensing: Sensing) -> tuple[str, ...]:
+    """Every key that a kind may have beside those of all channels."""
+    return (*sensing.needs, *sensing.takes)

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from daq.errors import InstrumentError
-from drivers.protocols import AcquisitionCard, DriveGenerator
+from drivers.protocols import AcquisitionCard, Actuator
+from rig.session.drive import Motion
 
 
 class InstrumentsMissing(InstrumentError):
@@ -21,19 +22,19 @@ class InstrumentsMissing(InstrumentError):
 class Devices:
     """What a run drives and reads.
 
-    `spare_generator` makes another driver of the same generator (picklable, for the supervisor).
-    `force_per_volt` in N/V is what amplifier and shaker make of a volt.
+    `spare` makes another driver of the same actuator (picklable, for the supervisor). `motion(wait)` is what
+    the actuator does in a run; `wait` waits that many seconds and may raise.
     """
 
-    generator: DriveGenerator
-    spare_generator: Callable[[], DriveGenerator]
+    actuator: Actuator
+    spare: Callable[[], Actuator]
+    motion: Callable[[Callable[[float], None]], Motion]
     card: AcquisitionCard
-    force_per_volt: float
 
     def open(self) -> None:
         """Open all; on failure close all again and raise what every one of them said."""
         errors: list[InstrumentError] = []
-        for device in (self.generator, self.card):
+        for device in (self.actuator, self.card):
             try:
                 device.open()
             except InstrumentError as error:
@@ -45,4 +46,4 @@ class Devices:
     def close(self) -> None:
         """Close all; never raises."""
         self.card.close()
-        self.generator.close()
+        self.actuator.close()

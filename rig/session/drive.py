@@ -1,13 +1,14 @@
-"""Moves the shaker: soft start, full start from rest, ramp down, off."""
+"""What moves in a run: soft start, full start from rest, ramp down, off."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 from daq.errors import InstrumentError
-from drivers.protocols import DriveGenerator
+from drivers.protocols import Actuator, DriveGenerator
 from rig.files.rigs.impact_beam import DriveSection
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
@@ -18,10 +19,29 @@ _SMALLEST_V = 0.01
 """V peak: the least amplitude of a 33220A into high impedance."""
 
 
+class Motion(Protocol):
+    """What an actuator does in a run."""
+
+    @property
+    def what(self) -> str:
+        """The drive in words, for the log."""
+        ...
+
+    def arm(self, soft: bool) -> None:
+        """Prepare; nothing moves yet."""
+        ...
+
+    def start(self, soft: bool) -> None:
+        """Let it move: softly, or at once from phase zero."""
+        ...
+
+    def ramp_down(self) -> None:
+        """Bring it down softly, then switch off."""
+        ...
+
+
 @contextmanager
-def drive_off_after(
-    generator: DriveGenerator, spare: Callable[[], DriveGenerator], screen: Screen
-) -> Iterator[None]:
+def drive_off_after(actuator: Actuator, spare: Callable[[], Actuator], screen: Screen) -> Iterator[None]:
     """Switch the drive off on every way out, by a new connection where the old one fails.
 
     If even that fails, say so without hiding why the run ended.
@@ -30,23 +50,32 @@ def drive_off_after(
         yield
     except BaseException:
         try:
-            generator.off()
+            actuator.off()
         except InstrumentError as error:
             screen.warn(f"{error}")
             if not switch_off(spare):
-                screen.warn("THE DRIVE MAY STILL BE ON: switch the generator off by hand")
+                screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
         raise
-    generator.off()
+    actuator.off()
 
 
 @dataclass(frozen=True, slots=True)
 class Shaker:
-    """The drive of a run in newtons at the drive point; `wait` waits that many seconds and may raise."""
+    """The drive of a run in newtons at the drive point.
+
+    `force_per_volt` in N/V is what amplifier and shaker make of a volt; `wait` waits that many seconds and
+    may raise.
+    """
 
     generator: DriveGenerator
     drive: DriveSection
     force_per_volt: float
     wait: Callable[[float], None]
+
+    @property
+    def what(self) -> str:
+        """The drive in words."""
+        return f"{self.drive.amplitude:g} N at {self.drive.frequency:g} Hz"
 
     @property
     def _amplitude_v(self) -> float:

@@ -51,7 +51,7 @@ def run_record(bench: Bench, devices: Devices, run_id: str, clock: Clock) -> dic
         "bench": bench.source,
         "bench_sha256": _digest(bench.text),
         "calibration_sha256": _digest("\n".join(calibration)),
-        "generator": devices.generator.identity,
+        "actuator": devices.actuator.identity,
         "card": devices.card.address,
     }
 

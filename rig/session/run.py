@@ -25,7 +25,7 @@ from rig.files.scenario import Scenario
 from rig.live import LiveView
 from rig.session.acquisition import Acquisition
 from rig.session.devices import Devices
-from rig.session.drive import Shaker, drive_off_after
+from rig.session.drive import Motion, drive_off_after
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.progress import Screen
@@ -73,8 +73,8 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
         stop.check()
         with screen.busy("connecting"):
             devices.open()
-        stack.enter_context(drive_off_after(devices.generator, devices.spare_generator, screen))
-        screen.say(f"generator  {devices.generator.identity} at {devices.generator.address}")
+        stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))
+        screen.say(f"drive      {devices.actuator.identity} at {devices.actuator.address}")
         screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
                    f"{devices.card.address}")  # fmt: skip
         return _Run(request, devices, notes, stop, screen, clock).execute(stack)
@@ -111,9 +111,9 @@ class _Run:
     def execute(self, stack: ExitStack) -> Path:
         scenario = self._scenario
         twin = self._twin()
-        shaker = Shaker(self._devices.generator, scenario.drive, self._devices.force_per_volt, self._wait)
-        shaker.arm(self._soft)
-        self._supervisor = Supervisor(self._devices.spare_generator)
+        motion = self._devices.motion(self._wait)
+        motion.arm(self._soft)
+        self._supervisor = Supervisor(self._devices.spare)
         self._supervisor.launch()
         stack.callback(self._supervisor.close)
         self._worker = stack.enter_context(
@@ -131,9 +131,9 @@ class _Run:
         with (
             self._supervisor,
             self._acquisition,
-            drive_off_after(self._devices.generator, self._devices.spare_generator, self._screen),
+            drive_off_after(self._devices.actuator, self._devices.spare, self._screen),
         ):
-            self._drive_and_record(shaker)
+            self._drive_and_record(motion)
         self._close_record()
         if self._request.live:
             self._screen.hold("the live view stays open; Enter closes it ")
@@ -170,11 +170,11 @@ class _Run:
             self._screen.warn(warning)
             self._event("warning", "card.warning", warning)
 
-    def _drive_and_record(self, shaker: Shaker) -> None:
+    def _drive_and_record(self, motion: Motion) -> None:
         wanted = self._scenario.acquisition
         with self._screen.bar("settling", wanted.settle) as bar:
             if wanted.settle > 0:
-                self._start(shaker)
+                self._start(motion)
                 full = self._acquisition.acquired
                 self._feed_from = full
                 self._until(full + self._samples(wanted.settle), bar.at, full)
@@ -187,16 +187,15 @@ class _Run:
         with self._screen.bar("recording", wanted.duration) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
-                self._start(shaker)
+                self._start(motion)
             self._until(begin + count, bar.at, begin)
         self._event("info", "record.end", "recorded")
-        shaker.ramp_down()
+        motion.ramp_down()
         self._event("info", "drive.off", "drive ramped down and off")
 
-    def _start(self, shaker: Shaker) -> None:
-        drive = self._scenario.drive
-        shaker.start(self._soft)
-        self._event("info", "drive.on", f"{drive.amplitude:g} N at {drive.frequency:g} Hz")
+    def _start(self, motion: Motion) -> None:
+        motion.start(self._soft)
+        self._event("info", "drive.on", motion.what)
 
     def _samples(self, seconds: float) -> int:
         return round(seconds * self._rate)

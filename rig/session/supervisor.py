@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 
 from daq.errors import InstrumentError, RattleError
-from drivers.protocols import DriveGenerator
+from drivers.protocols import Actuator
 from rig.session.signals import STOP_SIGNALS
 
 SILENCE_S = 4.0
@@ -29,10 +29,10 @@ class SupervisorTripped(RattleError, RuntimeError):
 class Supervisor:
     """Switches the drive off when this process dies or `beat` stays away for 4 s, by a connection of its own.
 
-    `spare` makes a second driver of the same generator; it must be picklable.
+    `spare` makes a second driver of the same actuator; it must be picklable.
     """
 
-    def __init__(self, spare: Callable[[], DriveGenerator]) -> None:
+    def __init__(self, spare: Callable[[], Actuator]) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, self._far_end = context.Pipe()
         self._process = context.Process(
@@ -90,7 +90,7 @@ class Supervisor:
             )
 
 
-def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], DriveGenerator]) -> None:
+def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Actuator]) -> None:
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     parents_end.close()  # inherited; while it is open here, the parent's death would not show
     pipe.send_bytes(b"ready")
@@ -109,14 +109,14 @@ def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Dr
         pipe.send_bytes(b"tripped")
 
 
-def switch_off(spare: Callable[[], DriveGenerator]) -> bool:
-    """Switch the drive off by a new connection; returns whether the generator took it."""
-    generator = spare()
+def switch_off(spare: Callable[[], Actuator]) -> bool:
+    """Switch the drive off by a new connection; returns whether the actuator took it."""
+    actuator = spare()
     try:
-        generator.open()
-        generator.off()
+        actuator.open()
+        actuator.off()
     except InstrumentError:
         return False
     finally:
-        generator.close()
+        actuator.close()
     return True

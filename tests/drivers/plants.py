@@ -62,6 +62,18 @@ class RampPlant:
         return (samples % 2**20).astype(float)[None, :]
 
 
+@dataclass
+class TurningPlant(RampPlant):
+    """A shaft beside the ramp: a quarter of a count of 4096 a sample, backwards after 4096 samples."""
+
+    channels: tuple[str, ...] = ("ramp", "angle")
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        ramp = super().advance(count)[0]
+        turned = np.where(ramp < 4096, ramp, 8192 - ramp) / 4.0
+        return np.stack([ramp, turned * math.tau / 4096])
+
+
 class BrokenPlant(RampPlant):
     """Fails after some samples."""
 

@@ -12,14 +12,23 @@ from dataclasses import dataclass
 
 import pytest
 
-from daq.errors import DeviceLost, InstrumentAbsent, InstrumentSilent
-from drivers.emulator_process import EmulatedInstrument, start_daq_card, start_function_generator
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentSilent
+from drivers.canopen_cia406 import CanopenEncoder
+from drivers.canopen_cia406.emulator import start_encoder
+from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.emulator_process import EmulatedInstrument
+from drivers.mitsubishi_fr import FrInverter, InverterSettings
+from drivers.mitsubishi_fr.emulator import InverterSetup, start_inverter
 from drivers.ni_daq import NiDaqCard
-from drivers.protocols import AcquisitionCard, DriveGenerator
+from drivers.ni_daq.emulator import start_daq_card
+from drivers.protocols import AcquisitionCard, DriveGenerator, PositionEncoder, SpeedDrive
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.emulator import start_function_generator
 from tests.drivers.conftest import WIRING, card_settings
+from tests.drivers.encoders import CALM_MS, slow_shaft, socketcand
 from tests.drivers.plants import SinePlant
 
+Driver = DriveGenerator | AcquisitionCard | SpeedDrive | PositionEncoder
 NOTICED_S = 1.0  # reliability: a lost device is noticed within a second
 
 
@@ -31,30 +40,62 @@ def _card(address: str) -> AcquisitionCard:
     return NiDaqCard(card_settings(address))
 
 
+def _inverter(address: str, parity: str) -> SpeedDrive:
+    return FrInverter(InverterSettings(address, 1, 19200, parity, rpm_per_hz=30.0, maximum_speed_rpm=300.0))
+
+
+def _encoder(address: str) -> PositionEncoder:
+    return CanopenEncoder(socketcand(address, period_s=0.01, timeout_s=0.5))
+
+
 @dataclass(frozen=True)
 class Case:
     start: Callable[[], EmulatedInstrument]
     address: Callable[[EmulatedInstrument], str]
-    driver: Callable[[str], DriveGenerator | AcquisitionCard]
-    arm: Callable[[DriveGenerator | AcquisitionCard], object]
-    use: Callable[[DriveGenerator | AcquisitionCard], object]
+    driver: Callable[[str], Driver]
+    arm: Callable[[Driver], object]
+    use: Callable[[Driver], object]
     nobody: Callable[[int], str]
+    silence: tuple[type[InstrumentError], str] = (InstrumentSilent, "no answer")
 
 
-def _use_generator(driver: DriveGenerator | AcquisitionCard) -> None:
+def _use_generator(driver: Driver) -> None:
     assert isinstance(driver, ScpiGenerator)
     driver.set_amplitude(1.0)
 
 
-def _arm_generator(driver: DriveGenerator | AcquisitionCard) -> None:
+def _arm_generator(driver: Driver) -> None:
     assert isinstance(driver, ScpiGenerator)
     driver.arm_sine(20.0, 0.5, 0.0, triggered=False)
     driver.start()
 
 
-def _use_card(driver: DriveGenerator | AcquisitionCard) -> None:
+def _use_card(driver: Driver) -> None:
     assert isinstance(driver, NiDaqCard)
     driver.read(51200 // 10)
+
+
+def _start_card(driver: Driver) -> None:
+    assert isinstance(driver, NiDaqCard)
+    driver.start()
+
+
+def _use_inverter(driver: Driver) -> None:
+    assert isinstance(driver, FrInverter)
+    driver.read()
+
+
+def _run_inverter(driver: Driver) -> None:
+    assert isinstance(driver, FrInverter)
+    driver.set_speed(30.0)
+    driver.start()
+
+
+def _use_encoder(driver: Driver) -> None:
+    assert isinstance(driver, CanopenEncoder)
+    began = time.time()
+    while driver.read(5).timestamp_s[-1] < began:  # what was sent before, come or not, is read first
+        pass
 
 
 CASES = {
@@ -78,9 +119,34 @@ CASES = {
         lambda: start_daq_card(SinePlant, WIRING),
         lambda emulator: emulator.address,
         _card,
-        lambda driver: driver.start(),
+        _start_card,
         _use_card,
         lambda port: f"127.0.0.1:{port}",
+    ),
+    "inverter on TCP": Case(
+        start_inverter,
+        lambda emulator: emulator.addresses[0],
+        lambda address: _inverter(address, "E"),
+        _run_inverter,
+        _use_inverter,
+        lambda port: f"socket://127.0.0.1:{port}",
+    ),
+    "inverter on a pty": Case(
+        lambda: start_inverter(setup=InverterSetup({120: 0})),  # no pty keeps a parity
+        lambda emulator: emulator.addresses[1],
+        lambda address: _inverter(address, "N"),
+        _run_inverter,
+        _use_inverter,
+        lambda port: f"/dev/pts/{port}",
+    ),
+    "encoder": Case(
+        lambda: start_encoder(slow_shaft, EncoderSetup(heartbeat_ms=CALM_MS)),
+        lambda emulator: emulator.address,
+        _encoder,
+        lambda driver: driver.start(),
+        _use_encoder,
+        lambda port: f"127.0.0.1:{port}",
+        (DeviceLost, "no heartbeat for"),
     ),
 }
 
@@ -92,7 +158,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 @contextmanager
-def running(case: Case) -> Iterator[tuple[EmulatedInstrument, DriveGenerator | AcquisitionCard]]:
+def running(case: Case) -> Iterator[tuple[EmulatedInstrument, Driver]]:
     with case.start() as emulator:
         driver = case.driver(case.address(emulator))
         driver.open()
@@ -150,9 +216,10 @@ def test_hangs_while_in_use(case: Case, freeze: Callable[[int], None]) -> None:
         case.use(driver)
         freeze(emulator.pid)
         began = time.monotonic()
-        with pytest.raises(InstrumentSilent, match="no answer") as caught:
+        error, match = case.silence
+        with pytest.raises(error, match=match) as caught:
             case.use(driver)
-        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s.
+        # Block 0.1 s, its margin 1 s, that of the answer 0.5 s; the generator here 0.5 s, the encoder 0.9 s.
         assert time.monotonic() - began < 2.0
         assert caught.value.check
         os.kill(emulator.pid, signal.SIGCONT)

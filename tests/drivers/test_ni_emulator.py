@@ -85,10 +85,10 @@ def test_drive_reaches_the_plant_at_its_sample_or_as_soon_as_it_can() -> None:
     acquisition.start()
     inbox.put(due)
     clock.now_s = 1000.05 + 1e-6  # the first block, 25 ms long, is due after its lag of 25 ms
-    first = acquisition.read(1280, 5.0)[0]
+    first = acquisition.buffer.read(1280, 5.0)[0]
     inbox.put(late)
     clock.now_s = 1000.075 + 1e-6
-    second = acquisition.read(1280, 5.0)[0]
+    second = acquisition.buffer.read(1280, 5.0)[0]
     acquisition.stop()
     times_s = 1000.0 + np.arange(1280) / 51200.0
     expected = [seen_at(early if t < due.started_s else due, t) for t in times_s]
@@ -103,13 +103,13 @@ def test_a_read_waits_no_longer_than_it_may_and_ends_with_the_task() -> None:
     acquisition = Acquisition(SinePlant(), wiring, inputs, 51200.0, 60000, DriveInbox(), clock)
     acquisition.start()
     with pytest.raises(DaqmxError, match=r"0 of 10 samples within 0\.01 s") as caught:
-        acquisition.read(10, 0.01)
+        acquisition.buffer.read(10, 0.01)
     assert caught.value.code == -200284
     failed: list[int] = []
 
     def wait() -> None:
         try:
-            acquisition.read(10, -1.0)
+            acquisition.buffer.read(10, -1.0)
         except DaqmxError as error:
             failed.append(error.code)
 
@@ -118,4 +118,4 @@ def test_a_read_waits_no_longer_than_it_may_and_ends_with_the_task() -> None:
     acquisition.stop()
     reader.join(5.0)
     assert failed == [-200278]
-    assert math.isclose(acquisition.made, 0)
+    assert math.isclose(acquisition.buffer.made, 0)

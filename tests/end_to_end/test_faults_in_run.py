@@ -85,7 +85,7 @@ def test_a_generator_that_falls_silent_while_it_is_armed_moves_nothing(
 ) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml")
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
-        run.await_line("generator ")
+        run.await_line("drive ")
         freeze(bench.generator.pid)
         ended = run.end()
     assert ended.code == 1

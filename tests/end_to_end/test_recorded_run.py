@@ -96,7 +96,7 @@ def test_metadata_says_what_ran_where_and_when(settled_log: Path) -> None:
     assert started.utcoffset() == datetime.timedelta(0)
     # Named when its log is made; the record begins after starting the card and settling, within the run.
     assert 0 < start_ns / NS_PER_S - started.timestamp() < 60
-    assert run["generator"].startswith("Agilent Technologies,33220A")
+    assert run["actuator"].startswith("Agilent Technologies,33220A")
     assert int(run["emulation_seed"]) >= 0
     assert units == dict(zip(CHANNELS, ("N", "N", "N", "N", "m/s2"), strict=True))
 

@@ -1,4 +1,4 @@
-"""The emulated card while it runs: samples made in real time, kept until they are read or overwritten."""
+"""The emulated card while it runs: samples made in real time, for the analog task and its counters."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 from nidaqmx.error_codes import DAQmxErrors
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from daq import Clock
+from drivers.ni_daq.emulator.buffer import SampleBuffer
 from drivers.ni_daq.emulator.converter import Converter
+from drivers.ni_daq.emulator.counters import Measure
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
 from drivers.protocols import DriveSettings, Plant
 
@@ -47,8 +49,25 @@ class DriveInbox:
         return ([] if last is None else [last]) + self.take()
 
 
+class CounterRun:
+    """A counter that has been started: it counts at the edges of the sample clock that it is attached to."""
+
+    def __init__(self, measure: Measure, row: int | None, dtype: DTypeLike, buffer_size: int) -> None:
+        self._measure, self._row = measure, row
+        self.buffer = SampleBuffer(1, buffer_size, dtype)
+
+    def take(self, plant: NDArray[np.float64]) -> None:
+        """Count what the plant shows in its next samples, shape (channels, n); nothing on a loose input."""
+        seen = np.zeros(plant.shape[1]) if self._row is None else plant[self._row]
+        self.buffer.put(self._measure(seen)[None, :])
+
+
 class Acquisition:
-    """A running task. Sample i is taken at `t0 + i / sample_rate`, t0 being the monotonic time of `start`."""
+    """A running analog task. Sample i is taken at `t0 + i / sample_rate`, t0 the monotonic time of `start`.
+
+    Its sample clock is the plant's, and every counter's: one that is attached before `start` has the first
+    edge as its first sample, a later one the next block's.
+    """
 
     def __init__(
         self,
@@ -61,33 +80,31 @@ class Acquisition:
         clock: Clock,
     ) -> None:
         self._plant, self._inbox, self._clock = plant, inbox, clock
-        self._converter = Converter(wiring, plant.channels, inputs)
+        self._converter = Converter(wiring, plant.channels, inputs, sample_rate)
         self._names = tuple(item.physical for item in inputs)
         self._rate = sample_rate
         self._block = max(round(BLOCK_S * sample_rate), 1)
-        self._ring = np.zeros((len(inputs), max(buffer_size, 2 * self._block)))
-        self._made = self._taken = 0
+        self.buffer = SampleBuffer(len(inputs), max(buffer_size, 2 * self._block))
         self._clipped = np.zeros(len(inputs), dtype=bool)
-        self._fault: DaqmxError | None = None
+        self._clipping = threading.Lock()
+        self._counters: tuple[CounterRun, ...] = ()
         self._start_s = 0.0
-        self._changed = threading.Condition()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated card", daemon=True)
-
-    @property
-    def made(self) -> int:
-        """Samples per channel so far."""
-        return self._made
-
-    @property
-    def available(self) -> int:
-        """Samples per channel that wait to be read."""
-        return self._made - self._taken
 
     @property
     def open_inputs(self) -> tuple[str, ...]:
         """Inputs with an IEPE supply and nobody to take it."""
         return self._converter.open_inputs
+
+    @property
+    def shorted_inputs(self) -> tuple[str, ...]:
+        """Inputs whose IEPE supply runs into a short circuit."""
+        return self._converter.shorted_inputs
+
+    def attach(self, counter: CounterRun) -> None:
+        """Let a counter follow the sample clock from its next block on."""
+        self._counters += (counter,)
 
     def start(self) -> None:
         """Start the sample clock."""
@@ -99,32 +116,15 @@ class Acquisition:
     def stop(self) -> None:
         """Stop the sample clock and wake whoever waits for samples."""
         self._stop.set()
-        self._fail(DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task was stopped"))
+        self.buffer.fail(DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task was stopped"))
         self._thread.join()
 
     def clipped_inputs(self) -> tuple[str, ...]:
         """Return the inputs that clipped since the last call."""
-        with self._changed:
+        with self._clipping:
             names = tuple(name for name, clipped in zip(self._names, self._clipped, strict=True) if clipped)
             self._clipped[:] = False
         return names
-
-    def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
-        """Return the next `count` samples, shape (inputs, count); waits for ever where `timeout_s` < 0."""
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self.available >= count or self._fault is not None,
-                None if timeout_s < 0 else timeout_s,
-            )
-            if self.available > self._ring.shape[1]:
-                text = "samples were overwritten before they were read"
-                raise DaqmxError(DAQmxErrors.SAMPLES_NO_LONGER_AVAILABLE, text)
-            if self.available < count:
-                text = f"{self.available} of {count} samples within {timeout_s:g} s"
-                raise self._fault or DaqmxError(DAQmxErrors.SAMPLES_NOT_YET_AVAILABLE, text)
-            values = self._ring.take(range(self._taken, self._taken + count), axis=1, mode="wrap")
-            self._taken += count
-        return values
 
     def _run(self) -> None:
         try:
@@ -132,36 +132,31 @@ class Acquisition:
                 self._make_block()
         except Exception:  # the plant is not ours: whatever it raises ends the task, not the server
             traceback.print_exc(file=sys.stderr)
-            self._fail(DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed"))
+            fault = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")
+            for buffer in (self.buffer, *(counter.buffer for counter in self._counters)):
+                buffer.fail(fault)
 
     def _due_s(self) -> float:
-        return self._start_s + (self._made + self._block) / self._rate + LAG_S
+        return self._start_s + (self.buffer.made + self._block) / self._rate + LAG_S
 
     def _make_block(self) -> None:
         self._pass_on(self._inbox.take())
-        values, clipped = self._converter.convert(self._plant.advance(self._block))
-        with self._changed:
-            size = self._ring.shape[1]
-            first = self._made % size
-            head = min(self._block, size - first)
-            self._ring[:, first : first + head] = values[:, :head]
-            self._ring[:, : self._block - head] = values[:, head:]
-            self._made += self._block
+        plant = self._plant.advance(self._block)
+        for counter in self._counters:
+            counter.take(plant)
+        values, clipped = self._converter.convert(plant)
+        with self._clipping:
             self._clipped |= clipped
-            self._changed.notify_all()
+        self.buffer.put(values)
 
     def _pass_on(self, drive: Sequence[DriveSettings]) -> None:
         for settings in drive:
+            made = self.buffer.made
             at_sample = (settings.started_s - self._start_s) * self._rate
-            if at_sample < self._made:
-                settings = _seen_at(settings, self._start_s + self._made / self._rate)
-                at_sample = float(self._made)
+            if at_sample < made:
+                settings = _seen_at(settings, self._start_s + made / self._rate)
+                at_sample = float(made)
             self._plant.drive(settings, at_sample)
-
-    def _fail(self, fault: DaqmxError) -> None:
-        with self._changed:
-            self._fault = self._fault or fault
-            self._changed.notify_all()
 
 
 def _seen_at(settings: DriveSettings, time_s: float) -> DriveSettings:

@@ -1,4 +1,4 @@
-"""From the plant's units to what the client reads: sensor, 24-bit converter, DAQmx scaling."""
+"""From the plant's units to what the client reads: sensor, stages, 24-bit converter, DAQmx scaling."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.ni_daq.emulator.wiring import CardWiring, Input
+from drivers.ni_daq.emulator.stages import stages_of
+from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, Input
 
 HALF_CODES = 2.0**23
 
@@ -15,25 +16,36 @@ HALF_CODES = 2.0**23
 class Converter:
     """Converts the plant's rows, in the order of `plant_channels`, to the task's `inputs`."""
 
-    def __init__(self, wiring: CardWiring, plant_channels: Sequence[str], inputs: Sequence[Input]) -> None:
+    def __init__(
+        self,
+        wiring: CardWiring,
+        plant_channels: Sequence[str],
+        inputs: Sequence[Input],
+        rate_hz: float = FASTEST_HZ,
+    ) -> None:
         self._random = np.random.default_rng(wiring.seed)
         self._noise_v = wiring.idle_noise_v
         wires = [wiring.wires.get(item.physical) for item in inputs]
         live = [wire if wire is not None and wire.connected else None for wire in wires]
-        self._idle = np.array([wire is None for wire in live])
+        seen = [wire if wire is not None and not wire.shorted else None for wire in live]
+        self._idle = np.array([wire is None for wire in seen])
         self._rows = np.array(
-            [0 if wire is None else plant_channels.index(wire.plant_channel) for wire in live]
+            [0 if wire is None else plant_channels.index(wire.plant_channel) for wire in seen]
         )
-        self._gains = np.array([[0.0 if wire is None else wire.volts_per_unit] for wire in live])
+        self._gains = np.array([[0.0 if wire is None else wire.volts_per_unit] for wire in seen])
         self._lsb = np.array([[5.0 if wire is None else wire.range_v] for wire in wires]) / HALF_CODES
         self._scales = self._lsb / np.array([[item.volts_per_unit] for item in inputs])
-        self.open_inputs = tuple(
-            item.physical for item, idle in zip(inputs, self._idle, strict=True) if idle and item.iepe
-        )
+        self._stages = [[] if wire is None else stages_of(wire, rate_hz) for wire in seen]
+        fed = [(item, wire) for item, wire in zip(inputs, live, strict=True) if item.iepe]
+        self.open_inputs = tuple(item.physical for item, wire in fed if wire is None)
+        self.shorted_inputs = tuple(item.physical for item, wire in fed if wire is not None and wire.shorted)
 
     def convert(self, plant: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return values as read, shape (inputs, n), and which inputs clipped, shape (inputs,)."""
         codes = plant[self._rows] * (self._gains / self._lsb)
+        for row, stages in enumerate(self._stages):
+            for stage in stages:
+                codes[row] = stage(codes[row] * self._lsb[row]) / self._lsb[row]
         if self._idle.any():
             shape = (int(self._idle.sum()), plant.shape[1])
             codes[self._idle] = self._random.normal(0.0, self._noise_v, shape) / self._lsb[self._idle]

@@ -1,89 +1,65 @@
-"""The calls of NI's gRPC device server that a continuous analog task needs."""
+"""The calls of NI's gRPC device server that continuous analog tasks and counters beside them need."""
 
 # ruff: noqa: D102, N802 - the calls are named and described by NI's nidaqmx.proto
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2 as messages
-from nidaqmx._stubs import nidaqmx_pb2_grpc
-from nidaqmx.constants import AccelSensitivityUnits, AccelUnits
+from nidaqmx.constants import (
+    AccelSensitivityUnits,
+    AccelUnits,
+    AngleUnits,
+    EncoderType,
+    ForceIEPESensorSensitivityUnits,
+)
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
 
 from daq import Clock
 from daq.errors import ConfigurationError, Problem
-from drivers.ni_daq.emulator.acquisition import Acquisition, DriveInbox
-from drivers.ni_daq.emulator.wiring import EXCITATION_A, CardWiring, DaqmxError, Input, coerced_rate
+from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, DriveInbox
+from drivers.ni_daq.emulator.counters import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
+from drivers.ni_daq.emulator.devices import DeviceCalls
+from drivers.ni_daq.emulator.tasks import READ_BOOL, READ_STRING, READ_UINT32, TASK_STRING, Task, lookup
+from drivers.ni_daq.emulator.wiring import (
+    EXCITATION_A,
+    CardWiring,
+    CounterWire,
+    DaqmxError,
+    Input,
+    chassis_of,
+    coerced_rate,
+)
 from drivers.protocols import Plant
 
-T = TypeVar("T")
-
 STANDARD_GRAVITY = 9.80665
-DEFAULT_BUFFER = 100_000  # samples per channel at 10 kHz to 1 MHz: NI-DAQmx manual, "Buffer size"
-VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update of the driver
+_DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}
+_LEAST_COUNTER_BUFFER = 10_000
 
 
-@dataclass(slots=True)
-class _Task:
-    name: str
-    inputs: list[Input] = field(default_factory=list)
-    sample_rate: float = 0.0
-    buffer_size: int = DEFAULT_BUFFER
-    acquisition: Acquisition | None = None
-    clipped: tuple[str, ...] = ()
+class CardServicer(DeviceCalls):
+    """A device server with one card, which one task at a time may run, and a task for each of its counters.
 
-    def running(self) -> Acquisition:
-        if self.acquisition is None:
-            raise DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task is not running")
-        return self.acquisition
-
-    def stop(self) -> None:
-        if self.acquisition is not None:
-            self.acquisition.stop()
-            self.acquisition = None
-
-    def clipped_exist(self) -> bool:
-        self.clipped = self.running().clipped_inputs()
-        return bool(self.clipped)
-
-
-_READ_UINT32: dict[int, Callable[[_Task], int]] = {
-    0x217B: lambda task: len(task.inputs),
-    0x1223: lambda task: task.running().available,
-    0x31E8: lambda task: task.running().available,
-}
-_READ_BOOL: dict[int, Callable[[_Task], bool]] = {
-    0x2174: _Task.clipped_exist,
-    0x3100: lambda task: bool(task.running().open_inputs),
-}
-_READ_STRING: dict[int, Callable[[_Task], str]] = {
-    0x2175: lambda task: ", ".join(task.clipped),
-    0x3101: lambda task: ", ".join(task.running().open_inputs),
-}
-_TASK_STRING: dict[int, Callable[[_Task], str]] = {
-    0x1276: lambda task: task.name,
-    0x1273: lambda task: ", ".join(item.physical for item in task.inputs),
-}
-
-
-class CardServicer(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
-    """A device server with one card, which one task at a time may run. Calls raise `DaqmxError`."""
+    Calls raise `DaqmxError`.
+    """
 
     def __init__(self, plant: Plant, wiring: CardWiring, inbox: DriveInbox, clock: Clock) -> None:
-        self._plant, self._wiring, self._inbox, self._clock = plant, wiring, inbox, clock
-        self._devices = wiring.devices()
-        unknown = {wire.plant_channel for wire in wiring.wires.values()} - set(plant.channels)
+        super().__init__(wiring)
+        self._plant, self._inbox, self._clock = plant, inbox, clock
+        wired = {wire.plant_channel for wire in wiring.wires.values()}
+        wired |= {wire.plant_channel for wire in wiring.counters.values()}
+        unknown = wired - set(plant.channels)
         if unknown:
             allowed = f"one of {', '.join(plant.channels)}"
             problems = [Problem("plant channel", name, allowed) for name in sorted(unknown)]
             raise ConfigurationError("wiring of the emulated card", problems)
-        self._tasks: dict[str, _Task] = {}
+        self._tasks: dict[str, Task] = {}
         self._lock = threading.Lock()
 
     def close(self) -> None:
@@ -92,28 +68,6 @@ class CardServicer(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
             for task in self._tasks.values():
                 task.stop()
 
-    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = _lookup(VERSION, request.attribute_raw)
-        return messages.GetSystemInfoAttributeUInt32Response(value=value)
-
-    def GetSystemInfoAttributeString(self, request: Any, context: Any) -> Any:
-        value = _lookup({0x193B: ", ".join(self._devices)}, request.attribute_raw)
-        return messages.GetSystemInfoAttributeStringResponse(value=value)
-
-    def GetDeviceAttributeString(self, request: Any, context: Any) -> Any:
-        inputs = self._device(request.device_name)
-        values = {0x0631: self._wiring.product_type, 0x231E: ", ".join(inputs)}
-        return messages.GetDeviceAttributeStringResponse(value=_lookup(values, request.attribute_raw))
-
-    def GetDeviceAttributeUInt32(self, request: Any, context: Any) -> Any:
-        self._device(request.device_name)
-        values = {0x0632: self._wiring.serial + list(self._devices).index(request.device_name)}
-        return messages.GetDeviceAttributeUInt32Response(value=_lookup(values, request.attribute_raw))
-
-    def GetDeviceAttributeBool(self, request: Any, context: Any) -> Any:
-        self._device(request.device_name)
-        return messages.GetDeviceAttributeBoolResponse(value=_lookup({0x22CA: True}, request.attribute_raw))
-
     def CreateTask(self, request: Any, context: Any) -> Any:
         with self._lock:
             number = len(self._tasks)
@@ -121,7 +75,7 @@ class CardServicer(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
                 if request.session_name:
                     raise DaqmxError(DAQmxErrors.INVALID_TASK, f"there is a task {name} already")
                 number += 1
-            self._tasks[name] = _Task(name)
+            self._tasks[name] = Task(name)
         return messages.CreateTaskResponse(task={"name": name}, new_session_initialized=True)
 
     def ClearTask(self, request: Any, context: Any) -> Any:
@@ -148,59 +102,104 @@ class CardServicer(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         self._add_iepe(request, Input(request.physical_channel, volts_per_unit, request.max_val, iepe=True))
         return messages.CreateAIAccelChanResponse()
 
+    def CreateTEDSAIForceIEPEChan(self, request: Any, context: Any) -> Any:
+        teds = self._sheet(request.physical_channel)
+        self._add_iepe(
+            request, Input(request.physical_channel, teds.volts_per_unit, request.max_val, iepe=True)
+        )
+        self._keep(request, {0x2F81: teds.volts_per_unit * 1e3})
+        return messages.CreateTEDSAIForceIEPEChanResponse()
+
+    def CreateTEDSAIAccelChan(self, request: Any, context: Any) -> Any:
+        teds = self._sheet(request.physical_channel)
+        self._add_iepe(
+            request, Input(request.physical_channel, teds.volts_per_unit, request.max_val, iepe=True)
+        )
+        self._keep(request, {0x0692: teds.volts_per_unit * STANDARD_GRAVITY * 1e3})
+        return messages.CreateTEDSAIAccelChanResponse()
+
+    def GetChanAttributeDouble(self, request: Any, context: Any) -> Any:
+        kept = self._task(request).attributes
+        values = {number: value for (channel, number), value in kept.items() if channel == request.channel}
+        return messages.GetChanAttributeDoubleResponse(value=lookup(values, request.attribute_raw))
+
+    def GetChanAttributeInt32(self, request: Any, context: Any) -> Any:
+        values = {
+            0x2F82: ForceIEPESensorSensitivityUnits.MILLIVOLTS_PER_NEWTON.value,
+            0x219C: AccelSensitivityUnits.MILLIVOLTS_PER_G.value,
+        }
+        return messages.GetChanAttributeInt32Response(value_raw=lookup(values, request.attribute_raw))
+
+    def SetChanAttributeBool(self, request: Any, context: Any) -> Any:
+        lookup({0x2ED0: None}, request.attribute_raw)
+        if request.value:
+            text = "averaging wants two pulses between any two samples, which slow shafts do not give"
+            raise DaqmxError(DAQmxErrors.INVALID_ATTRIBUTE_VALUE, text)
+        return messages.SetChanAttributeBoolResponse()
+
+    def CreateCIAngEncoderChan(self, request: Any, context: Any) -> Any:
+        decoding = lookup(_DECODINGS, request.decoding_type_raw)
+        turn = math.tau if request.units_raw == AngleUnits.RADIANS.value else 360.0
+        per_unit = request.pulses_per_rev * decoding / turn
+        initial = round(request.initial_angle * per_unit)
+        at_index = round(request.zidx_val * per_unit) if request.zidx_enable else None
+        self._add_counter(request, lambda wire: AngleCount(wire, decoding, initial, at_index))
+        return messages.CreateCIAngEncoderChanResponse()
+
+    def CreateCICountEdgesChan(self, request: Any, context: Any) -> Any:
+        self._add_counter(request, EdgeCount)
+        return messages.CreateCICountEdgesChanResponse()
+
+    def CreateCIFreqChan(self, request: Any, context: Any) -> Any:
+        self._add_counter(request, pulse_frequency, np.float64)
+        return messages.CreateCIFreqChanResponse()
+
     def CfgSampClkTiming(self, request: Any, context: Any) -> Any:
         task = self._task(request)
-        task.sample_rate = coerced_rate(request.rate)
+        task.clock = request.source
+        task.sample_rate = request.rate if request.source else coerced_rate(request.rate)
         task.buffer_size = max(int(request.samps_per_chan), 2)
         return messages.CfgSampClkTimingResponse()
 
     def GetTimingAttributeDouble(self, request: Any, context: Any) -> Any:
         values = {0x1344: self._task(request).sample_rate}
-        return messages.GetTimingAttributeDoubleResponse(value=_lookup(values, request.attribute_raw))
+        return messages.GetTimingAttributeDoubleResponse(value=lookup(values, request.attribute_raw))
 
     def GetTaskAttributeString(self, request: Any, context: Any) -> Any:
-        value = _lookup(_TASK_STRING, request.attribute_raw)(self._task(request))
+        value = lookup(TASK_STRING, request.attribute_raw)(self._task(request))
         return messages.GetTaskAttributeStringResponse(value=value)
 
     def GetTaskAttributeUInt32(self, request: Any, context: Any) -> Any:
-        values = {0x2181: len(self._task(request).inputs)}
-        return messages.GetTaskAttributeUInt32Response(value=_lookup(values, request.attribute_raw))
+        values = {0x2181: len(self._task(request).channels)}
+        return messages.GetTaskAttributeUInt32Response(value=lookup(values, request.attribute_raw))
 
     def GetBufferAttributeUInt32(self, request: Any, context: Any) -> Any:
         values = {0x186C: self._task(request).buffer_size}
-        return messages.GetBufferAttributeUInt32Response(value=_lookup(values, request.attribute_raw))
+        return messages.GetBufferAttributeUInt32Response(value=lookup(values, request.attribute_raw))
 
     def GetReadAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = _lookup(_READ_UINT32, request.attribute_raw)(self._task(request))
+        value = lookup(READ_UINT32, request.attribute_raw)(self._task(request))
         return messages.GetReadAttributeUInt32Response(value=value)
 
     def GetReadAttributeUInt64(self, request: Any, context: Any) -> Any:
-        values = {0x192A: self._task(request).running().made}
-        return messages.GetReadAttributeUInt64Response(value=_lookup(values, request.attribute_raw))
+        values = {0x192A: self._task(request).buffer().made}
+        return messages.GetReadAttributeUInt64Response(value=lookup(values, request.attribute_raw))
 
     def GetReadAttributeBool(self, request: Any, context: Any) -> Any:
-        value = _lookup(_READ_BOOL, request.attribute_raw)(self._task(request))
+        value = lookup(READ_BOOL, request.attribute_raw)(self._task(request))
         return messages.GetReadAttributeBoolResponse(value=value)
 
     def GetReadAttributeString(self, request: Any, context: Any) -> Any:
-        value = _lookup(_READ_STRING, request.attribute_raw)(self._task(request))
+        value = lookup(READ_STRING, request.attribute_raw)(self._task(request))
         return messages.GetReadAttributeStringResponse(value=value)
 
     def StartTask(self, request: Any, context: Any) -> Any:
         task = self._task(request)
         with self._lock:
-            if any(other.acquisition is not None for other in self._tasks.values()):
-                raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, "the card is in use by a running task")
-            task.acquisition = Acquisition(
-                self._plant,
-                self._wiring,
-                task.inputs,
-                task.sample_rate,
-                task.buffer_size,
-                self._inbox,
-                self._clock,
-            )
-            task.acquisition.start()
+            if task.counter is not None:
+                self._start_counter(task, task.counter)
+            else:
+                self._start_analog(task)
         return messages.StartTaskResponse()
 
     def StopTask(self, request: Any, context: Any) -> Any:
@@ -208,22 +207,71 @@ class CardServicer(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         return messages.StopTaskResponse()
 
     def ReadAnalogF64(self, request: Any, context: Any) -> Any:
-        values = self._task(request).running().read(request.num_samps_per_chan, request.timeout)
+        values = self._task(request).running().buffer.read(request.num_samps_per_chan, request.timeout)
         return _packed(values)
+
+    def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:
+        (values,) = self._task(request).buffer().read(request.num_samps_per_chan, request.timeout)
+        return messages.ReadCounterU32ExResponse(read_array=values.tolist(), samps_per_chan_read=len(values))
+
+    def ReadCounterF64Ex(self, request: Any, context: Any) -> Any:
+        (values,) = self._task(request).buffer().read(request.num_samps_per_chan, request.timeout)
+        return messages.ReadCounterF64ExResponse(read_array=values.tolist(), samps_per_chan_read=len(values))
 
     def GetErrorString(self, request: Any, context: Any) -> Any:
         return messages.GetErrorStringResponse(error_string=f"DAQmx error {request.error_code}")
 
-    def _device(self, name: str) -> list[str]:
-        if name not in self._devices:
-            raise DaqmxError(DAQmxErrors.INVALID_DEVICE_ID, f"there is no device {name}")
-        return self._devices[name]
-
-    def _task(self, request: Any) -> _Task:
+    def _task(self, request: Any) -> Task:
         task = self._tasks.get(request.task.name)
         if task is None:
             raise DaqmxError(DAQmxErrors.INVALID_TASK, f"there is no task {request.task.name}")
         return task
+
+    def _start_analog(self, task: Task) -> None:
+        if any(other.acquisition is not None for other in self._tasks.values()):
+            raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, "the card is in use by a running task")
+        acquisition = Acquisition(
+            self._plant,
+            self._wiring,
+            task.inputs,
+            task.sample_rate,
+            task.buffer_size,
+            self._inbox,
+            self._clock,
+        )
+        for other in self._tasks.values():
+            if other.counting is not None and other.clock == _clock_of(task):
+                acquisition.attach(other.counting)
+        task.acquisition = acquisition
+        acquisition.start()
+
+    def _start_counter(self, task: Task, counter: CounterInput) -> None:
+        for other in self._tasks.values():
+            if other.counting is not None and other.channels == task.channels:
+                raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, f"{counter.physical} is in use")
+        wire = self._wiring.counters.get(counter.physical)
+        row = None if wire is None else self._plant.channels.index(wire.plant_channel)
+        size = max(task.buffer_size, _LEAST_COUNTER_BUFFER)
+        task.counting = CounterRun(counter.measure(wire or CounterWire("")), row, counter.dtype, size)
+        for other in self._tasks.values():
+            if other.acquisition is not None and task.clock == _clock_of(other):
+                other.acquisition.attach(task.counting)
+
+    def _keep(self, request: Any, attributes: dict[int, float]) -> None:
+        task = self._task(request)
+        task.attributes |= {(request.physical_channel, key): value for key, value in attributes.items()}
+
+    def _add_counter(
+        self, request: Any, measure: Callable[[CounterWire], Measure], dtype: type[np.generic] = np.uint32
+    ) -> None:
+        task = self._task(request)
+        if request.counter not in self._counters.get(request.counter.partition("/")[0], ()):
+            text = f"there is no counter {request.counter}"
+            raise DaqmxError(DAQmxErrors.PHYSICAL_CHAN_DOES_NOT_EXIST, text)
+        if task.channels:
+            text = "a task can hold one counter only"
+            raise DaqmxError(DAQmxErrors.CHAN_ALREADY_IN_TASK, text)
+        task.counter = CounterInput(request.counter, measure, dtype)
 
     def _add_iepe(self, request: Any, item: Input) -> None:
         if abs(request.current_excit_val - EXCITATION_A) > 1e-6:
@@ -247,11 +295,9 @@ class CardServicer(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         task.inputs.append(item)
 
 
-def _lookup(table: Mapping[int, T], attribute: int) -> T:
-    if attribute not in table:
-        text = f"this card has no attribute {attribute:#x}"
-        raise DaqmxError(DAQmxErrors.ATTRIBUTE_NOT_SUPPORTED_IN_TASK_CONTEXT, text)
-    return table[attribute]
+def _clock_of(task: Task) -> str:
+    device = task.inputs[0].physical.partition("/")[0]
+    return f"/{chassis_of(device) or device}/ai/SampleClock"
 
 
 def _packed(values: NDArray[np.float64]) -> Any:

@@ -1,14 +1,14 @@
 """What is wired to the inputs of the emulated card, and what such a card can do.
 
 Figures of the NI 9234: 24 bit, +-5 V, 51.2 kHz / n with n = 1 to 31, 2 mA IEPE supply, idle noise 50 uV rms
-(NI 9234 datasheet, 374238).
+(NI 9234 datasheet, 374238). Counters are those of a chassis with an NI 9401: 32 bit.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from nidaqmx.error_codes import DAQmxErrors
 
@@ -18,6 +18,8 @@ FASTEST_HZ = 51200.0
 DIVISORS = range(1, 32)
 EXCITATION_A = 0.002
 _INPUT = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ai[0-9]{1,3}")
+_COUNTER = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ctr[0-9]{1,3}")
+_MODULE = re.compile(r"(.+)Mod[0-9]+")
 
 
 class DaqmxError(Exception):
@@ -29,17 +31,64 @@ class DaqmxError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
+class Teds:
+    """What the sensor's own data sheet says: a serial number, and V per SI unit."""
+
+    serial: int
+    volts_per_unit: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChargeStage:
+    """A charge amplifier as it really is: what its output can reach (V), its droop, and whether it is reset.
+
+    `corner_hz` is its first-order high-pass, None for none; in reset it gives 0 V whatever the sensor does.
+    """
+
+    corner_hz: float | None = None
+    output_v: float = 10.0
+    reset: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LowPassStage:
+    """A programmable Butterworth low-pass before the card."""
+
+    corner_hz: float
+    order: int = 8
+
+
+@dataclass(frozen=True, slots=True)
 class Wire:
     """A sensor chain on an input: which channel of the plant it sees, and what it really makes of it.
 
-    `volts_per_unit` is the true sensitivity in V per SI unit, whatever a bench file says; `range_v` is where
-    the input clips, in V; `connected` is false for a cable that hangs loose.
+    `volts_per_unit` is the true sensitivity in V per SI unit, amplifier included, whatever a bench file says;
+    `range_v` is where the input clips, in V; `connected` is false for a cable that hangs loose, `shorted`
+    true for one whose conductors touch.
     """
 
     plant_channel: str
     volts_per_unit: float
     range_v: float = 5.0
     connected: bool = True
+    shorted: bool = False
+    charge: ChargeStage | None = None
+    low_pass: LowPassStage | None = None
+    teds: Teds | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CounterWire:
+    """A pulse source on a counter: the plant's angle (rad), speed (rad/s) or marker (V), and its true pulses.
+
+    `preset` is what the counter holds before its first pulse, to rehearse a rollover; a marker is seen above
+    `threshold_v`.
+    """
+
+    plant_channel: str
+    pulses_per_revolution: int = 1024
+    preset: int = 0
+    threshold_v: float = 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +96,7 @@ class CardWiring:
     """The emulated card: its wires by physical channel (`cDAQ1Mod1/ai0`), and what else it says of itself.
 
     Each device has `inputs_per_device` inputs, more where more are wired; those without a wire show noise of
-    `idle_noise_v` rms (V) made from `seed`.
+    `idle_noise_v` rms (V) made from `seed`. `counters` are wired by name as well (`cDAQ1Mod3/ctr0`).
     """
 
     wires: Mapping[str, Wire]
@@ -56,18 +105,46 @@ class CardWiring:
     inputs_per_device: int = 4
     idle_noise_v: float = 50e-6
     seed: int = 0
+    counters: Mapping[str, CounterWire] = field(default_factory=dict)
+    counter_product_type: str = "NI 9401"
+    counters_per_device: int = 4
 
     def devices(self) -> dict[str, list[str]]:
-        """Return the inputs of each device. Raises `ConfigurationError` for names that no input has."""
-        wrong = [physical for physical in self.wires if not _INPUT.fullmatch(physical)]
+        """Return the analog inputs of each device, none for one that counts.
+
+        Raises `ConfigurationError` for names that no input has.
+        """
+        wrong = [(name, "an input like cDAQ1Mod1/ai0") for name in self.wires if not _INPUT.fullmatch(name)]
+        wrong += [
+            (name, "a counter like cDAQ1Mod3/ctr0") for name in self.counters if not _COUNTER.fullmatch(name)
+        ]
         if wrong:
-            problems = [Problem("physical", physical, "an input like cDAQ1Mod1/ai0") for physical in wrong]
+            problems = [Problem("physical", name, allowed) for name, allowed in wrong]
             raise ConfigurationError("wiring of the emulated card", problems)
-        highest: dict[str, int] = {}
-        for physical in self.wires:
-            device, _, index = physical.partition("/ai")
-            highest[device] = max(highest.get(device, self.inputs_per_device - 1), int(index))
-        return {device: [f"{device}/ai{i}" for i in range(last + 1)] for device, last in highest.items()}
+        found = _numbered(self.wires, "ai", self.inputs_per_device)
+        return found | {device: found.get(device, []) for device in self.counters_of()}
+
+    def counters_of(self) -> dict[str, list[str]]:
+        """Return the counters of each device that has any."""
+        return _numbered(self.counters, "ctr", self.counters_per_device)
+
+    def product(self, device: str) -> str:
+        """What a device says it is."""
+        return self.product_type if self.devices()[device] else self.counter_product_type
+
+
+def chassis_of(device: str) -> str | None:
+    """Return the chassis that a module is in by its name; None for a device that is no module."""
+    match = _MODULE.fullmatch(device)
+    return None if match is None else match[1]
+
+
+def _numbered(names: Iterable[str], kind: str, least: int) -> dict[str, list[str]]:
+    highest: dict[str, int] = {}
+    for name in names:
+        device, _, index = name.partition(f"/{kind}")
+        highest[device] = max(highest.get(device, least - 1), int(index))
+    return {device: [f"{device}/{kind}{i}" for i in range(last + 1)] for device, last in highest.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,9 +162,10 @@ def test_sensitivity_is_in_the_unit_of_its_kind(sensor: str, volts_per_unit: flo
         (changed('"100 N"', '"100 m"'), "range", '"100 m"', "not a unit of this kind"),
         (changed("cDAQ1Mod1/ai0", "cDAQ1Mod1/ao0"), "physical", '"cDAQ1Mod1/ao0"', "an input of the card"),
         (changed('"voltage"', '"strain"'), "kind", '"strain"', '"voltage" or "charge_amplifier"'),
-        (changed('"voltage"', '"encoder"'), "kind", '"encoder"', "this version drives the impact beam"),
-        (changed('"voltage"', '"marker"'), "kind", '"marker"', "this version drives the impact beam"),
-        (changed('"voltage"', '"tachometer"'), "kind", '"tachometer"', "this version drives the impact beam"),
+        (changed('"voltage"', '"encoder"'), "kind", '"encoder"', '"tachometer" on an analog input'),
+        (changed("Mod1/ai0", "Mod1/ctr0"), "kind", '"voltage"', '"encoder" or "marker" or "tachometer" on'),
+        (changed('"voltage"', '"marker"'), "kind", '"marker"', "a kind that measures N"),
+        (changed('"voltage"', '"tachometer"'), "kind", '"tachometer"', "a kind that measures N"),
         (
             changed('"voltage"', '"acceleration_iepe"'),
             "kind",

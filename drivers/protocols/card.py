@@ -1,4 +1,4 @@
-"""What the rig asks of a generator and a card, and what an emulated card asks of its plant."""
+"""What the rig asks of an acquisition card, and what an emulated one asks of its plant."""
 
 from __future__ import annotations
 
@@ -9,91 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import Channel, Flag
+from drivers.protocols.generator import DriveSettings
 
 
 @dataclass(frozen=True, slots=True)
-class DriveSettings:
-    """What a generator puts out from `started_s` on: `offset_v + amplitude_v * sin(phase)`.
+class Finding:
+    """Something about a channel that no flag of a block can say; `code` is one word, `text` says it all."""
 
-    The phase is `phase_rad` at `started_s` and grows by `2 pi frequency_hz` rad/s. `amplitude_v` is the peak
-    in volts at the high-impedance output, `started_s` is in seconds of the monotonic clock (`SystemClock`).
-    With `on` false the output is at 0 V, whatever the other fields say.
-    """
-
-    on: bool
-    frequency_hz: float
-    amplitude_v: float
-    offset_v: float
-    started_s: float
-    phase_rad: float = 0.0
+    channel: str
+    code: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
 class CardReading:
-    """Consecutive samples of all channels of a card.
+    """Consecutive samples of all channels of a card, analog or counted, on one sample grid.
 
     `first_sample` counts since the start of the task; `values` has shape (channels, n), row by row in the
-    channel's unit; `flags` has one entry a channel.
+    channel's unit; `flags` has one entry a channel. `findings` are those that came up with this reading; one
+    that lasts is not told again.
     """
 
     first_sample: int
     values: NDArray[np.float64]
     flags: tuple[Flag, ...]
-
-
-class DriveGenerator(Protocol):
-    """A function generator that drives the shaker with a sine.
-
-    Every method may raise `InstrumentRefused` (it said no, or a limit of ours forbids it), `InstrumentSilent`
-    (no answer in time) and, once open, `DeviceLost`.
-    """
-
-    @property
-    def name(self) -> str:
-        """What the bench calls it."""
-        ...
-
-    @property
-    def address(self) -> str:
-        """Where it is."""
-        ...
-
-    @property
-    def identity(self) -> str:
-        """What it says it is; empty before `open`."""
-        ...
-
-    def open(self) -> None:
-        """Connect and check the model; moves nothing. Raises `InstrumentAbsent` as well."""
-        ...
-
-    def close(self) -> None:
-        """Hang up; leaves the output as it is. Never raises."""
-        ...
-
-    def arm_sine(self, frequency_hz: float, amplitude_v: float, offset_v: float, *, triggered: bool) -> None:
-        """Prepare a sine (Hz, V peak and V into high impedance); the shaker stays at rest.
-
-        Not triggered: `start` turns the output on. Triggered: the output is on and waits at the offset;
-        `start` lets the sine begin at phase 0 with its full amplitude.
-        """
-        ...
-
-    def start(self) -> None:
-        """Let the armed sine begin."""
-        ...
-
-    def set_amplitude(self, amplitude_v: float) -> None:
-        """Change the peak amplitude (V) of a running sine; its phase goes on."""
-        ...
-
-    def set_offset(self, offset_v: float) -> None:
-        """Change the offset (V) of a running sine."""
-        ...
-
-    def off(self) -> None:
-        """Go to the safe state, output off; no error where it is off or closed already."""
-        ...
+    findings: tuple[Finding, ...] = ()
 
 
 class AcquisitionCard(Protocol):

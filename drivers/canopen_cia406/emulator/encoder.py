@@ -1,0 +1,199 @@
+"""The emulated encoder: a CANopen node whose position follows a shaft, in real time."""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import traceback
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import can
+import canopen
+import numpy as np
+from canopen.nmt import NMT_STATES
+
+from daq import Clock
+from drivers.canopen_cia406.emulator.dictionary import dictionary
+from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
+from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
+from drivers.protocols import Shaft
+
+_STATES = {name: number for number, name in NMT_STATES.items()}
+_RESENT_S = 130e-6
+_BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040
+_GARBAGE = "< frame 18Z what >"
+_IDLE_S = 0.005
+
+
+class EmulatedEncoder:
+    """A node on a socketcand bus; frame k since its start is sent at k periods of its own timer."""
+
+    def __init__(self, shaft: Shaft, setup: EncoderSetup, clock: Clock) -> None:
+        self._shaft, self._setup, self._clock = shaft, setup, clock
+        self._origin_s, self._unix_s = clock.monotonic_s(), clock.unix_ns() * 1e-9
+        self._jump_s = 0.0
+        self._zero = setup.offset_counts
+        self._bus = SocketcandBus(setup.channel, lambda: self._stamp(clock.monotonic_s()))
+        self._network: Any = canopen.Network(self._bus)
+        self._network.NOTIFIER_CYCLE = 0.05
+        self._node: Any = canopen.LocalNode(setup.node, dictionary(setup))
+        self._faults: defaultdict[int, list[EncoderFault]] = defaultdict(list)
+        for fault in setup.faults:
+            self._faults[fault.at_frame].append(fault)
+        self._random = np.random.default_rng(setup.seed)
+        self._overtaken: can.Message | None = None
+        self._silent = False
+        self._frame, self._start_s = -1, 0.0
+        self._beat_s, self._beat_due_s = 0.0, math.inf
+        # canopen's heartbeat has a thread of its own, which on a busy machine falls behind the positions.
+        nmt: Any = self._node.nmt
+        nmt.start_heartbeat = self._start_heartbeat
+        nmt.stop_heartbeat = lambda: self._start_heartbeat(0)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="emulated encoder", daemon=True)
+
+    def open(self) -> tuple[str]:
+        """Boot; return where its socketcand server listens, `host:port`."""
+        self._network.connect()
+        self._network.add_node(self._node)
+        self._node.add_read_callback(self._on_read)
+        self._node.add_write_callback(self._on_write)
+        self._network.subscribe(0x80, self._on_sync)
+        self._boot()
+        self._thread.start()
+        return (self._bus.address,)
+
+    def serve(self) -> None:
+        """Answer until `stop`."""
+        self._bus.serve()
+
+    def stop(self) -> None:
+        """End `serve`; may be called by any thread."""
+        self._stop.set()
+        self._bus.stop()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._stop.set()
+        self._thread.join()
+        self._node.nmt.stop_heartbeat()
+        self._network.disconnect()
+
+    def _boot(self) -> None:
+        self._node.nmt.state = "INITIALISING"
+        self._node.nmt.state = "PRE-OPERATIONAL"
+
+    def _on_read(self, index: int, **_: object) -> int | None:
+        return self._position(self._clock.monotonic_s()) if index == 0x6004 else None
+
+    def _on_write(self, index: int, data: bytes, **_: object) -> None:
+        if index == 0x6003:
+            here = self._position(self._clock.monotonic_s())
+            self._zero += int.from_bytes(data, "little") - here
+
+    def _on_sync(self, *_: object) -> None:
+        if self._node.nmt.state == "OPERATIONAL":
+            now_s = self._clock.monotonic_s()
+            self._send(0x280, self._position(now_s).to_bytes(4, "little"), now_s)
+
+    def _position(self, time_s: float) -> int:
+        turned = self._shaft(time_s) / math.tau * self._setup.counts_per_revolution
+        return (math.floor(turned) + self._zero) % self._setup.total_range
+
+    def _stamp(self, time_s: float) -> float:
+        rate = 1.0 + self._setup.clock_ppm * 1e-6
+        elapsed_s = (time_s - self._origin_s) * rate
+        return self._unix_s + self._setup.clock_offset_s + self._jump_s + elapsed_s
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                due_s = min(self._beat_due_s, self._position_due_s())
+                # Not for longer: what is due may change, for the bus may start or stop the node.
+                self._stop.wait(min(max(due_s - self._clock.monotonic_s(), 0.0), _IDLE_S))
+                if due_s > self._clock.monotonic_s():
+                    continue
+                if due_s == self._beat_due_s:
+                    self._send(0x700, bytes([_STATES[self._node.nmt.state]]), due_s)
+                    self._beat_due_s += self._beat_s
+                else:
+                    self._frame += 1
+                    self._send_position(self._frame - 1, due_s)
+        except Exception:  # the shaft is not ours: whatever it raises ends what the node sends by itself
+            traceback.print_exc(file=sys.stderr)
+
+    def _position_due_s(self) -> float:
+        timer_ms = int(self._node.sdo[0x6200].raw)
+        if self._node.nmt.state != "OPERATIONAL" or timer_ms == 0:
+            self._frame = -1
+            return math.inf
+        if self._frame < 0:
+            self._frame, self._start_s = 0, self._clock.monotonic_s()
+        return self._start_s + self._frame * timer_ms * 1e-3 * (1.0 + self._setup.period_ppm * 1e-6)
+
+    def _start_heartbeat(self, period_ms: int) -> None:
+        self._beat_s = period_ms * 1e-3
+        self._beat_due_s = self._clock.monotonic_s() if period_ms else math.inf
+
+    def _send_position(self, frame: int, due_s: float) -> None:
+        kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
+        for kind, value in kinds.items():
+            self._fail(kind, value)
+        if self._silent or kinds.keys() & {"missing", "receive_overrun"}:
+            return
+        data = b"".join(
+            self._position(due_s).to_bytes(4, "little")
+            if mapped >> 16 == 0x6004
+            else bytes((mapped & 0xFF) // 8)
+            for mapped in self._setup.mapped
+        )
+        late_s = self._random.uniform(0.0, self._setup.jitter_s)
+        message = self._message(0x180, data[:3] if "wrong_length" in kinds else data, due_s + late_s)
+        if "reorder" in kinds:
+            self._overtaken = message
+            return
+        overtaken, self._overtaken = self._overtaken, None
+        for sent in (message, overtaken):
+            if sent is not None:
+                self._bus.send(sent)
+        if "duplicate" in kinds:
+            self._send(0x180, data, due_s + late_s + _RESENT_S)
+
+    def _send(self, function: int, data: bytes, time_s: float) -> None:
+        self._bus.send(self._message(function, data, time_s))
+
+    def _message(self, function: int, data: bytes, time_s: float) -> can.Message:
+        return can.Message(
+            timestamp=self._stamp(time_s),
+            arbitration_id=function + self._setup.node,
+            data=data,
+            is_extended_id=False,
+        )
+
+    def _fail(self, kind: str, value: float) -> None:
+        acts: dict[str, Callable[[], None]] = {
+            "error_frame": lambda: self._report(_BUS_ERROR),
+            "receive_overrun": lambda: self._report(_CONTROLLER),
+            "bus_off": self._leave_bus,
+            "hang_up": self._bus.hang_up,
+            "garbage": lambda: self._bus.say(_GARBAGE),
+            "heartbeat_stops": self._node.nmt.stop_heartbeat,
+            "positions_stop": lambda: setattr(self, "_silent", True),
+            "emergency": lambda: self._node.emcy.send(int(value), 0x01 if value else 0x00),
+            "pre_operational": lambda: setattr(self._node.nmt, "state", "PRE-OPERATIONAL"),
+            "restart": self._boot,
+            "clock_jump": lambda: setattr(self, "_jump_s", self._jump_s + value),
+        }
+        if kind in acts:
+            acts[kind]()
+
+    def _leave_bus(self) -> None:
+        self._report(_BUS_OFF)
+        self._silent = True
+        self._node.nmt.stop_heartbeat()
+
+    def _report(self, error_class: int) -> None:
+        self._bus.send(can.Message(arbitration_id=error_class, is_error_frame=True))

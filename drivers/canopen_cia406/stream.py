@@ -1,0 +1,313 @@
+"""What an encoder sends by itself, sorted into positions, heartbeats, emergencies and errors of the bus."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import can
+import numpy as np
+
+from daq import Flag
+from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
+from drivers.canopen_cia406 import frames
+from drivers.canopen_cia406.frames import BusError, NmtState
+from drivers.canopen_cia406.objects import PositionLayout
+from drivers.canopen_cia406.order import FrameOrder, Placed, PositionFrame
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
+
+HEARTBEATS_MISSED = 3
+_ATTENTIVE_S = 0.1
+"""The link looks twice as often; what passes beyond that is a stall of this machine and no silence."""
+_MOST_NOTICES = 1000
+_MISSING = "frames missing"
+
+
+class PositionStream:
+    """Takes every frame in the link's thread; hands out blocks to one reader."""
+
+    def __init__(self, settings: EncoderSettings) -> None:
+        self._settings, self._node = settings, settings.node
+        self._changed = threading.Condition()
+        self._take: dict[int, Callable[[can.Message, float], None]] = {
+            frames.TPDO1 + self._node: self._position,
+            frames.HEARTBEAT + self._node: self._heartbeat,
+            frames.EMCY + self._node: self._emergency,
+        }
+        self._linux = settings.interface in frames.LINUX_INTERFACES
+        self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
+        self._emergencies: tuple[Emergency, ...] = ()
+        self._looked_s = self._unheard_s = self._beat_s = self._beat_stamp_s = 0.0
+        self._beats = 0
+        self._state = -1
+        self._fault: InstrumentError | None = None
+        self.connected()
+
+    @property
+    def emergencies(self) -> tuple[Emergency, ...]:
+        """Emergencies that were not taken back."""
+        return self._emergencies
+
+    @property
+    def _ended(self) -> bool:
+        return self._fault is not None or not self._streaming
+
+    @property
+    def statistics(self) -> PositionStatistics:
+        """What became of the frames since `begin`."""
+        with self._changed:
+            order = self._order
+            return replace(
+                self._counts,
+                frames=self._enqueued,
+                missing=order.missing + self._counts.queue_overruns,
+                duplicates=order.duplicates,
+                reordered=order.reordered,
+                late=order.late,
+                clock_steps=order.clock_steps,
+                period_ppm=order.period_ppm,
+            )
+
+    def connected(self) -> None:
+        """Forget everything: a new connection begins."""
+        with self._changed:
+            self._fault, self._beats, self._state = None, 0, -1
+            self._emergencies = ()
+            self._notices.clear()
+            self.begin(PositionLayout(0, 4), 1, 0.0)
+            self._streaming = False
+
+    def begin(self, layout: PositionLayout, total_range: int, heartbeat_s: float) -> None:
+        """Expect positions from now on, and a heartbeat every `heartbeat_s` once the node is operational."""
+        with self._changed:
+            self._layout, self._total_range = layout, total_range
+            self._order = FrameOrder(self._settings.period_s)
+            self._capacity = max(round(self._settings.buffer_s / self._settings.period_s), 10)
+            self._queue: deque[Placed] = deque()
+            self._gaps: deque[PositionGap] = deque()
+            self._counts = PositionStatistics()
+            self._enqueued = 0
+            self._last: Placed | None = None
+            self._cause = ""
+            self._suspect = self._operational = False
+            self._wanted = 1
+            self._beat_limit_s = HEARTBEATS_MISSED * heartbeat_s
+            self._streaming = True
+
+    def end(self) -> None:
+        """Expect no more positions; those that are there stay."""
+        with self._changed:
+            self._close_order()
+            self._streaming = self._operational = False
+            self._changed.notify_all()
+
+    def await_heartbeat(self, seconds: float, state: NmtState | None = None) -> bool:
+        """Wait for a heartbeat that comes from now on, in `state` if one is given; whether it came.
+
+        Raises `DeviceLost`.
+        """
+        with self._changed:
+            before = self._beats
+
+            def came() -> bool:
+                wanted = state is None or self._state == state
+                return self._fault is not None or (self._beats > before and wanted)
+
+            it_came = self._changed.wait_for(came, seconds)
+            if self._fault is not None:
+                raise self._fault
+            return it_came
+
+    def take_notices(self) -> tuple[Notice, ...]:
+        """Return and forget what happened."""
+        with self._changed:
+            notices = tuple(self._notices)
+            self._notices.clear()
+        return notices
+
+    def take(self, count: int, seconds: float) -> PositionBlock:
+        """Wait for `count` positions for so long; see `PositionEncoder.read`."""
+        with self._changed:
+            self._wanted, self._capacity = count, max(self._capacity, 2 * count)
+            self._changed.wait_for(lambda: len(self._queue) >= count or self._ended, seconds)
+            if self._ended and not self._queue:
+                raise self._fault or self._lost_error("it was not started")
+            if not self._ended and len(self._queue) < count:
+                raise self._silent(count, seconds)
+            placed = [self._queue.popleft() for _ in range(min(count, len(self._queue)))]
+            gaps = self._gaps_before(placed[-1].number)
+            flags = Flag.SAMPLES_MISSING_BEFORE if gaps or self._suspect else Flag.GOOD
+            self._suspect = False
+        return _block(placed, gaps, flags)
+
+    # In the link's thread from here on.
+
+    def frame(self, message: can.Message, arrival_s: float) -> None:
+        """Take a frame of any node."""
+        with self._changed:
+            self._attend(arrival_s)
+            if message.is_error_frame:
+                self._error_frame(message, arrival_s)
+            elif not (message.is_remote_frame or message.is_extended_id):
+                take = self._take.get(message.arbitration_id)
+                if take is not None:
+                    take(message, arrival_s)
+                # By one clock alone, one that was set would look the same.
+                self._check_heart(min(arrival_s - self._beat_s, message.timestamp - self._beat_stamp_s))
+
+    def quiet(self, now_s: float) -> None:
+        """Nothing waits on the bus."""
+        with self._changed:
+            self._attend(now_s)
+            self._close_order()  # nothing is on its way that could belong between the last frames
+            self._check_heart(self._unheard_s)
+
+    def lost(self, why: str, cause: Exception | None = None) -> None:
+        """The first reason why no position can come any more."""
+        with self._changed:
+            if self._fault is None:
+                self._close_order()
+                self._fault = self._lost_error(f"the connection is lost: {why}")
+                self._fault.__cause__ = cause
+            self._changed.notify_all()
+
+    def _position(self, message: can.Message, arrival_s: float) -> None:
+        if not self._streaming or self._fault is not None:
+            return
+        if message.dlc != self._layout.length or len(message.data) != message.dlc:
+            self._reject("wrong_length", f"a frame of {message.dlc} bytes instead of {self._layout.length}")
+            return
+        counts = self._layout.decode(message.data)
+        if counts >= self._total_range:
+            self._reject("out_of_range", f"position {counts} beyond the total range of {self._total_range}")
+            return
+        for placed in self._order.put(PositionFrame(message.timestamp, arrival_s, counts)):
+            self._enqueue(placed)
+
+    def _enqueue(self, placed: Placed) -> None:
+        if placed.stepped:
+            text = "the clock of the timestamps was set"
+            self._note(placed.frame.arrival_s, "warning", "encoder.clock_step", text)
+        if len(self._queue) >= self._capacity:
+            if self._cause != "not read in time":
+                text = f"positions are lost: nobody read for {self._settings.buffer_s:g} s"
+                self._note(placed.frame.arrival_s, "error", "encoder.overrun", text)
+            self._cause = "not read in time"
+            self._count("queue_overruns")
+            return
+        expected = 0 if self._last is None else self._last.number + 1
+        if placed.number > expected:
+            cause, self._cause = self._cause or _MISSING, ""
+            self._gaps.append(PositionGap(expected, placed.number - expected, cause))
+        self._queue.append(placed)
+        self._last = placed
+        self._enqueued += 1
+        if len(self._queue) >= self._wanted:
+            self._changed.notify_all()
+
+    def _heartbeat(self, message: can.Message, arrival_s: float) -> None:
+        try:
+            state = frames.heartbeat_state(message.data)
+        except ValueError:
+            self._count("wrong_length")
+            return
+        self._state, self._beats = state, self._beats + 1
+        self._unheard_s, self._beat_s, self._beat_stamp_s = 0.0, arrival_s, message.timestamp
+        if self._streaming and self._operational and state != NmtState.OPERATIONAL:
+            self.lost(f"it fell back to {frames.state_name(state)}; its settings are no longer certain")
+        self._operational = self._streaming and state == NmtState.OPERATIONAL
+        self._changed.notify_all()
+
+    def _attend(self, now_s: float) -> None:
+        self._unheard_s += min(now_s - self._looked_s, _ATTENTIVE_S)
+        self._looked_s = now_s
+
+    def _check_heart(self, unheard_s: float) -> None:
+        if self._operational and self._fault is None and unheard_s > self._beat_limit_s:
+            limit = f"{HEARTBEATS_MISSED} periods ({self._beat_limit_s:g} s)"
+            self.lost(f"no heartbeat for {unheard_s:.2f} s, more than {limit}")
+
+    def _emergency(self, message: can.Message, arrival_s: float) -> None:
+        try:
+            emergency = frames.emergency(message.data, arrival_s)
+        except ValueError:
+            self._count("wrong_length")
+            return
+        if emergency.code & 0xFF00 == 0:  # error reset
+            self._emergencies = ()
+            self._note(arrival_s, "info", "encoder.emergency_over", emergency.text)
+            return
+        self._emergencies = (*self._emergencies[-31:], emergency)
+        self._count("emergencies")
+        text = f"emergency {emergency.code:04X}h ({emergency.text}), register {emergency.register:02X}h"
+        self._note(arrival_s, "error", "encoder.emergency", text)
+
+    def _error_frame(self, message: can.Message, arrival_s: float) -> None:
+        kind = BusError(message.arbitration_id) if self._linux else BusError(0)
+        self._count("error_frames")
+        if kind & BusError.BUS_OFF:
+            self.lost("the bus is off")
+        elif kind & BusError.CONTROLLER and _overflowed(message):
+            self._suspect = True
+            self._cause = "receive buffer of the interface overran"
+            self._count("receiver_overruns")
+            self._note(arrival_s, "error", "encoder.receiver_overrun", f"the {self._cause}")
+        else:
+            text = f"error frame, class {message.arbitration_id:03X}h"
+            self._note(arrival_s, "warning", "encoder.error_frame", text)
+
+    def _reject(self, counter: str, cause: str) -> None:
+        self._cause = cause
+        self._count(counter)
+
+    def _count(self, counter: str) -> None:
+        self._counts = replace(self._counts, **{counter: getattr(self._counts, counter) + 1})
+
+    def _close_order(self) -> None:
+        for placed in self._order.flush():
+            self._enqueue(placed)
+
+    def _gaps_before(self, number: int) -> tuple[PositionGap, ...]:
+        gaps: list[PositionGap] = []
+        while self._gaps and self._gaps[0].first_frame < number:
+            gaps.append(self._gaps.popleft())
+        return tuple(gaps)
+
+    def _note(self, arrival_s: float, level: str, code: str, text: str) -> None:
+        self._notices.append(Notice(arrival_s, level, code, text))
+
+    def _lost_error(self, why: str) -> DeviceLost:
+        check = "cable, power and bus of the encoder; open it again to have its settings verified"
+        return DeviceLost(self._settings.name, self._settings.address, f"{why}; {self._last_good()}", check)
+
+    def _silent(self, count: int, seconds: float) -> InstrumentSilent:
+        what = f"{len(self._queue)} of {count} positions within {seconds:.3g} s; {self._last_good()}"
+        check = "its cyclic timer and that it is operational"
+        return InstrumentSilent(self._settings.name, self._settings.address, what, check)
+
+    def _last_good(self) -> str:
+        if self._last is None:
+            return "no position came"
+        number, frame = self._last.number, self._last.frame
+        return f"last good position: frame {number}, {frame.counts} counts at {frame.timestamp_s:.6f} s"
+
+
+def _overflowed(message: can.Message) -> bool:
+    # linux/can/error.h: byte 1 bit 0 is an overflow of the receive buffer; socketcand leaves the bytes out.
+    return len(message.data) < 2 or bool(message.data[1] & 0x01)
+
+
+def _block(placed: list[Placed], gaps: tuple[PositionGap, ...], flags: Flag) -> PositionBlock:
+    if any(item.stepped for item in placed):
+        flags |= Flag.CLOCK_NOT_LOCKED
+    return PositionBlock(
+        number=np.array([item.number for item in placed], dtype=np.int64),
+        arrival_s=np.array([item.frame.arrival_s for item in placed]),
+        timestamp_s=np.array([item.frame.timestamp_s for item in placed]),
+        counts=np.array([item.frame.counts for item in placed], dtype=np.int64),
+        gaps=gaps,
+        flags=flags,
+    )

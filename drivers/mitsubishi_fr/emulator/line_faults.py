@@ -1,0 +1,105 @@
+"""What a bad line makes of good answers, by a seeded schedule."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.mitsubishi_fr.frames import checksum
+
+LATE_S = (0.22, 0.5)  # an answer is given up after 0.2 s
+_BUSY = 0x06
+
+
+@dataclass(frozen=True, slots=True)
+class LineFaults:
+    """The share of answers that are spoilt, each in one of `kinds` (names in `KINDS`) by lot."""
+
+    share: float = 0.0
+    kinds: tuple[str, ...] = ("drop", "flip")
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Bytes that reach the master `delay_s` after the drive sent its answer, or after what went before."""
+
+    delay_s: float
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """A request, its answer, the answer before that, and the lot that is drawn for it."""
+
+    request: bytes
+    answer: bytes
+    previous: bytes
+    lot: random.Random
+
+
+class Disturbance:
+    """Spoils answers one after another. KeyError for a kind that is not in `KINDS`."""
+
+    def __init__(self, faults: LineFaults) -> None:
+        self._share, self._kinds = faults.share, [KINDS[kind] for kind in faults.kinds]
+        self._lot = random.Random(faults.seed)  # noqa: S311 - a schedule, no secret
+        self._previous = b""
+
+    def spoil(self, request: bytes, answer: bytes) -> Piece:
+        """Return what arrives of the answer to a request."""
+        exchange = Exchange(request, answer, self._previous, self._lot)
+        self._previous = answer
+        if self._lot.random() >= self._share:
+            return Piece(0.0, answer)
+        return self._lot.choice(self._kinds)(exchange)
+
+
+def _late(exchange: Exchange) -> Piece:
+    return Piece(exchange.lot.uniform(*LATE_S), exchange.answer)
+
+
+def _flipped(exchange: Exchange) -> Piece:
+    # The CRC finds every error of up to three bits; it lets one in 65536 of larger ones through.
+    bits = exchange.lot.sample(range(8 * len(exchange.answer)), exchange.lot.randint(1, 3))
+    flipped = bytearray(exchange.answer)
+    for bit in bits:
+        flipped[bit // 8] ^= 1 << bit % 8
+    return Piece(0.0, bytes(flipped))
+
+
+def _cut(exchange: Exchange) -> Piece:
+    return Piece(0.0, exchange.answer[: exchange.lot.randrange(1, len(exchange.answer))])
+
+
+def _after_garbage(exchange: Exchange) -> Piece:
+    return Piece(0.0, exchange.lot.randbytes(exchange.lot.randrange(1, 9)) + exchange.answer)
+
+
+def _from_another_station(exchange: Exchange) -> Piece:
+    return Piece(0.0, _signed(bytes([exchange.answer[0] ^ 1]) + exchange.answer[1:-2]))
+
+
+def _busy(exchange: Exchange) -> Piece:
+    return Piece(0.0, _signed(bytes([exchange.answer[0], exchange.answer[1] | 0x80, _BUSY])))
+
+
+def _signed(body: bytes) -> bytes:
+    return body + checksum(body)
+
+
+KINDS: dict[str, Callable[[Exchange], Piece]] = {
+    "drop": lambda exchange: Piece(0.0, b""),
+    "flip": _flipped,
+    "cut": _cut,
+    "garbage": _after_garbage,
+    "echo": lambda exchange: Piece(0.0, exchange.request + exchange.answer),
+    "echo alone": lambda exchange: Piece(0.0, exchange.request),
+    "twice": lambda exchange: Piece(0.0, exchange.answer + exchange.answer),
+    "stale": lambda exchange: Piece(0.0, exchange.previous),
+    "old first": lambda exchange: Piece(0.0, exchange.previous + exchange.answer),
+    "late": _late,
+    "other station": _from_another_station,
+    "busy": _busy,
+}

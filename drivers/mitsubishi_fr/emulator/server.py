@@ -1,0 +1,246 @@
+"""Serves an emulated drive on TCP and on a pty, as RTU frames through pymodbus's server, over a line that may
+be disturbed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import tty
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import NoSuchIdException
+from pymodbus.framer import FramerType
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults, EmulatedDrive, Trip, Unanswered
+from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults
+from drivers.mitsubishi_fr.frames import WRITE, intact
+from drivers.mitsubishi_fr.registers import FIRST_NUMBER
+
+REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
+SETTLE_S = 0.01
+TIMER_RESOLUTION_S = 1e-6
+_REQUEST_LENGTH = 8
+
+
+class InverterServer:
+    """Answers on 127.0.0.1 and on a pty until `stop`.
+
+    What comes through `rehearsal` (`LineFaults`, `DriveFaults`, `Trip`) goes wrong from then on.
+    """
+
+    def __init__(
+        self,
+        drive: EmulatedDrive,
+        station: int,
+        line: LineFaults,
+        rehearsal: Connection | None = None,
+    ) -> None:
+        self.drive, self._station, self._rehearsal = drive, station, rehearsal
+        self.disturbance = Disturbance(line)
+        self._loop = asyncio.new_event_loop()
+        self._stopped = asyncio.Event()
+        self._wires: list[_Wire] = []
+        self._written = 0
+        self._modbus: ModbusTcpServer
+        self._listener: asyncio.Server
+        self._pty = (-1, -1)
+
+    def open(self) -> tuple[str, str]:
+        """Open both ways in; return them as pyserial wants them, TCP first."""
+        return self._loop.run_until_complete(self._open())
+
+    def serve(self) -> None:
+        """Answer until `stop` is called."""
+        self._loop.run_until_complete(self._serve())
+
+    def stop(self) -> None:
+        """End `serve`; may be called by any thread."""
+        self._loop.call_soon_threadsafe(self._stopped.set)
+
+    def close(self) -> None:
+        """Close every way in."""
+        self._loop.run_until_complete(self._close())
+        self._loop.close()
+
+    async def _open(self) -> tuple[str, str]:
+        drive = SimDevice(self._station, _registers(), action=self._access)
+        others = SimDevice(0, _registers(), action=_nobody)
+        # It never listens itself: the wires feed its request handlers.
+        self._modbus = ModbusTcpServer(
+            [drive, others], framer=FramerType.RTU, address=("127.0.0.1", 0), ignore_missing_devices=True
+        )
+        self._listener = await self._loop.create_server(lambda: _TcpClient(self), "127.0.0.1", 0)
+        # The slave stays open here: without it a read of the master fails once a client has gone.
+        self._pty = master, slave = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        wire = self.new_wire(lambda data: _write(master, data))
+        self._loop.add_reader(master, lambda: wire.heard(_read(master)))
+        if self._rehearsal is not None:
+            self._loop.add_reader(self._rehearsal.fileno(), self._rehearse, self._rehearsal)
+        port = self._listener.sockets[0].getsockname()[1]
+        return f"socket://127.0.0.1:{port}", os.ttyname(slave)
+
+    async def _serve(self) -> None:
+        while not self._stopped.is_set():
+            self.drive.settle()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._stopped.wait(), SETTLE_S)
+
+    async def _close(self) -> None:
+        master, slave = self._pty
+        self._loop.remove_reader(master)
+        if self._rehearsal is not None:
+            self._loop.remove_reader(self._rehearsal.fileno())
+        self._listener.close()
+        for wire in list(self._wires):
+            wire.close()
+        for handle in (master, slave):
+            os.close(handle)
+        await asyncio.sleep(0)
+
+    def new_wire(self, send: Callable[[bytes], None]) -> _Wire:
+        """Return a new way in; what is answered on it goes to `send`."""
+        handler = self._modbus.handle_new_connection()
+        wire = _Wire(self, handler.data_received, send)
+        handler.connection_made(wire)
+        self._wires.append(wire)
+        return wire
+
+    def forget(self, wire: _Wire) -> None:
+        """Drop a way in whose client has gone."""
+        if wire in self._wires:
+            self._wires.remove(wire)
+
+    async def _access(
+        self,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        values: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        if values is None and function == WRITE:
+            # pymodbus answers a write with what it reads back; a drive, with what was written.
+            registers[address - start] = self._written
+            return None
+        written = None if values is None else [int(value) for value in values]
+        self._written = written[-1] if written else 0
+        try:
+            result = self.drive.access(FIRST_NUMBER + address, count, written)
+        except Unanswered as error:
+            raise NoSuchIdException from error  # the one way to make this server say nothing
+        if isinstance(result, ExcCodes):
+            return result
+        if values is None:
+            registers[address - start : address - start + count] = result
+        return None
+
+    def _rehearse(self, rehearsal: Connection) -> None:
+        try:
+            fault = rehearsal.recv()
+        except (EOFError, OSError):
+            self._loop.remove_reader(rehearsal.fileno())
+            return
+        if isinstance(fault, LineFaults):
+            self.disturbance = Disturbance(fault)
+        elif isinstance(fault, DriveFaults):
+            self.drive.put_faults(fault)
+        elif isinstance(fault, Trip):
+            self.drive.trip(fault.code)
+
+
+class _Wire(asyncio.Transport):
+    """One way in: hands requests to pymodbus, and what it answers, spoilt or not, to the client, in order."""
+
+    def __init__(
+        self, server: InverterServer, handle: Callable[[bytes], None], send: Callable[[bytes], None]
+    ) -> None:
+        super().__init__()
+        self._server, self._handle, self._send = server, handle, send
+        self._loop = asyncio.get_running_loop()
+        self._request = b""
+        self._waiting: deque[tuple[float, bytes]] = deque()
+        self._closed = False
+
+    def heard(self, data: bytes) -> None:
+        """Take bytes of the client."""
+        if not data:
+            return
+        if intact(data) or intact(data[-_REQUEST_LENGTH:]):  # two may have come at once
+            self._server.drive.heard_frame()
+        self._request = data
+        self._handle(data)
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Take an answer of pymodbus."""
+        piece = self._server.disturbance.spoil(self._request, bytes(data))
+        at_s = self._loop.time() + piece.delay_s
+        if self._waiting:
+            at_s = max(at_s, self._waiting[-1][0])
+        self._waiting.append((at_s, piece.data))
+        self._loop.call_at(at_s, self._flush)
+
+    def _flush(self) -> None:
+        now_s = self._loop.time() + TIMER_RESOLUTION_S
+        while self._waiting and self._waiting[0][0] <= now_s and not self._closed:
+            data = self._waiting.popleft()[1]
+            if data:
+                self._send(data)
+
+    def close(self) -> None:
+        """Send nothing more."""
+        self._closed = True
+        self._server.forget(self)
+
+
+class _TcpClient(asyncio.Protocol):
+    """A master on TCP."""
+
+    def __init__(self, server: InverterServer) -> None:
+        self._server = server
+        self._wire: _Wire | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Give it a wire."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - a TCP server makes no other
+        self._wire = self._server.new_wire(transport.write)
+
+    def data_received(self, data: bytes) -> None:
+        """Hand on its bytes."""
+        if self._wire is not None:
+            self._wire.heard(data)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """Forget it."""
+        if self._wire is not None:
+            self._wire.close()
+
+
+def _registers() -> list[SimData]:
+    return [SimData(0, count=REGISTERS, values=0, datatype=DataType.REGISTERS)]
+
+
+async def _nobody(*request: object) -> ExcCodes | None:
+    """Stand for every other station of the line: none of them is there."""
+    raise NoSuchIdException
+
+
+def _read(handle: int) -> bytes:
+    try:
+        return os.read(handle, 4096)
+    except OSError:
+        return b""
+
+
+def _write(handle: int, data: bytes) -> None:
+    with suppress(OSError):  # nobody has taken 64 KiB of answers: a line has no memory either
+        os.write(handle, data)

@@ -1,0 +1,196 @@
+"""A Mitsubishi FR inverter for code that knows no event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import TimeoutError as NotDone
+from typing import Any, TypeVar
+
+from daq import Clock, SystemClock
+from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from daq.log.records import Event
+from drivers.mitsubishi_fr.conversation import Conversation
+from drivers.mitsubishi_fr.diary import Diary
+from drivers.mitsubishi_fr.keeper import Keeper
+from drivers.mitsubishi_fr.line import LineHealth, SerialLine
+from drivers.mitsubishi_fr.motor import Motor
+from drivers.mitsubishi_fr.orders import OvertakenOrder
+from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
+from drivers.protocols import MotorState
+
+ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent
+HANGS_S = 30.0  # no coroutine here takes so long but a stop on a long ramp, which says so itself
+
+_T = TypeVar("_T")
+
+
+class FrInverter:
+    """A `SpeedDrive`. Its line is polled in a thread of its own from `open` to `close`."""
+
+    def __init__(self, settings: InverterSettings, clock: Clock | None = None) -> None:
+        self.settings = settings
+        self.name, self.address = settings.name, settings.port
+        self.identity = ""
+        self.warnings: tuple[str, ...] = ()
+        self._clock = clock or SystemClock()
+        self._diary = Diary(self._clock, settings.name)
+        self._open: _Open | None = None
+
+    @property
+    def state(self) -> MotorState | None:
+        """What it said last; None before the first answer."""
+        return self._open.motor.state if self._open else None
+
+    @property
+    def health(self) -> LineHealth | None:
+        """What went wrong on its line since it was opened; None while it is closed."""
+        return self._open.line.health if self._open else None
+
+    def open(self) -> None:
+        """Connect, check parameters and watchdog, and poll from now on; nothing is written."""
+        self.close()
+        session = _Open(self.settings, self._clock, self._diary)
+        try:
+            session.begin()
+        except BaseException:
+            session.end()
+            raise
+        self._open = session
+        self.identity = described(session.motor.parameters, self.settings.station)
+        self.warnings = warnings(session.motor.parameters, self.settings)
+
+    def close(self) -> None:
+        """Stop the motor if it may be turning, answer or not, and hang up."""
+        if self._open is not None:
+            session, self._open = self._open, None
+            session.end()
+
+    def set_speed(self, rpm: float) -> float:
+        """Set the speed; refused outside 0 to the bench's maximum, NaN included, before anything is sent."""
+        if not 0.0 <= rpm <= self.settings.maximum_speed_rpm:
+            what = f"{rpm:g} rpm is outside 0 to {self.settings.maximum_speed_rpm:g} rpm; nothing was sent"
+            raise self._refused(what, "the speed asked for and the bench's maximum_speed", "limit")
+        session, per_hz = self._attend(), self.settings.rpm_per_hz
+        return per_hz * session.order(lambda until_s: session.motor.set_frequency(rpm / per_hz, until_s))
+
+    def start(self) -> None:
+        """Run forward."""
+        session = self._attend()
+        session.order(session.motor.run_forward)
+
+    def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
+        """Stop in category 1; see `SpeedDrive.stop`. Does so also after an error."""
+        if self._open is None or not self._open.motor.orders.taken:
+            return
+        session, per_hz = self._open, self.settings.rpm_per_hz
+        session.keeper.attended_s = self._clock.monotonic_s()
+        measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
+        session.run(session.motor.stop(measured_hz), session.longest_stop_s)
+
+    def read(self) -> MotorState:
+        """Ask it how it is."""
+        session = self._attend()
+        return session.run(session.keeper.look())
+
+    def check(self) -> None:
+        """Raise what went wrong since it was opened, if anything did."""
+        self._attend()
+
+    def fault_history(self) -> tuple[str, ...]:
+        """What its display showed at its last faults, newest first."""
+        session = self._attend()
+        return tuple(name for name in session.run(session.motor.history()) if name)
+
+    def events(self) -> tuple[Event, ...]:
+        """What happened since the last call."""
+        return self._diary.take()
+
+    def _attend(self) -> _Open:
+        if self._open is None:
+            what = "the connection is closed"
+            raise DeviceLost(self.name, self.address, what, "that it was opened")
+        self._open.keeper.attended_s = self._clock.monotonic_s()
+        if self._open.keeper.error is not None:
+            raise self._open.keeper.error
+        return self._open
+
+    def _refused(self, what: str, check: str, code: str) -> InstrumentRefused:
+        return InstrumentRefused(self.name, self.address, what, check, code)
+
+
+def reset_tripped(settings: InverterSettings) -> None:
+    """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
+    clock = SystemClock()
+    session = _Open(settings, clock, Diary(clock, settings.name))
+    try:
+        session.connect()
+        session.run(session.motor.reset())
+    finally:
+        session.end()
+
+
+class _Open:
+    """What exists only while the inverter is open: its event loop, its line, and who looks after it."""
+
+    def __init__(self, settings: InverterSettings, clock: Clock, diary: Diary) -> None:
+        self._settings, self._clock = settings, clock
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name=settings.name, daemon=True)
+        self.line = SerialLine(settings.name, settings.line, clock.monotonic_s)
+        talk = Conversation(settings.name, settings.port, settings.station, self.line, clock.monotonic_s)
+        self.motor = Motor(settings, talk, clock, diary)
+        self.keeper = Keeper(settings, self.motor, talk, self.line.health, clock, diary)
+        self._thread.start()
+
+    @property
+    def longest_stop_s(self) -> float:
+        """How long a stop may take before it must have raised by itself."""
+        return HANGS_S + 4.0 * self.motor.parameters.ramp_s(self._settings.maximum_hz, 0.0)
+
+    def connect(self) -> None:
+        """Open the line."""
+        self.run(self.line.open())
+
+    def begin(self) -> None:
+        """Open the line, check the drive and poll it."""
+        self.connect()
+        self.run(self.keeper.check_in())
+
+    def end(self) -> None:
+        """Stop, hang up and end the thread. Never raises."""
+        try:
+            longest_s = self.longest_stop_s if self.motor.parameters.raw else HANGS_S
+            self.run(self._shut(), longest_s)
+        except InstrumentError:
+            pass  # what is wrong with a drive that is being given up is in its diary
+        finally:
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+            self._loop.close()
+
+    async def _shut(self) -> None:
+        try:
+            await self.keeper.close()
+        finally:
+            self.line.close()
+
+    def order(self, order: Callable[[float], Coroutine[Any, Any, _T]]) -> _T:
+        """Give an order that is void 3 s from now."""
+        return self.run(self.keeper.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
+
+    def run(self, work: Coroutine[Any, Any, _T], within_s: float = HANGS_S) -> _T:
+        """Run a coroutine in the loop's thread and return what it returns."""
+        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        name, address = self._settings.name, self._settings.port
+        try:
+            return future.result(within_s)
+        except InstrumentError:
+            raise  # an InstrumentSilent is a TimeoutError too
+        except NotDone as error:
+            future.cancel()
+            what = f"no answer within {within_s:g} s"
+            raise InstrumentSilent(name, address, what, "the load of this machine") from error
+        except OvertakenOrder as error:
+            raise InstrumentRefused(name, address, f"not done: {error}", "", "overtaken") from error

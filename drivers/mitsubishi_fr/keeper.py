@@ -1,0 +1,154 @@
+"""Polls an inverter for as long as it is open, and stops it where anything is wrong with it."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import traceback
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import TypeVar
+
+from daq import Clock
+from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
+from drivers.mitsubishi_fr.diary import Diary
+from drivers.mitsubishi_fr.line import LineHealth
+from drivers.mitsubishi_fr.motor import NOT_OBEYED, Motor
+from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings, problems
+from drivers.protocols import MotorState
+
+_GONE = (DeviceLost, InstrumentSilent)
+_T = TypeVar("_T")
+
+
+class Keeper:
+    """Looks after a motor from `check_in` to `close`; the first error that endangers it stays in `error`."""
+
+    def __init__(
+        self,
+        settings: InverterSettings,
+        motor: Motor,
+        talk: Conversation,
+        health: LineHealth,
+        clock: Clock,
+        diary: Diary,
+    ) -> None:
+        self._settings, self._motor, self._talk, self._health = settings, motor, talk, health
+        self._clock, self._diary = clock, diary
+        self._watch: asyncio.Task[None] | None = None
+        self._looked_s = self.attended_s = clock.monotonic_s()
+        self._was_degraded = self._closing = False
+        self.error: InstrumentError | None = None
+
+    async def check_in(self) -> None:
+        """Check the parameters and that it has not tripped, then begin to poll. Nothing is written."""
+        found = await self._motor.read_parameters()
+        wrong = problems(found, self._settings)
+        if wrong:
+            raise InverterMisconfigured(self._settings.name, self._settings.port, wrong)
+        state = await self._motor.look()
+        if state.fault:
+            raise self._tripped(state)
+        self.attended_s = self._looked_s = self._clock.monotonic_s()
+        self._watch = asyncio.create_task(self._keep())
+
+    async def order(self, order: Awaitable[_T]) -> _T:
+        """Give an order; where the drive fails or does not follow, stop it before the error is raised."""
+        try:
+            return await order
+        except InstrumentRefused as error:
+            if error.code in (NOT_OBEYED, DEVICE_FAILURE):
+                await self._make_safe(error)
+            raise
+
+    async def look(self) -> MotorState:
+        """Ask the drive how it is."""
+        return await self._motor.look(self._health.degraded)
+
+    async def close(self) -> None:
+        """Stop what may be turning, hand the drive back, and cease to poll. Never raises."""
+        if self._motor.orders.taken:
+            with suppress(InstrumentError):
+                await self._motor.stop()
+                await self._motor.hand_back()
+        if self._watch is not None:
+            # Before Python 3.12 wait_for swallows a cancellation that comes together with an answer.
+            self._closing = True
+            self._watch.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._watch
+
+    async def _keep(self) -> None:
+        while not self._closing:
+            began_s = self._clock.monotonic_s()
+            try:
+                await self._look_after(began_s)
+            except InstrumentError as error:
+                await self._make_safe(error)
+                if isinstance(error, _GONE):
+                    return
+            except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
+                traceback.print_exc(file=sys.stderr)
+                await self._make_safe(
+                    self._motor.refused(f"its keeper failed: {type(error).__name__}: {error}")
+                )
+                return
+            self._looked_s = began_s
+            await asyncio.sleep(max(self._settings.poll_s - (self._clock.monotonic_s() - began_s), 0.0))
+
+    async def _look_after(self, now_s: float) -> None:
+        slept_s = now_s - self._looked_s
+        if self.error is None and slept_s > self._motor.parameters.watchdog_s + self._settings.silent_s:
+            raise self._motor.refused(f"this program did not look at it for {slept_s:.1f} s", "", "late")
+        orders = self._motor.orders
+        given = orders.given
+        try:
+            state = await self.look()
+        except InstrumentSilent:
+            if self._clock.monotonic_s() < self._motor.silence_ends_s():
+                return  # one answer missed; the next look follows
+            raise
+        if state.degraded and not self._was_degraded:
+            self._diary.note("warning", "inverter.line", "more than 5 requests within 10 s went wrong")
+        self._was_degraded = state.degraded
+        if self.error is None:
+            self._judge(state, steady=given == orders.given and orders.under_way == 0)
+
+    def _judge(self, state: MotorState, steady: bool) -> None:
+        orders = self._motor.orders
+        if state.fault:
+            raise self._tripped(state)
+        unattended_s = state.at_s - self.attended_s
+        if orders.run and unattended_s > self._settings.unattended_s:
+            raise self._motor.refused(f"nobody looked after it for {unattended_s:.1f} s", "", "unattended")
+        if not (orders.taken and steady):
+            return
+        set_hz = state.set_rpm / self._settings.rpm_per_hz
+        if not orders.kept(set_hz):
+            text = f"its set value is {set_hz:g} Hz and not {orders.target_hz:g} Hz"
+            raise self._motor.refused(text, "which other program or panel commands it", "foreign")
+        if not orders.obeyed(state.output_frequency_hz, state.at_s):
+            text = f"its output is at {state.output_frequency_hz:g} Hz where {orders.due_hz:g} Hz is due"
+            raise self._motor.refused(text, "load, stall prevention (OL), who else commands it", NOT_OBEYED)
+
+    async def _make_safe(self, error: InstrumentError) -> None:
+        """Latch the first error and stop the motor."""
+        if self.error is not None:
+            return
+        self.error = error
+        self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
+        if not self._motor.orders.taken or isinstance(error, DeviceLost):
+            return
+        tripped = self._motor.state is not None and self._motor.state.fault != ""
+        stop: Callable[[], Awaitable[None]] = self._motor.stop
+        if tripped or isinstance(error, InstrumentSilent):
+            stop = self._motor.withdraw
+        try:
+            await stop()
+        except InstrumentError as worse:
+            self._diary.note("error", "inverter.stop", str(worse))
+
+    def _tripped(self, state: MotorState) -> InstrumentRefused:
+        check = "the motor and its load, then reset it at its panel"
+        return self._motor.refused(f"it has tripped: {state.fault}", check, state.fault)

@@ -1,0 +1,241 @@
+"""The serial line to one inverter: a request out, its answer or nothing back, each within a deadline.
+
+Bytes go through pymodbus's asyncio client; none of its exceptions leaves this module. The client takes any
+frame of the right station for the answer, so it is shown only the frame that `frames` has found to be it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import hashlib
+import logging
+import os
+import socket
+import tempfile
+import termios
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from pymodbus.client import AsyncModbusSerialClient
+from pymodbus.exceptions import ModbusException
+
+from daq.errors import DeviceLost, InstrumentAbsent
+from drivers.mitsubishi_fr.frames import READ, Answer, Heard, Request, find_answer, what_was_heard
+
+BITS_PER_CHARACTER = 11  # start, 8 data, parity or a second stop bit, stop
+SHORTEST_GAP_S = 0.00175  # Modbus over Serial Line V1.02, 2.5.1.1: 3.5 characters, 1.75 ms above 19200 bit/s
+DEGRADED_ABOVE = 5
+DEGRADED_WITHIN_S = 10.0
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else its errors go to standard error
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Where the inverter is: a serial port or `socket://host:port`, its station, and how bits are sent.
+
+    `parity` is E, O or N (the drive then has two stop bits); an answer may take `answer_s` seconds.
+    """
+
+    port: str
+    station: int
+    baudrate: int
+    parity: str
+    answer_s: float = 0.2
+
+    @property
+    def gap_s(self) -> float:
+        """Seconds of silence between two frames."""
+        return max(3.5 * BITS_PER_CHARACTER / self.baudrate, SHORTEST_GAP_S)
+
+
+class NoAnswer(Exception):
+    """Nobody answered a request in time; says what was heard instead."""
+
+    def __init__(self, heard: Heard) -> None:
+        self.heard = heard
+        super().__init__(f"heard {heard.value}")
+
+
+@dataclass(slots=True)
+class LineHealth:
+    """Counts what went wrong on a line. `monotonic_s` gives the time in s."""
+
+    monotonic_s: Callable[[], float]
+    asked: int = 0
+    unanswered: int = 0
+    crc_errors: int = 0
+    resynchronised: int = 0
+    _recent_s: deque[float] = field(default_factory=deque)
+
+    def note_failure(self, heard: Heard) -> None:
+        """Count a request without its answer."""
+        self.unanswered += 1
+        self.crc_errors += heard is Heard.BAD_CRC
+        self._recent_s.append(self.monotonic_s())
+
+    @property
+    def degraded(self) -> bool:
+        """Whether more than 5 requests failed within the last 10 s."""
+        oldest_s = self.monotonic_s() - DEGRADED_WITHIN_S
+        while self._recent_s and self._recent_s[0] < oldest_s:
+            self._recent_s.popleft()
+        return len(self._recent_s) > DEGRADED_ABOVE
+
+
+class Line(Protocol):
+    """What a conversation needs of a line."""
+
+    health: LineHealth
+
+    async def ask(self, request: Request) -> Answer:
+        """Send once and return the answer. Raises `NoAnswer`, `DeviceLost`."""
+        ...
+
+    async def send(self, request: Request) -> None:
+        """Send what is never answered. Raises `DeviceLost`."""
+        ...
+
+
+class SerialLine:
+    """A `Line` on a port that nobody else of this machine uses. Not safe for two requests at once."""
+
+    def __init__(self, instrument: str, settings: LineSettings, monotonic_s: Callable[[], float]) -> None:
+        self._instrument, self._settings = instrument, settings
+        self.health = LineHealth(monotonic_s)
+        self._client: AsyncModbusSerialClient | None = None
+        self._socket: socket.socket | None = None
+        self._lock: int | None = None
+        self._asked: Request | None = None
+        self._answer: Answer | None = None
+        self._heard = b""
+
+    async def open(self) -> None:
+        """Take the port. Raises `InstrumentAbsent`."""
+        settings = self._settings
+        self._lock = self._take_port()
+        self._client = AsyncModbusSerialClient(
+            settings.port,
+            baudrate=settings.baudrate,
+            parity=settings.parity,
+            stopbits=2 if settings.parity == "N" else 1,
+            timeout=settings.answer_s,
+            retries=0,  # what may be repeated, the conversation knows
+            reconnect_delay=0,  # a device that comes back is a matter for a person
+            trace_packet=self._trace,
+        )
+        try:
+            connected = await self._client.connect()
+        except (OSError, ValueError, termios.error, ModbusException) as error:
+            self.close()
+            raise self._absent(str(error)) from error
+        if not connected:
+            self.close()
+            raise self._absent("the port does not open")
+        self._socket = _socket_of(self._client)
+
+    def close(self) -> None:
+        """Give the port back. Never raises."""
+        if self._client is not None:
+            client, self._client = self._client, None
+            client.close()
+        if self._socket is not None:
+            self._socket.close()  # pyserial leaves one open that the other end has closed
+            self._socket = None
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    async def ask(self, request: Request) -> Answer:
+        """Send once, when the line has been quiet for a gap, and return the answer."""
+        client = await self._quiet_client()
+        self._asked, self._answer, self._heard = request, None, b""
+        self.health.asked += 1
+        try:
+            if request.function == READ:
+                await client.read_holding_registers(
+                    request.address, count=request.content, device_id=request.station
+                )
+            else:
+                await client.write_register(request.address, request.content, device_id=request.station)
+        except ModbusException as error:
+            if not client.connected:
+                raise self._lost(str(error)) from error
+        except OSError as error:
+            raise self._lost(str(error)) from error
+        finally:
+            self._asked = None
+        if self._answer is None:
+            heard = what_was_heard(request, self._heard)
+            self.health.note_failure(heard)
+            raise NoAnswer(heard)
+        return self._answer
+
+    async def send(self, request: Request) -> None:
+        """Send a write that is never answered."""
+        client = await self._quiet_client()
+        try:
+            await client.write_register(
+                request.address, request.content, device_id=request.station, no_response_expected=True
+            )
+        except (ModbusException, OSError) as error:
+            raise self._lost(str(error)) from error
+
+    async def _quiet_client(self) -> AsyncModbusSerialClient:
+        """Let what is still on its way come in, where nobody asked for it, and be dropped."""
+        await asyncio.sleep(self._settings.gap_s)
+        client = self._client
+        if client is None:
+            raise self._lost("the connection is closed")
+        if not client.connected:
+            raise self._lost("the port went away")
+        return client
+
+    def _trace(self, sending: bool, data: bytes) -> bytes:
+        """Hand through what is sent; of all that came since the request, only its answer."""
+        if sending:
+            return data
+        if self._asked is None or self._answer is not None:
+            return b""
+        self._heard = data
+        self._answer = find_answer(self._asked, data)
+        if self._answer is None:
+            return b""
+        self.health.resynchronised += len(data) > len(self._answer.frame)
+        return self._answer.frame
+
+    def _take_port(self) -> int:
+        """Lock the port among the processes of this machine, for as long as the handle is open."""
+        port = self._settings.port
+        name = port if "://" in port else os.path.realpath(port)  # /dev/serial/by-id/... is a link
+        digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+        path = Path(tempfile.gettempdir()) / f"rattle-inverter-{digest}.lock"
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise self._absent(f"its lock {path} cannot be had: {error}") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(handle)
+            raise self._absent("another program of this machine uses the port") from error
+        return handle
+
+    def _absent(self, why: str) -> InstrumentAbsent:
+        check = "cable, power, that no other program uses the port, and port in the bench file"
+        return InstrumentAbsent(self._instrument, self._settings.port, f"nobody answers ({why})", check)
+
+    def _lost(self, why: str) -> DeviceLost:
+        return DeviceLost(
+            self._instrument, self._settings.port, f"the connection is lost ({why})", "cable and power"
+        )
+
+
+def _socket_of(client: AsyncModbusSerialClient) -> socket.socket | None:
+    port = getattr(client.ctx.transport, "sync_serial", None)
+    found = getattr(port, "_socket", None)
+    return found if isinstance(found, socket.socket) else None

@@ -1,0 +1,169 @@
+"""How the inverter has to be set, and everything in which it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from daq.errors import InstrumentRefused, Problem
+from drivers.mitsubishi_fr import registers as fr
+from drivers.mitsubishi_fr.line import LineSettings
+from drivers.mitsubishi_fr.registers import Block, Register
+
+LONGEST_WATCHDOG_S = 2.0
+SHORTEST_WATCHDOG_S = 0.5  # a silence that long happens on a disturbed line without anybody being gone
+WATCHDOG_OFF = 9999
+PARITY_SETTINGS = {"N": 0, "O": 1, "E": 2}
+_PROTOCOL_MODBUS = 1
+_STOPS = {0: "coasts", 1: "ramps down"}
+
+CHECKED = (
+    fr.block(fr.MAXIMUM_FREQUENCY),
+    fr.block(fr.ACCELERATION_TIME, fr.DECELERATION_TIME),
+    fr.block(fr.RAMP_REFERENCE),
+    fr.block(fr.STATION, fr.PARITY),
+    fr.block(fr.WATCHDOG),
+    fr.block(fr.OPERATION_MODE_SELECTION),
+    fr.block(fr.START_MODE),
+    fr.block(fr.ON_SILENCE),
+    fr.block(fr.PROTOCOL),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class InverterSettings:
+    """Where the inverter is and how far it may go.
+
+    `rpm_per_hz` is the crank's speed per output frequency, poles and gear together. It is polled every
+    `poll_s`, given up after `silent_s` without an answer, and stopped when nobody has looked after the
+    running motor for `unattended_s` (all in s).
+    """
+
+    port: str
+    station: int
+    baudrate: int
+    parity: str
+    rpm_per_hz: float
+    maximum_speed_rpm: float
+    name: str = "inverter"
+    answer_s: float = 0.2
+    poll_s: float = 0.1
+    silent_s: float = 0.8
+    unattended_s: float = 5.0
+
+    @property
+    def line(self) -> LineSettings:
+        """What of it concerns the line."""
+        return LineSettings(self.port, self.station, self.baudrate, self.parity, self.answer_s)
+
+    @property
+    def maximum_hz(self) -> float:
+        """Output frequency at the highest speed."""
+        return self.maximum_speed_rpm / self.rpm_per_hz
+
+
+class InverterMisconfigured(InstrumentRefused):
+    """The drive's parameters are not what this bench needs; `problems` lists every one of them."""
+
+    def __init__(self, instrument: str, address: str, problems: tuple[Problem, ...]) -> None:
+        self.problems = problems
+        lines = "\n".join(f"  {problem}" for problem in problems)
+        text = f"its settings do not fit, nothing was moved:\n{lines}\n"
+        super().__init__(instrument, address, text, "these parameters at its panel, and the bench file")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The checked parameters of a drive, raw, by register."""
+
+    raw: Mapping[Register, int]
+
+    @classmethod
+    def of(cls, answers: Mapping[Block, tuple[int, ...]]) -> Parameters:
+        """Sort what the blocks of `CHECKED` read by register."""
+        return cls(
+            {
+                register: raw
+                for block, values in answers.items()
+                for register, raw in zip(block.registers, values, strict=True)
+            }
+        )
+
+    def value(self, register: Register) -> float:
+        """Return a parameter in its unit."""
+        return register.value(self.raw[register])
+
+    @property
+    def watchdog_s(self) -> float:
+        """Silence after which the drive trips."""
+        return self.value(fr.WATCHDOG)
+
+    def ramp_s(self, from_hz: float, to_hz: float) -> float:
+        """Return the time of a ramp; Pr.7 and Pr.8 are the times from 0 to Pr.20 and back."""
+        time = fr.ACCELERATION_TIME if to_hz > from_hz else fr.DECELERATION_TIME
+        return abs(to_hz - from_hz) / self.value(fr.RAMP_REFERENCE) * self.value(time)
+
+
+def problems(found: Parameters, wanted: InverterSettings) -> tuple[Problem, ...]:
+    """Return every parameter with which the rig may not move."""
+    equal = (
+        (fr.PROTOCOL, _PROTOCOL_MODBUS, "1, Modbus RTU"),
+        (fr.STATION, wanted.station, f"{wanted.station}, the station of the bench file"),
+        (fr.BAUDRATE, wanted.baudrate // 100, f"{wanted.baudrate // 100}, the bench's speed / 100 bit/s"),
+        (fr.PARITY, PARITY_SETTINGS.get(wanted.parity, -1), f"the bench's parity {wanted.parity}"),
+        (fr.OPERATION_MODE_SELECTION, 0, "0, so that network operation can be chosen"),
+    )
+    wrong = [_problem(register, found, text) for register, raw, text in equal if found.raw[register] != raw]
+    if found.raw[fr.START_MODE] not in (1, 10):
+        wrong.append(_problem(fr.START_MODE, found, "1 or 10, network operation from power-on"))
+    if found.raw[fr.ON_SILENCE] not in _STOPS:
+        # What 2 and above do (ramp and then restart, run on) is known from memory of the manual only (M).
+        wrong.append(_problem(fr.ON_SILENCE, found, "0 (coast) or 1 (ramp), stopped for good"))
+    if found.value(fr.MAXIMUM_FREQUENCY) < wanted.maximum_hz:
+        wrong.append(_problem(fr.MAXIMUM_FREQUENCY, found, f"at least {wanted.maximum_hz:g} Hz"))
+    if found.raw[fr.RAMP_REFERENCE] == 0:
+        wrong.append(_problem(fr.RAMP_REFERENCE, found, "1 to 400 Hz"))
+    for register in (fr.ACCELERATION_TIME, fr.DECELERATION_TIME):
+        if found.raw[register] == 0:
+            wrong.append(_problem(register, found, "above 0 s: a ramp, no step"))
+    return (*wrong, *_watchdog_problems(found))
+
+
+def warnings(found: Parameters, wanted: InverterSettings) -> tuple[str, ...]:
+    """Return what the operator should know."""
+    highest_hz = found.value(fr.MAXIMUM_FREQUENCY)
+    if highest_hz <= wanted.maximum_hz:
+        return ()
+    return (
+        f"{fr.MAXIMUM_FREQUENCY.name} is {highest_hz:g} Hz, above the bench's {wanted.maximum_hz:g} Hz: "
+        "rattle alone keeps the maximum speed",
+    )
+
+
+def described(found: Parameters, station: int) -> str:
+    """Say in a line what is known of the drive."""
+    stops = _STOPS[found.raw[fr.ON_SILENCE]]
+    return (
+        f"Mitsubishi FR, station {station}, {stops} after {found.watchdog_s:g} s of silence, "
+        f"ramps {found.value(fr.ACCELERATION_TIME):g} s up and {found.value(fr.DECELERATION_TIME):g} s down "
+        f"to {found.value(fr.RAMP_REFERENCE):g} Hz"
+    )
+
+
+def _watchdog_problems(found: Parameters) -> list[Problem]:
+    # Pr.122 (and Pr.539, "same specifications", FR-A700 manual p. 347): 9999 never checks; with 0 a drive
+    # answers but trips in network operation; else the check begins with the first message there, and a
+    # message to any station restarts it (FR-A500 manual p. 131).
+    register, raw = fr.WATCHDOG, found.raw[fr.WATCHDOG]
+    allowed = f"{SHORTEST_WATCHDOG_S:g} to {LONGEST_WATCHDOG_S:g} s"
+    if raw == WATCHDOG_OFF:
+        return [Problem(register.name, "9999 (off)", f"{allowed}: without it the motor outlives a dead PC")]
+    if raw == 0:
+        return [Problem(register.name, "0 (trips in network operation)", allowed)]
+    if not SHORTEST_WATCHDOG_S <= found.watchdog_s <= LONGEST_WATCHDOG_S:
+        return [_problem(register, found, allowed)]
+    return []
+
+
+def _problem(register: Register, found: Parameters, allowed: str) -> Problem:
+    return Problem(register.name, f"{found.value(register):g} {register.unit}".strip(), allowed)

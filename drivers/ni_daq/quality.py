@@ -1,0 +1,115 @@
+"""What the samples themselves tell of a sensor: not finite, saturated, stuck, off zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import Flag
+from drivers.ni_daq.channels import CardChannel
+from drivers.ni_daq.kinds import ANALOG
+from drivers.protocols import Finding
+
+FULL_SCALE = 0.99999  # a 24-bit code at full scale reads a little below the range
+NEAR_FULL_SCALE = 0.98  # an amplifier's stop lies as far from what its data sheet says
+EQUAL_SAMPLES = 3
+STUCK_S = 0.1
+OFFSET_S = 1.0  # what a mean is taken over: longer than a period of what an AC-coupled chain passes
+OFFSET = 0.1  # of the range
+
+
+@dataclass(slots=True)
+class _Row:
+    """What is remembered of a channel between blocks."""
+
+    value: float = np.nan
+    equal: int = 0
+    total: float = 0.0
+    count: int = 0
+    offset: bool = False
+
+
+class QualityWatch:
+    """Judges block after block of all channels, shape (channels, n), at `sample_rate` Hz."""
+
+    def __init__(self, channels: Sequence[CardChannel], sample_rate: float) -> None:
+        kinds = [ANALOG.get(channel.kind) if channel.input == "ai" else None for channel in channels]
+        self._channels, self._rate = tuple(channels), sample_rate
+        self._limits = np.array([[channel.largest * FULL_SCALE] for channel in channels])
+        self._analog = [row for row, kind in enumerate(kinds) if kind is not None and kind.noisy]
+        self._coupled = [row for row, kind in enumerate(kinds) if kind is not None and kind.ac_coupled]
+        self._rows = [_Row() for _ in channels]
+        self._raised: set[tuple[str, str]] = set()
+
+    def flags(self, values: NDArray[np.float64]) -> list[Flag]:
+        """Return what the log's flags can say of a block, one entry a channel."""
+        finite = np.all(np.isfinite(values), axis=1).tolist()
+        beyond = np.any(np.abs(values) >= self._limits, axis=1).tolist()
+        for row in self._analog:
+            beyond[row] |= _flattened(values[row], float(self._limits[row, 0]) * NEAR_FULL_SCALE)
+        return [
+            (Flag.OVERLOAD if over else Flag.GOOD) | (Flag.GOOD if sound else Flag.NOT_FINITE)
+            for over, sound in zip(beyond, finite, strict=True)
+        ]
+
+    def findings(self, values: NDArray[np.float64], faults: Sequence[Finding] = ()) -> tuple[Finding, ...]:
+        """Return what has come up since the block before, with `faults` that the device told of."""
+        found = [*faults, *self._stuck(values), *self._off_zero(values)]
+        new = tuple(finding for finding in found if (finding.channel, finding.code) not in self._raised)
+        self._raised = {(finding.channel, finding.code) for finding in found}
+        return new
+
+    def _stuck(self, values: NDArray[np.float64]) -> list[Finding]:
+        found = []
+        for row in self._analog:
+            seen, block = self._rows[row], values[row]
+            _follow(seen, block)
+            if seen.equal >= STUCK_S * self._rate:
+                channel = self._channels[row]
+                text = f"the same value, {seen.value:g} {channel.unit}, for {STUCK_S:g} s and longer"
+                found.append(
+                    Finding(channel.name, "stuck", f"{text}: a stuck converter, or an amplifier in reset")
+                )
+        return found
+
+    def _off_zero(self, values: NDArray[np.float64]) -> list[Finding]:
+        found = []
+        for row in self._coupled:
+            seen, channel = self._rows[row], self._channels[row]
+            seen.total += float(values[row].sum())
+            seen.count += values.shape[1]
+            mean = seen.total / max(seen.count, 1)
+            if seen.count >= OFFSET_S * self._rate:
+                seen.offset = abs(mean) > OFFSET * channel.range
+                seen.total, seen.count = 0.0, 0
+            if seen.offset:
+                text = f"off zero by more than {OFFSET:.0%} of its range, which its chain does not pass"
+                found.append(Finding(channel.name, "offset", f"{text}: bias, cable or amplifier drift"))
+        return found
+
+
+def _follow(seen: _Row, block: NDArray[np.float64]) -> None:
+    """Count how many of the last samples were equal."""
+    if not len(block):
+        return
+    last = block[-1]
+    differing = np.flatnonzero(block != last)
+    if len(differing):
+        seen.equal = len(block) - 1 - int(differing[-1])
+    else:
+        seen.equal = len(block) + (seen.equal if seen.value == last else 0)
+    seen.value = float(last)
+
+
+def _flattened(values: NDArray[np.float64], level: float) -> bool:
+    """Whether some samples in a row are equal at `level` or beyond."""
+    high = np.abs(values) >= level
+    if np.count_nonzero(high) < EQUAL_SAMPLES:
+        return False
+    runs = (values[1:] == values[:-1]) & high[1:]
+    for _ in range(EQUAL_SAMPLES - 2):
+        runs = runs[1:] & runs[:-1]
+    return bool(runs.any())

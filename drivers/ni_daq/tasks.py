@@ -1,0 +1,123 @@
+"""The DAQmx tasks behind a card: one for all analog inputs, and one a counter that follows its clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from nidaqmx.constants import AcquisitionType
+from nidaqmx.errors import DaqError, Error
+from nidaqmx.stream_readers import AnalogMultiChannelReader, CounterReader
+from numpy.typing import NDArray
+
+from drivers.ni_daq.channels import CardChannel
+from drivers.ni_daq.kinds import ANALOG, COUNTERS
+
+
+class AnalogTask:
+    """All analog inputs, sampled by the chassis's own clock. Methods raise nidaqmx errors."""
+
+    def __init__(self, task: Any, channels: Sequence[CardChannel], buffer_s: float) -> None:
+        self._task, self._buffer_s = task, buffer_s
+        self._scales = np.array([[ANALOG[channel.kind].scale(channel) or 1.0] for channel in channels])
+        self._raw: NDArray[np.float64] = np.empty((len(channels), 0))
+        self._reader = AnalogMultiChannelReader(task.in_stream)
+        self._reader.verify_array_shape = False  # it would cost a call for each read
+
+    @property
+    def stream(self) -> Any:
+        """Where the device tells of itself."""
+        return self._task.in_stream
+
+    def set_rate(self, rate_hz: float) -> float:
+        """Ask for a rate and return that which the device takes instead, in Hz."""
+        timing = self._task.timing
+        buffer = max(round(rate_hz * self._buffer_s), 2)
+        timing.cfg_samp_clk_timing(rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=buffer)
+        return float(timing.samp_clk_rate)
+
+    def rates_near(self, asked: float) -> list[float]:
+        """Return the rates that the device has around `asked`; leaves it at another one."""
+        # DAQmx takes the next higher rate that the device has; asking for ever less finds the next lower one.
+        near = {self.set_rate(asked)}
+        for step in range(1, 40):
+            try:
+                rate = self.set_rate(asked * 0.98**step)
+            except DaqError:
+                break
+            near.add(rate)
+            if rate < asked:
+                break
+        return sorted(near)
+
+    def start(self) -> None:
+        """Start the sample clock, and with it the counters."""
+        self._task.start()
+
+    def stop(self) -> None:
+        """Stop the sample clock."""
+        self._task.stop()
+
+    def close(self) -> None:
+        """Give the inputs back; silent where the device is gone."""
+        give_back(self._task)
+
+    def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
+        """Return the next samples in the channels' units, shape (channels, count)."""
+        if self._raw.shape[1] != count:
+            self._raw = np.empty((len(self._raw), count))
+        self._reader.read_many_sample(self._raw, count, timeout_s)
+        values: NDArray[np.float64] = self._raw * self._scales
+        return values
+
+
+class CounterTask:
+    """One counter, read at the edges of another task's sample clock. Methods raise nidaqmx errors.
+
+    It has to be started before that clock, so that its first sample is the clock's first.
+    """
+
+    def __init__(self, task: Any, channel: CardChannel) -> None:
+        self._task, self.channel = task, channel
+        self._kind = COUNTERS[channel.kind]
+        self._decode = self._kind.decoder(channel)
+        self._raw: NDArray[Any] = np.empty(0, dtype=self._kind.dtype)
+        reader = CounterReader(task.in_stream)
+        reader.verify_array_shape = False
+        self._read = getattr(reader, self._kind.read)
+
+    def follow(self, clock: str, rate_hz: float, buffer_s: float) -> None:
+        """Be sampled by the terminal `clock`, which runs at `rate_hz`."""
+        self._task.timing.cfg_samp_clk_timing(
+            rate_hz,
+            source=clock,
+            sample_mode=AcquisitionType.CONTINUOUS,
+            samps_per_chan=max(round(rate_hz * buffer_s), 2),
+        )
+
+    def start(self) -> None:
+        """Arm; counting from now on, samples with the clock's first edge."""
+        self._decode = self._kind.decoder(self.channel)
+        self._task.start()
+
+    def stop(self) -> None:
+        """Stop counting."""
+        self._task.stop()
+
+    def close(self) -> None:
+        """Give the counter back; silent where the device is gone."""
+        give_back(self._task)
+
+    def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
+        """Return the next samples in the channel's unit, shape (n,); n < `count` where it fell behind."""
+        if len(self._raw) != count:
+            self._raw = np.empty(count, dtype=self._kind.dtype)
+        return self._decode(self._raw[: self._read(self._raw, count, timeout_s)])
+
+
+def give_back(task: Any) -> None:
+    """Close a task; silent where the device is gone, for then there is nothing to give back."""
+    with suppress(Error, ValueError):
+        task.close()

@@ -1,0 +1,36 @@
+"""What the rig asks of its instruments, one file an instrument, and what emulators ask of their plant."""
+
+from drivers.protocols.actuator import Actuator
+from drivers.protocols.card import AcquisitionCard, CardReading, Finding, Plant
+from drivers.protocols.encoder import (
+    Emergency,
+    Notice,
+    PositionBlock,
+    PositionEncoder,
+    PositionGap,
+    PositionStatistics,
+    Shaft,
+)
+from drivers.protocols.generator import DriveGenerator, DriveSettings
+from drivers.protocols.speed_drive import InverterOutput, MotorLoad, MotorState, SpeedDrive
+
+__all__ = [
+    "AcquisitionCard",
+    "Actuator",
+    "CardReading",
+    "DriveGenerator",
+    "DriveSettings",
+    "Emergency",
+    "Finding",
+    "InverterOutput",
+    "MotorLoad",
+    "MotorState",
+    "Notice",
+    "Plant",
+    "PositionBlock",
+    "PositionEncoder",
+    "PositionGap",
+    "PositionStatistics",
+    "Shaft",
+    "SpeedDrive",
+]

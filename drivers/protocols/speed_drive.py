@@ -1,0 +1,146 @@
+"""What the rig asks of an inverter, and what an emulated one asks of its motor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from daq.log.records import Event
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """What an inverter said of itself at `at_s` (s of the monotonic clock).
+
+    `set_rpm` is the speed that it keeps as its set value, `speed_rpm` follows from its output frequency: no
+    slip is in it. `fault` is what its display shows, empty for none; `degraded` that its line is disturbed.
+    """
+
+    at_s: float
+    running: bool
+    set_rpm: float
+    speed_rpm: float
+    output_frequency_hz: float
+    output_current_a: float
+    output_voltage_v: float
+    fault: str = ""
+    degraded: bool = False
+
+
+class SpeedDrive(Protocol):
+    """An inverter that turns the rig's crank at a set speed.
+
+    Every method may raise `InstrumentRefused` (it said no, tripped, or does something else than asked),
+    `InstrumentSilent` (no answer in time) and, once open, `DeviceLost`. After the first of these that
+    endangers the rig the motor is stopped and every call raises it again, until the drive is closed.
+    """
+
+    @property
+    def name(self) -> str:
+        """What the bench calls it."""
+        ...
+
+    @property
+    def address(self) -> str:
+        """Where it is."""
+        ...
+
+    @property
+    def identity(self) -> str:
+        """What is known of it; empty before `open`."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the operator should know and the run may ignore; known after `open`."""
+        ...
+
+    @property
+    def state(self) -> MotorState | None:
+        """What it said last, at most some poll periods ago; no word goes out for it."""
+        ...
+
+    def open(self) -> None:
+        """Connect and check its settings; moves nothing.
+
+        From here on it is polled, which keeps its watchdog quiet. Raises `InstrumentAbsent` as well.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop the motor if it may be turning, answer or not, and hang up. Never raises."""
+        ...
+
+    def set_speed(self, rpm: float) -> float:
+        """Set the speed in rpm; a running motor goes there on its ramp. Returns it as the drive keeps it."""
+        ...
+
+    def start(self) -> None:
+        """Run forward, up to the set speed on the ramp."""
+        ...
+
+    def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
+        """Stop in category 1: ramp to zero, see that it stands, then withdraw run; no error where it stands.
+
+        The speed is taken from `measured_rpm` where that gives a finite one, else from the output frequency.
+        Where the ramp overruns 1.5 times its time, run is withdrawn at once.
+        """
+        ...
+
+    def read(self) -> MotorState:
+        """Ask it how it is."""
+        ...
+
+    def check(self) -> None:
+        """Raise what went wrong since it was opened; every call says that somebody looks after the motor."""
+        ...
+
+    def fault_history(self) -> tuple[str, ...]:
+        """What its display showed at its last faults, newest first."""
+        ...
+
+    def events(self) -> tuple[Event, ...]:
+        """What happened since the last call, oldest first."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class InverterOutput:
+    """What an inverter puts out from `started_s` (s of the monotonic clock) on.
+
+    The frequency goes from `frequency_hz` to `target_hz` by `slope_hz_per_s` (>= 0) and stays there. With
+    `on` false nothing is put out and the motor coasts.
+    """
+
+    on: bool
+    frequency_hz: float
+    target_hz: float
+    slope_hz_per_s: float
+    started_s: float
+
+    @property
+    def settled_s(self) -> float:
+        """When the target is reached."""
+        way = abs(self.target_hz - self.frequency_hz)
+        return self.started_s + (way / self.slope_hz_per_s if way > 0.0 else 0.0)
+
+    def at(self, time_s: float) -> float:
+        """Return the frequency in Hz at `time_s`; 0 while it is off."""
+        if not self.on:
+            return 0.0
+        way = self.target_hz - self.frequency_hz
+        step = self.slope_hz_per_s * max(time_s - self.started_s, 0.0)
+        return self.target_hz if step >= abs(way) else self.frequency_hz + (step if way > 0.0 else -step)
+
+
+class MotorLoad(Protocol):
+    """The motor and what it turns, as an emulated inverter feels them."""
+
+    def drive(self, output: InverterOutput) -> None:
+        """Take what the inverter puts out from now on."""
+        ...
+
+    def current_a(self) -> float:
+        """Return the motor current in A, as it is now."""
+        ...

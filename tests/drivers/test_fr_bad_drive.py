@@ -1,0 +1,155 @@
+"""The driver of drives that trip, do not obey, or obey somebody else, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+
+from daq.errors import InstrumentRefused, InstrumentSilent
+from drivers.mitsubishi_fr import registers as fr
+from drivers.mitsubishi_fr.emulator import DriveFaults
+from tests.drivers.fr_bench import HZ, STOP, Bench, latched, on_bench
+
+
+def test_a_stuck_drive_is_left_to_its_watchdog() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(stuck=True))
+        with pytest.raises(InstrumentSilent, match=r"it still runs.* its watchdog stops it within 1 s"):
+            await bench.motor.stop()
+        silent_s = bench.line.sent[-1][0]
+        await bench.wait(2.0)
+        assert bench.line.sent[-1][0] == silent_s
+        assert bench.line.writes()[-3:] == [STOP] * 3
+        assert bench.load.at(bench.loop.time()) == 0.0
+
+    on_bench(work)
+
+
+def test_a_set_value_that_is_acknowledged_and_forgotten_is_noticed_and_stops_the_motor() -> None:
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.RUNNING_FREQUENCY.number})))
+        began_s = bench.loop.time()
+        with pytest.raises(InstrumentRefused, match=r"not obeyed: 40014 .* it reads 667") as caught:
+            await bench.keeper.order(bench.motor.set_frequency(3.0, began_s + 3.0))
+        assert bench.keeper.error is caught.value
+        await bench.wait(2.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return (
+            next(at_s for at_s, request in bench.line.sent if at_s > began_s and request.content == 0)
+            - began_s
+        )
+
+    assert on_bench(work) < 0.5  # read back within 0.2 s, then the first word of the stop
+
+
+def test_a_run_command_that_is_forgotten_is_noticed() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.keeper.check_in()
+        await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
+        bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.STATUS_AND_COMMAND.number})))
+        with pytest.raises(InstrumentRefused, match="not obeyed: run forward; it reads 0"):
+            await bench.keeper.order(bench.motor.run_forward(bench.loop.time() + 3.0))
+
+    on_bench(work)
+
+
+def test_an_output_that_does_not_follow_is_noticed_after_its_ramp() -> None:
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(stuck=True))
+        began_s = bench.loop.time()
+        await bench.motor.set_frequency(8.0, began_s + 3.0)
+        error = await latched(bench, 5.0)
+        assert "its output is at 6.67 Hz where 8 Hz is due" in str(error)
+        noticed_s = bench.loop.time() - began_s
+        await bench.wait(12.0)  # a ramp that overruns, three stops in vain, its watchdog, its ramp
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return noticed_s
+
+    ramp_s = 0.133
+    assert on_bench(work) < 1.5 * ramp_s + 0.5 + 0.3
+
+
+def test_somebody_elses_set_value_stops_the_motor() -> None:
+    async def work(bench: Bench) -> str:
+        await bench.run_at(HZ)
+        bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [900])
+        error = await latched(bench, 0.5)
+        await bench.wait(3.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return error.code if isinstance(error, InstrumentRefused) else ""
+
+    assert on_bench(work) == "foreign"
+
+
+def test_a_trip_is_recorded_with_code_and_time_and_never_reset() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        tripped_s = bench.loop.time()
+        bench.drive.trip(0x10)
+        error = await latched(bench, 1.0)
+        assert error.code == "E.OC1"
+        event = next(event for event in bench.diary.take() if event.code == "inverter.E.OC1")
+        assert 0.0 <= event.time_ns * 1e-9 - tripped_s < 0.3  # one poll period and its answers
+        await bench.wait(3.0)
+        writes = bench.line.writes()
+        assert writes[-1] == STOP  # so that a reset at the panel does not let it run
+        assert fr.INVERTER_RESET.number not in [number for number, _ in writes]
+        assert (await bench.motor.history())[:2] == ("E.OC1", "")
+
+    on_bench(work)
+
+
+def test_a_drive_fault_in_an_answer_stops_the_motor() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(exceptions={fr.OUTPUT_FREQUENCY.number: (4, 1)}))
+        error = await latched(bench, 1.0)
+        assert error.code == "04"
+        await bench.wait(2.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+
+    on_bench(work)
+
+
+def test_a_reset_by_a_person_is_sent_once() -> None:
+    async def work(bench: Bench) -> None:
+        bench.drive.trip(0x30)
+        await bench.motor.reset()
+        assert bench.line.writes() == [(fr.INVERTER_RESET.number, 0)]
+        assert (await bench.motor.look()).fault == ""
+
+    on_bench(work)
+
+
+def test_a_running_motor_is_not_reset() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        with pytest.raises(InstrumentRefused, match="a reset would let the motor coast"):
+            await bench.motor.reset()
+
+    on_bench(work)
+
+
+def test_a_drive_that_stays_at_its_panel_is_refused() -> None:
+    async def work(bench: Bench) -> None:
+        bench.drive.access(fr.OPERATION_MODE.number, 1, [fr.CHOOSE_PANEL])
+        bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.OPERATION_MODE.number})))
+        await bench.keeper.check_in()
+        with pytest.raises(InstrumentRefused, match=r"it stays in operation mode 1.* Pr\.79 and Pr\.340"):
+            await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
+
+    on_bench(work)
+
+
+def test_a_set_value_out_of_the_drives_range_changes_nothing() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        with pytest.raises(InstrumentRefused, match=r"exception 03 .* at 40014"):
+            await bench.keeper.order(bench.motor.set_frequency(450.0, bench.loop.time() + 3.0))
+        await bench.wait(1.0)
+        assert bench.keeper.error is None
+        assert bench.load.at(bench.loop.time()) == HZ
+
+    on_bench(work)

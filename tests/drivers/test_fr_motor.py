@@ -1,0 +1,233 @@
+"""The driver and the emulated drive in virtual time: start-up check, running, stops, closing."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from daq.errors import InstrumentRefused
+from drivers.mitsubishi_fr import registers as fr
+from drivers.mitsubishi_fr.frames import Answer, Request
+from drivers.mitsubishi_fr.orders import OvertakenOrder
+from drivers.mitsubishi_fr.registers import Status
+from drivers.mitsubishi_fr.settings import InverterMisconfigured
+from tests.drivers.fr_bench import FORWARD, HZ, LOOK_S, RAMP_S, SETTINGS, STOP, ZERO, Bench, latched, on_bench
+
+
+def test_all_wrong_parameters_are_listed_at_once_and_nothing_is_written() -> None:
+    wrong = {1: 900, 7: 0, 79: 2, 117: 1, 118: 96, 120: 0, 122: 9999, 340: 0, 502: 2, 549: 0}
+
+    async def work(bench: Bench) -> tuple[InverterMisconfigured, list[tuple[int, int]]]:
+        with pytest.raises(InverterMisconfigured, match="nothing was moved") as caught:
+            await bench.keeper.check_in()
+        return caught.value, bench.line.writes()
+
+    error, writes = on_bench(work, parameters=wrong)
+    found = {int(problem.key.split()[0].removeprefix("Pr.")) for problem in error.problems}
+    assert found == set(wrong) - {117}
+    assert all(problem.key in str(error) and problem.allowed in str(error) for problem in error.problems)
+    assert writes == []
+
+
+@pytest.mark.parametrize(
+    ("raw", "match"),
+    [
+        (9999, r"Pr\.122 .* = 9999 \(off\): 0\.5 to 2 s"),
+        (0, r"Pr\.122 .* = 0 \(trips in network operation\)"),
+        (21, r"Pr\.122 .* = 2\.1 s: 0\.5 to 2 s"),
+        (4, r"Pr\.122 .* = 0\.4 s: 0\.5 to 2 s"),
+    ],
+)
+def test_no_start_without_a_watchdog_that_helps(raw: int, match: str) -> None:
+    async def work(bench: Bench) -> None:
+        await bench.keeper.check_in()
+
+    with pytest.raises(InverterMisconfigured, match=match):
+        on_bench(work, parameters={122: raw})
+
+
+def test_a_tripped_drive_is_refused_and_not_reset() -> None:
+    async def work(bench: Bench) -> list[tuple[int, int]]:
+        bench.drive.trip(0x30)
+        with pytest.raises(InstrumentRefused, match=r"it has tripped: E\.THT") as caught:
+            await bench.keeper.check_in()
+        assert caught.value.code == "E.THT"
+        return bench.line.writes()
+
+    assert on_bench(work) == []
+
+
+def test_it_runs_at_the_set_speed_and_keeps_the_watchdog_quiet() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        await bench.wait(30.0)
+        state = await bench.keeper.look()
+        assert (state.running, state.fault, state.degraded) == (True, "", False)
+        assert state.output_frequency_hz == HZ
+        assert state.speed_rpm == pytest.approx(200.1, abs=1e-9)
+        assert bench.keeper.error is None
+        assert bench.line.health.unanswered == 0
+
+    on_bench(work)
+
+
+def test_a_stop_ramps_to_zero_and_then_withdraws_run() -> None:
+    """Category 1 of IEC 60204-1: power goes only once it stands."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        began_s, written = bench.loop.time(), len(bench.line.writes())
+        await bench.motor.stop()
+        assert bench.line.writes()[written:] == [ZERO, STOP]
+        assert bench.load.at(bench.withdrawn_s()) <= 0.05
+        assert bench.withdrawn_s() - began_s == pytest.approx(RAMP_S, abs=LOOK_S)
+        assert not (await bench.keeper.look()).running
+        await bench.wait(2.0)
+        assert bench.keeper.error is None
+
+    on_bench(work)
+
+
+def test_a_stop_waits_for_the_measured_speed_where_there_is_one() -> None:
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        began_s = bench.loop.time()
+        # The crank lags behind the output by 0.2 s.
+        await bench.motor.stop(lambda: bench.load.at(bench.loop.time() - 0.2))
+        return bench.withdrawn_s() - began_s
+
+    assert on_bench(work) == pytest.approx(RAMP_S + 0.2, abs=LOOK_S)
+
+
+def test_a_measured_speed_that_is_no_number_is_not_waited_for() -> None:
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        began_s = bench.loop.time()
+        await bench.motor.stop(lambda: float("nan"))
+        return bench.withdrawn_s() - began_s
+
+    assert on_bench(work) == pytest.approx(RAMP_S, abs=LOOK_S)
+
+
+def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
+    """A measured speed that does not fall: run goes after 1.5 ramps, whatever the output says."""
+
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        began_s = bench.loop.time()
+        await bench.motor.stop(lambda: HZ)
+        assert any("still at 6.67 Hz" in event.text for event in bench.diary.take())
+        return bench.withdrawn_s() - began_s
+
+    assert on_bench(work) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
+
+
+def test_a_program_that_slept_finds_it_stopped_and_does_not_run_it_again() -> None:
+    """SIGSTOP for 5 s: the drive has tripped, the latch says so, and the order that lay waiting is void."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        order = bench.keeper.order(bench.motor.set_frequency(9.0, bench.loop.time() + 3.0))
+        written = len(bench.line.writes())
+        bench.loop.sleep(5.0)
+        bench.drive.settle()
+        with pytest.raises(OvertakenOrder, match=r"it came too late|a stop overtook it"):
+            await order
+        assert await latched(bench, 1.0)
+        await bench.wait(2.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        assert all(write in (STOP, ZERO) for write in bench.line.writes()[written:])
+
+    on_bench(work)
+
+
+def test_a_motor_that_nobody_looks_after_is_stopped() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        await asyncio.sleep(SETTINGS.unattended_s + 0.5)
+        assert bench.keeper.error is not None
+        assert bench.keeper.error.code == "unattended"
+        await asyncio.sleep(2.0)
+        bench.drive.settle()
+        assert bench.load.at(bench.loop.time()) == 0.0
+
+    on_bench(work)
+
+
+def test_a_stop_overtakes_an_order_under_way() -> None:
+    """Run forward waits for its answers while somebody stops: it may not run on after that."""
+
+    async def work(bench: Bench) -> list[tuple[int, int]]:
+        await bench.keeper.check_in()
+        await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
+        starting = asyncio.create_task(bench.motor.run_forward(bench.loop.time() + 3.0))
+        await asyncio.sleep(0.001)
+        await bench.motor.stop()
+        with pytest.raises(OvertakenOrder, match="a stop overtook it"):
+            await starting
+        await bench.wait(1.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return bench.line.writes()
+
+    assert FORWARD not in on_bench(work)
+
+
+def test_closing_stops_the_motor_and_hands_the_drive_back() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        await bench.keeper.close()
+        assert bench.line.writes()[-3:] == [ZERO, STOP, (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL)]
+        await bench.wait(5.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        assert bench.drive.access(fr.FAULTS[0].number, 1, None) == [0]
+
+    on_bench(work)
+
+
+def test_closing_ends_the_poll_although_an_answer_swallows_the_cancellation() -> None:
+    """As `wait_for` of Python 3.11 does where both come at once."""
+
+    async def work(bench: Bench) -> None:
+        await bench.keeper.check_in()
+        ask, asking = bench.line.ask, asyncio.Event()
+
+        async def deaf(request: Request) -> Answer:
+            asking.set()
+            answer = asyncio.ensure_future(ask(request))
+            try:
+                return await asyncio.shield(answer)
+            except asyncio.CancelledError:
+                return await answer
+
+        bench.line.ask = deaf  # type: ignore[method-assign]
+        await asking.wait()
+        closing = asyncio.ensure_future(bench.keeper.close())
+        await asyncio.wait([closing], timeout=1.0)
+        assert closing.done()
+        sent = len(bench.line.sent)
+        await asyncio.sleep(1.0)
+        assert len(bench.line.sent) == sent
+
+    on_bench(work)
+
+
+def test_status_bits_are_those_that_the_driver_reads() -> None:
+    async def work(bench: Bench) -> int:
+        await bench.run_at(HZ)
+        values = bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, None)
+        assert isinstance(values, list)
+        return values[0]
+
+    assert on_bench(work) == Status.RUNNING | Status.FORWARD | Status.UP_TO_FREQUENCY
+
+
+def test_a_watchdog_of_two_seconds_is_the_longest_allowed() -> None:
+    settings = replace(SETTINGS, maximum_speed_rpm=3600.0)
+
+    async def work(bench: Bench) -> float:
+        await bench.keeper.check_in()
+        return bench.motor.parameters.watchdog_s
+
+    assert on_bench(work, parameters={122: 20}, settings=settings) == pytest.approx(2.0, abs=1e-9)
