@@ -23,6 +23,7 @@ from rig.commands import (
     replay,
     reproduce,
     run,
+    skew,
 )
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -66,6 +67,7 @@ def build(connect: Connect) -> Callable[[], None]:
         check,
         logs,
         exchange,
+        skew,
     )
     for module in modules:
         module.add_to(app)

@@ -31,7 +31,8 @@ def validate(path: str | Path) -> FileKind:
         problem = Problem("file", "(a sweep)", "a scenario or a bench; sweeps are not in this version")
     else:
         allowed = (
-            "a scenario (rig, [model], [drive], [acquisition]) or a bench ([signal_generator], [daq_card])"
+            "a scenario (rig, [model], [drive], [acquisition])"
+            " or a bench ([signal_generator] or [inverter], [daq_card])"
         )
         problem = Problem("file", "(unknown kind)", allowed)
     raise ConfigurationError(source, [problem])

@@ -10,7 +10,7 @@ from daq import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, EmulatedDrive, InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
-from drivers.mitsubishi_fr.emulator.load import RemoteLoad
+from drivers.mitsubishi_fr.emulator.load import OutputSink, RemoteLoad
 from drivers.mitsubishi_fr.emulator.server import InverterServer
 
 STATION_PARAMETER = 117
@@ -24,7 +24,7 @@ class InverterWiring:
     as floats; `rehearsal` brings what is to go wrong (`LineFaults`, `DriveFaults`, `Trip`).
     """
 
-    outputs: Connection | None = None
+    outputs: OutputSink | None = None
     currents: Connection | None = None
     rehearsal: Connection | None = None
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
+from typing import Any, TypeVar
 
 from daq import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
@@ -14,14 +15,16 @@ from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.server import CardServer
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
-from drivers.protocols import DriveSettings, Plant
+from drivers.protocols import ActuatorOutput, Plant
+
+Output = TypeVar("Output", bound=ActuatorOutput)
 
 
 def start_daq_card(
-    plant: Callable[[], Plant],
+    plant: Callable[[], Plant[Output]],
     wiring: CardWiring,
     drive: Connection | None = None,
-    initial: DriveSettings | None = None,
+    initial: Output | None = None,
     name: str = "emulated DAQ card",
     deadline_s: float = START_DEADLINE_S,
 ) -> EmulatedInstrument:
@@ -40,12 +43,13 @@ class _Card:
 
     def __init__(
         self,
-        plant: Callable[[], Plant],
+        plant: Callable[[], Plant[Output]],
         wiring: CardWiring,
         drive: Connection | None,
-        initial: DriveSettings | None,
+        initial: Output | None,
     ) -> None:
-        self._inbox, self._drive = DriveInbox(initial), drive
+        self._inbox: DriveInbox[Any] = DriveInbox(initial)
+        self._drive = drive
         self._server = CardServer(CardServicer(plant(), wiring, self._inbox, SystemClock()))
         self._stopped = threading.Event()
 
