@@ -150,7 +150,7 @@ class _Run:
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
-            sinks.append(ViewSink(view, picture))
+            sinks.append(ViewSink(view))
         return sinks
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
@@ -255,7 +255,7 @@ class _Run:
             if message.channel in self._names:
                 self._hub.block("predicted", message)
         elif isinstance(message, Shape):
-            self._hub.shape(message.time_s, message.deflection)
+            self._hub.shape(message.time_s, message.points)
         elif isinstance(message, Alignment):
             self._note_alignment(message)
 

@@ -40,8 +40,7 @@ def live() -> Iterator[LiveView]:
         for index, (first, second) in enumerate(zip(measured, predicted, strict=True)):
             view.offer("measured", first)
             view.offer("predicted", second)
-            positions = np.linspace(0.0, BEAM.length_m, 20)
-            view.offer_shape(index * 0.02, positions, 1e-4 * np.sin(index) * positions / BEAM.length_m)
+            view.offer_shape(index * 0.02, 1e-4 * np.sin(index) * np.linspace(0.0, 1.0, 20))
         view.offer_event(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
         yield view
 
