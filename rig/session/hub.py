@@ -24,8 +24,8 @@ class Sink(Protocol):
         """Take an event."""
         ...
 
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        """Take the predicted deflection of the beam (m) at a time (s since sample 0)."""
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
+        """Take where the twin's rig is (points in m) at a time (s since sample 0)."""
         ...
 
 
@@ -45,7 +45,7 @@ class Hub:
         for sink in self._sinks:
             sink.event(event)
 
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Pass a shape on."""
         for sink in self._sinks:
-            sink.shape(time_s, deflection)
+            sink.shape(time_s, points)

@@ -41,7 +41,7 @@ def replay_log(
         if live:
             view = stack.enter_context(_view(log))
             screen.say(f"live view  {view.url}")
-            sink = ViewSink(view, picture_of(twin_of(scenario_of(log))))
+            sink = ViewSink(view)
             sinks = (*sinks, sink)
             follow = _ShapeFollower(log, sink)
         count = _Player(Hub(sinks), speed, clock, stop).play(log, follow, screen)
@@ -96,7 +96,7 @@ def _blocks_of(log: LogReader, origin: Origin) -> Iterator[Item]:
 
 
 class _ShapeFollower:
-    """Runs the twin beside a replay, so that the beam moves as it did."""
+    """Runs the twin beside a replay, so that its picture moves as it did."""
 
     def __init__(self, log: LogReader, sink: Sink) -> None:
         scenario = scenario_of(log)

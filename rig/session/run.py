@@ -232,7 +232,7 @@ class _Run:
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
-            sinks.append(ViewSink(view, picture))
+            sinks.append(ViewSink(view))
         return sinks
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
