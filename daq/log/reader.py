@@ -23,10 +23,11 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
 from daq.log.chunk import chunk_records
-from daq.log.records import ClockRecord, Event, Gap
+from daq.log.records import ClockRecord, Event, Gap, Impact
 
-Origin = Literal["measured", "nominal", "predicted"]
-"""`nominal` is the twin without the effects that `predicted` has, only where it has any."""
+Origin = Literal["measured", "nominal", "predicted", "derived"]
+"""`nominal` is the twin without the effects that `predicted` has, only where it has any; `derived` is what
+was computed from the samples of the others while they were recorded."""
 _FOREIGN_ERRORS = (
     McapError,
     DecodeError,
@@ -153,10 +154,10 @@ class LogReader:
                 yield LoggedMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
 
     def blocks(
-        self, origin: Origin | None = None, channels: Collection[str] | None = None
+        self, origins: Origin | tuple[Origin, ...] | None = None, channels: Collection[str] | None = None
     ) -> Iterator[tuple[Origin, SampleBlock]]:
-        """Sample blocks with their origin, in file order (as they were recorded)."""
-        wanted = self._sample_topics(origin, channels)
+        """Sample blocks with their origin (default: of all), in file order (as they were recorded)."""
+        wanted = self._sample_topics(origins, channels)
         for message in self.messages(set(wanted)):
             found_origin, name = wanted[message.topic]
             yield found_origin, codec.decode_block(name, message.data)
@@ -200,15 +201,22 @@ class LogReader:
         """The clock records."""
         return [codec.decode_clock(message.data) for message in self.messages({"/clock"})]
 
+    def impacts(self) -> list[Impact]:
+        """The impacts that were found in the samples while they were recorded."""
+        return [codec.decode_impact(message.data) for message in self.messages({"/impact"})]
+
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
         for _ in self._chunks_from_the_front():
             pass
 
     def _sample_topics(
-        self, origin: Origin | None, channels: Collection[str] | None
+        self, origins: Origin | tuple[Origin, ...] | None, channels: Collection[str] | None
     ) -> dict[str, tuple[Origin, str]]:
-        origins: tuple[Origin, ...] = get_args(Origin) if origin is None else (origin,)
+        if origins is None:
+            origins = get_args(Origin)
+        elif isinstance(origins, str):
+            origins = (origins,)
         return {
             f"/{each}/{name}": (each, name)
             for each in origins

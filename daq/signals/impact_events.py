@@ -31,6 +31,9 @@ class ImpactDetector:
 
     def add(self, force: NDArray[np.floating]) -> Impacts:
         """Take the next samples (N, shape (n,)); return the contacts that ended."""
+        if not len(self._open) and not (force > self._levels.released_below_n).any():
+            self._end += len(force)
+            return no_impacts()
         first = self.settled
         samples = np.concatenate((self._open, force))
         apart = np.flatnonzero(~(samples > self._levels.released_below_n))
@@ -79,6 +82,10 @@ class ImpactEvents:
         return len(self.index)
 
 
+_NO_INDEX, _NO_NUMBER = np.empty(0, np.intp), np.empty(0)
+_NONE = ImpactEvents(*(_NO_INDEX,) * 3, *(_NO_NUMBER,) * 4, _NO_INDEX)
+
+
 def impact_events(impacts: Impacts, sample_rate: float, within_s: float) -> ImpactEvents:
     """Events of `impacts`: what begins within `within_s` of the end of the last one is a bounce of it."""
     begins = _begins(impacts, sample_rate, within_s)
@@ -115,6 +122,8 @@ class BounceGrouper:
 
     def add(self, impacts: Impacts, settled: int) -> ImpactEvents:
         """Take what `ImpactDetector.add` returned and its `settled` then; return the events that are over."""
+        if not len(impacts) and not len(self._waiting):
+            return _NONE
         waiting = joined((self._waiting, impacts))
         begins = _begins(waiting, self._sample_rate, self._within_s)
         over = len(waiting)

@@ -15,6 +15,7 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
 from daq.log import LogWriter
+from daq.log.reader import Origin
 from daq.log.records import Event
 from daq.recorder import Recorder
 from drivers.protocols import CardReading
@@ -24,6 +25,7 @@ from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import Scenario
 from rig.live import LiveView
 from rig.session.acquisition import Acquisition
+from rig.session.deriving import derive_live
 from rig.session.devices import Devices
 from rig.session.drive import Shaker, drive_off_after
 from rig.session.hub import Hub, Sink
@@ -151,7 +153,11 @@ class _Run:
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
             sinks.append(ViewSink(view, picture))
-        return sinks
+        origins: dict[Origin, list[Channel]] = {"measured": list(self._devices.card.channels)}
+        origins["predicted"] = self._predicted(twin)
+        derived = derive_live(sinks, origins, self._scenario, self._recorder, self._clock)
+        self._derived = stack.enter_context(derived)
+        return [*sinks, derived]
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]
@@ -281,6 +287,7 @@ class _Run:
             raise TwinFailed(
                 f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
             ) from error
+        self._derived.finish()
         self._recorder.close()
 
     def _tell_of_partial(
