@@ -49,6 +49,7 @@ frequency = "20 Hz"
 amplitude = "9 N"
 [acquisition]
 sample_rate = "51.2 kHz"
+duration = "60 s"
 """
 
 
@@ -65,8 +66,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
         write_log(log, arguments.seconds)
-        print(f"log                    {len(NAMES)} channels, measured and predicted, {arguments.seconds:g} s, "
-              f"{log.stat().st_size / 2**20:.0f} MiB")  # fmt: skip
+        mib = log.stat().st_size / 2**20
+        print(f"log                    2 x {len(NAMES)} channels, {arguments.seconds:g} s, {mib:.0f} MiB")
         _replay(log, arguments.seconds)  # the file in memory, the kernels compiled
         speeds = [_replay(log, arguments.seconds) for _ in range(arguments.repetitions)]
     best, median = max(each.wall for each in speeds), statistics.median(each.wall for each in speeds)

@@ -15,14 +15,14 @@ END = 1 << 62
 
 
 class Begins(NamedTuple):
-    """Begins in a stretch of samples: sample, number of the cycle, whether what ends there is a whole cycle.
+    """Begins in a stretch of samples: number of the cycle, whether what ends there is a whole cycle.
 
-    Every array of shape (m,).
+    All of length m; `offset`, shape (m,), is the sample less the first one of the stretch.
     """
 
-    sample: NDArray[np.int64]
-    number: NDArray[np.int64]
-    sound: NDArray[np.bool_]
+    offset: NDArray[np.int64]
+    number: list[int]
+    sound: list[bool]
 
 
 class Cycles(Protocol):
@@ -52,8 +52,8 @@ class KnownBegins:
         self._samples: list[int] = []
         self._numbers: list[int] = []
         self._sound: list[bool] = []
-        self._asked = (-1, -1)
-        self._answer = self._cut(0, 0)
+        self._asked = (0, 0)
+        self._answer = Begins(np.empty(0, np.int64), [], [])
 
     def note(self, sample: int, number: int, sound: bool = True) -> None:
         """Note a begin; one that comes before `until`, too late for others to heed it, is left out."""
@@ -73,12 +73,7 @@ class KnownBegins:
         """Begins from sample `start` to `end` (excluded), which is not beyond `until`."""
         if (start, end) != self._asked:  # the channels of a card come in blocks of the same samples
             low, high = bisect_left(self._samples, start), bisect_left(self._samples, end)
-            self._asked, self._answer = (start, end), self._cut(low, high)
+            offset = np.array(self._samples[low:high], dtype=np.int64) - start
+            self._asked = start, end
+            self._answer = Begins(offset, self._numbers[low:high], self._sound[low:high])
         return self._answer
-
-    def _cut(self, low: int, high: int) -> Begins:
-        return Begins(
-            np.array(self._samples[low:high], dtype=np.int64),
-            np.array(self._numbers[low:high], dtype=np.int64),
-            np.array(self._sound[low:high], dtype=np.bool_),
-        )

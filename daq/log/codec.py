@@ -15,6 +15,8 @@ from daq.errors import LogError
 from daq.log import schema
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
+_NOT_WIDE = np.empty(0)
+
 
 def encode_block(block: SampleBlock) -> bytes:
     """Encode a block: float32 values travel as `values`, float64 values as `wide`."""
@@ -38,7 +40,7 @@ def decode_block(channel: str, data: bytes) -> SampleBlock:
     message = _parsed(schema.FastSampleBlockMessage, data)
     if message.ByteSize() == len(data) and not _has_unknown_fields(message):
         values = _array(message.values, "<f4")
-        wide = _array(message.wide, "<f8")
+        wide = _array(message.wide, "<f8") if message.wide else _NOT_WIDE
     else:
         # Unpacked or split arrays are legal protobuf, which the `bytes` declaration cannot see.
         message = _parsed(schema.SampleBlockMessage, data)

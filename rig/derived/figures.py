@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Sequence
 from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.angle.begins import Cycles
-from daq.block import Flag, SampleBlock, sample_time_ns
+from daq.block import Flag, SampleBlock
 from daq.signals.running_figures import CycleScanner
-from rig.derived.series import Series
+from rig.derived.series import Emit, Series
 
 RMS, PEAK = "cycle_rms", "cycle_peak"
 _BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 _BLOCK_S = 1.0
 _NO_SAMPLES = np.empty(0, np.float32)
-
-Emit = Callable[[SampleBlock], None]
+_UNKNOWN = (nan, nan)
 
 
 class CycleFigures:
@@ -31,10 +30,9 @@ class CycleFigures:
 
     def __init__(self, name: str, cycles: Cycles, cycle_hz: float, sample_rate: float, start_ns: int) -> None:
         self._begins = cycles.begins
-        self._rate, self._start_ns = sample_rate, start_ns
         per_block = max(round(_BLOCK_S * cycle_hz), 1)
-        self._rms = Series(f"{name}.{RMS}", cycle_hz, per_block)
-        self._peak = Series(f"{name}.{PEAK}", cycle_hz, per_block)
+        names = f"{name}.{RMS}", f"{name}.{PEAK}"
+        self._series = Series(names, cycle_hz, per_block, sample_rate, start_ns)
         self._scanner = CycleScanner()
         self._waiting: deque[SampleBlock] = deque()
         self._next = 0
@@ -49,8 +47,7 @@ class CycleFigures:
         """Take what waits, and the last cycle if the record ends where it does: no more begins will come."""
         self._scan(emit)
         self._advance(self._next + 1, _NO_SAMPLES, True, emit)
-        self._rms.flush(emit)
-        self._peak.flush(emit)
+        self._series.flush(emit)
 
     def _scan(self, emit: Emit) -> None:
         while self._waiting:
@@ -72,21 +69,17 @@ class CycleFigures:
         begins = self._begins.between(self._next, end)
         if not good:
             self._scanner.spoil()
-        ended = self._scanner.add(values, np.minimum(begins.sample - self._next, len(values)))
-        if len(begins.sample):
-            columns = (*(column.tolist() for column in begins), ended.rms.tolist(), ended.peak.tolist())
-            for sample, number, sound, rms, peak in zip(*columns, strict=True):
-                self._end_cycle(rms if sound and good else nan, peak if sound and good else nan, emit)
-                self._running = sample, number
+        ended = self._scanner.add(values, begins.offset if len(values) else begins.offset * 0)
+        if begins.number:
+            rows = zip(begins.offset.tolist(), begins.number, begins.sound, ended.tolist(), strict=True)
+            for offset, number, sound, figures in rows:
+                self._end_cycle(figures if sound and good else _UNKNOWN, emit)
+                self._running = self._next + offset, number
         if not good:
             self._scanner.spoil()
         self._next = end
 
-    def _end_cycle(self, rms: float, peak: float, emit: Emit) -> None:
-        if self._running is None or self._begins.first_number is None:
-            return
-        sample, number = self._running
-        index = number - self._begins.first_number
-        time_ns = sample_time_ns(self._start_ns, sample, self._rate)
-        self._rms.add(index, time_ns, rms, emit)
-        self._peak.add(index, time_ns, peak, emit)
+    def _end_cycle(self, figures: Sequence[float], emit: Emit) -> None:
+        if self._running is not None and self._begins.first_number is not None:
+            sample, number = self._running
+            self._series.add(number - self._begins.first_number, sample, figures, emit)

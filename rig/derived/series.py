@@ -1,41 +1,52 @@
-"""Collects the values of a derived channel into blocks."""
+"""Collects the values of derived channels into blocks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from daq.block import Flag, SampleBlock
+from daq.block import NS_PER_S, Flag, SampleBlock
+
+Emit = Callable[[SampleBlock], None]
 
 
 class Series:
-    """A uniform series that is handed on in blocks of `per_block` values, so that the log has few of them.
+    """Uniform series side by side, handed on in blocks of `per_block` values: then the log has few of them.
 
-    Values that are left out begin a new block, which says so.
+    `sample_rate` is theirs, `source_rate` that of the samples which they are computed from, whose sample 0 is
+    at `start_ns`. Values that are left out begin a new block, which says so.
     """
 
-    def __init__(self, channel: str, sample_rate: float, per_block: int) -> None:
-        self._channel, self._rate, self._per_block = channel, sample_rate, per_block
-        self._first = self._time_ns = self._next = 0
-        self._values: list[float] = []
+    def __init__(
+        self, channels: Sequence[str], sample_rate: float, per_block: int, source_rate: float, start_ns: int
+    ) -> None:
+        self._channels, self._rate, self._per_block = tuple(channels), sample_rate, per_block
+        self._source_rate, self._start_ns = source_rate, start_ns
+        self._first = self._next = 0
+        self._sample = 0.0
+        self._rows: list[Sequence[float]] = []
 
-    def add(self, index: int, time_ns: int, value: float, emit: Callable[[SampleBlock], None]) -> None:
-        """Add value number `index`, of `time_ns`."""
-        if self._values and index != self._first + len(self._values):
+    def add(self, index: int, sample: float, values: Sequence[float], emit: Emit) -> None:
+        """Add value number `index` of each channel, which lies at `sample` of the source."""
+        if self._rows and index != self._first + len(self._rows):
             self.flush(emit)
-        if not self._values:
-            self._first, self._time_ns = index, time_ns
-        self._values.append(value)
-        if len(self._values) == self._per_block:
+        if not self._rows:
+            self._first, self._sample = index, sample
+        self._rows.append(values)
+        if len(self._rows) == self._per_block:
             self.flush(emit)
 
-    def flush(self, emit: Callable[[SampleBlock], None]) -> None:
+    def flush(self, emit: Emit) -> None:
         """Hand on what is there."""
-        if not self._values:
+        if not self._rows:
             return
-        values = np.array(self._values, dtype=np.float32)
-        flags = Flag.GOOD if self._first == self._next else Flag.SAMPLES_MISSING_BEFORE
-        flags |= Flag.GOOD if np.isfinite(values).all() else Flag.NOT_FINITE
-        emit(SampleBlock(self._channel, self._first, self._time_ns, self._rate, values, flags))
-        self._next, self._values = self._first + len(values), []
+        columns = np.array(self._rows, dtype=np.float32).T
+        missing = Flag.GOOD if self._first == self._next else Flag.SAMPLES_MISSING_BEFORE
+        time_ns = self._start_ns + round(self._sample * NS_PER_S / self._source_rate)
+        for channel, column in zip(self._channels, columns, strict=True):
+            values = np.ascontiguousarray(column)
+            flags = missing | (Flag.GOOD if np.isfinite(values).all() else Flag.NOT_FINITE)
+            emit(SampleBlock(channel, self._first, time_ns, self._rate, values, flags))
+        self._next = self._first + len(self._rows)
+        self._rows = []

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from daq.angle.crank_cycles import MarkerCycles
 from daq.angle.speed import SPEED_HZ, AngleSpeed, MarkerSpeed, Run
-from daq.block import NS_PER_S, SampleBlock
-from rig.derived.series import Series
+from daq.block import SampleBlock
+from rig.derived.series import Emit, Series
 
 SPEED = "crank.speed"
 _BLOCK_S = 0.5
-
-Emit = Callable[[SampleBlock], None]
 
 
 class CrankSpeed:
@@ -24,9 +20,8 @@ class CrankSpeed:
 
     def __init__(self, name: str, marker: MarkerCycles | None, sample_rate: float, start_ns: int) -> None:
         self._every = max(round(sample_rate / SPEED_HZ), 2)
-        self._rate, self._start_ns = sample_rate, start_ns
         rate = sample_rate / self._every
-        self._series = Series(name, rate, max(round(_BLOCK_S * rate), 1))
+        self._series = Series([name], rate, max(round(_BLOCK_S * rate), 1), sample_rate, start_ns)
         self._angle = AngleSpeed(sample_rate, self._every) if marker is None else None
         self._marker = None if marker is None else MarkerSpeed(marker, sample_rate, self._every)
         self._end = 0
@@ -50,5 +45,4 @@ class CrankSpeed:
     def _note(self, runs: list[Run], emit: Emit) -> None:
         for first, speeds in runs:
             for index, speed in enumerate(speeds.tolist(), first):
-                middle_ns = round((index * self._every + (self._every - 1) / 2) * NS_PER_S / self._rate)
-                self._series.add(index, self._start_ns + middle_ns, speed, emit)
+                self._series.add(index, index * self._every + (self._every - 1) / 2, [speed], emit)
