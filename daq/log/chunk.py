@@ -77,8 +77,10 @@ def _content(chunk: Chunk) -> bytes:
 def _decompressed(chunk: Chunk, size: int) -> bytes:
     """At most one byte more than `size`, so that a longer content shows and takes no memory."""
     if chunk.compression == "":
-        return chunk.data
+        return bytes(chunk.data)
     if chunk.compression == "zstd":
+        if zstandard.frame_content_size(chunk.data) == size:
+            return zstandard.ZstdDecompressor().decompress(chunk.data)
         with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
             return stream.read(size + 1)
     raise ValueError(f"its compression is {chunk.compression!r}, not zstd")

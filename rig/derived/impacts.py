@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from math import nan
-from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from daq.angle.begins import Cycles
 from daq.block import SampleBlock, sample_time_ns
@@ -13,6 +16,8 @@ from daq.log.records import Impact
 from daq.signals import BounceGrouper, ImpactDetector, ImpactEvents
 from rig.derived.roles import role_of
 from rig.derived.settings import Settings, magnitude
+
+_LOOK_S = 0.5
 
 Emit = Callable[[Impact], None]
 
@@ -36,6 +41,7 @@ class ImpactWatch:
         self._levels, self._within_s = settings.levels[name], settings.within_s[name]
         self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
         self._waiting: deque[tuple[int, _Event]] = deque()
+        self._unseen: list[NDArray[np.floating]] = []
         self._base = self._next = 0
         self._detector = ImpactDetector(self._levels, self._rate)
         self._grouper = BounceGrouper(self._rate, self._within_s)
@@ -47,17 +53,26 @@ class ImpactWatch:
             self._base = block.first_sample
             self._detector = ImpactDetector(self._levels, self._rate)
             self._grouper = BounceGrouper(self._rate, self._within_s)
-        impacts = self._detector.add(magnitude(self._role, block.values))
-        self._note(self._grouper.add(impacts, self._detector.settled))
+        self._unseen.append(block.values)
         self._next = block.end_sample
-        self._tell(emit)
+        if sum(map(len, self._unseen)) >= _LOOK_S * self._rate:
+            self._look()
+            self._tell(emit)
 
     def finish(self, emit: Emit) -> None:
         """Take the record for ended."""
         self._end()
         self._tell(emit)
 
+    def _look(self) -> None:
+        """Search the blocks that came since the last time: together they take little longer than one."""
+        if self._unseen:
+            impacts = self._detector.add(magnitude(self._role, np.concatenate(self._unseen)))
+            self._note(self._grouper.add(impacts, self._detector.settled))
+            self._unseen.clear()
+
     def _end(self) -> None:
+        self._look()
         self._note(self._grouper.add(self._detector.finish(), self._detector.settled))
         self._note(self._grouper.finish())
 
@@ -93,7 +108,8 @@ class ImpactWatch:
             self._waiting.popleft()
 
 
-class _Event(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Event:
     """A row of `ImpactEvents`."""
 
     index: int
@@ -106,4 +122,4 @@ class _Event(NamedTuple):
     contacts: int
 
 
-_COLUMNS = _Event._fields
+_COLUMNS = tuple(field.name for field in fields(_Event))
