@@ -20,7 +20,7 @@ from daq.log.records import Event, Impact
 from daq.signals.running_figures import warm_up
 from rig.derived.sink import DerivedSink, Onward
 
-_QUEUE_BLOCKS = 16_384
+QUEUE_BLOCKS = 16_384
 """About 13 s of 64 channels, measured and predicted, in blocks of 0.1 s (4 bytes a sample: 330 MB)."""
 _LAST_S = 20.0
 _IDLE_S = 0.1
@@ -34,7 +34,7 @@ class InBackground:
 
     def __init__(self, derived: DerivedSink, onward: Onward, clock: Clock) -> None:
         self._derived, self._onward, self._clock = derived, onward, clock
-        self._queue: queue.Queue[tuple[Origin, SampleBlock] | None] = queue.Queue(_QUEUE_BLOCKS)
+        self._queue: queue.Queue[tuple[Origin, SampleBlock] | None] = queue.Queue(QUEUE_BLOCKS)
         self._thread = threading.Thread(target=self._run, name="derived", daemon=True)
         self._stopped = threading.Event()
         self.high_water = 0
