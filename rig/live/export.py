@@ -27,7 +27,7 @@ def rrd_from_log(log: Path, rrd: Path, picture: Picture | None = None) -> None:
         scene = Scene(recording, layout, _SPECTRUM_PERIOD_S)
         scene.open()
         scene.show_dropped(0)
-        for origin, block in reader.blocks():
+        for origin, block in reader.blocks(("measured", "nominal", "predicted")):
             scene.add_block(origin, block)
         for event in reader.events():
             scene.add_event(event)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 
 
 class Sink(Protocol):
@@ -22,6 +22,10 @@ class Sink(Protocol):
 
     def event(self, event: Event) -> None:
         """Take an event."""
+        ...
+
+    def impact(self, impact: Impact) -> None:
+        """Take an impact that was found in the blocks."""
         ...
 
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
@@ -44,6 +48,11 @@ class Hub:
         """Pass an event on."""
         for sink in self._sinks:
             sink.event(event)
+
+    def impact(self, impact: Impact) -> None:
+        """Pass an impact on."""
+        for sink in self._sinks:
+            sink.impact(impact)
 
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Pass a shape on."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from daq.recorder import Recorder
 from rig.live import LiveView
 
@@ -26,6 +26,10 @@ class LogSink:
         """Record an event."""
         self._recorder.event(event)
 
+    def impact(self, impact: Impact) -> None:
+        """Record an impact."""
+        self._recorder.impact(impact)
+
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Not recorded: the log holds what was measured and its prediction."""
 
@@ -37,12 +41,16 @@ class ViewSink:
         self._view = view
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Offer a block."""
-        self._view.offer(origin, block)
+        """Offer a block; the view has no place yet for what is derived."""
+        if origin != "derived":
+            self._view.offer(origin, block)
 
     def event(self, event: Event) -> None:
         """Offer an event."""
         self._view.offer_event(event)
+
+    def impact(self, impact: Impact) -> None:
+        """Not shown."""
 
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Offer where the twin's rig is."""
