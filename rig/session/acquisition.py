@@ -5,10 +5,11 @@ from __future__ import annotations
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.clock import Clock
@@ -20,6 +21,8 @@ from rig.session.hub import Hub
 from rig.session.limits import LimitWatch, Passed
 
 BLOCK_S = 0.1
+Enough = Callable[[Mapping[str, NDArray[np.float32]]], bool]
+"""Gets each reading's recorded values by channel, in the acquisition thread; True ends the record there."""
 _FLAG_CODES = {
     Flag.OVERLOAD: "overload",
     Flag.OPEN_SENSOR: "open_sensor",
@@ -46,9 +49,10 @@ class Acquisition:
         hub: Hub,
         limits: LimitWatch,
         on_reading: Callable[[CardReading], None],
+        enough: Enough | None = None,
     ) -> None:
         self._card, self._clock, self._hub, self._limits = card, clock, hub, limits
-        self._on_reading = on_reading
+        self._on_reading, self._enough = on_reading, enough
         self._names = [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -143,6 +147,9 @@ class Acquisition:
         values = reading.values[:, low:high].astype(np.float32)
         for name, row, flags in zip(self._names, values, reading.flags, strict=True):
             self._hub.block("measured", SampleBlock(name, first, time_ns, rate, row, flags))
+        if self._enough is not None and self._enough(dict(zip(self._names, values, strict=True))):
+            with self.changed:
+                self.record_until = reading.first_sample + high
 
     def _event(self, level: str, code: str, text: str) -> None:
         self._hub.event(Event(self._clock.unix_ns(), level, "acquisition", code, text))

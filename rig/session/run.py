@@ -23,9 +23,10 @@ from rig.files.model_file import ModelFile
 from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import Scenario
 from rig.live import LiveView
-from rig.session.acquisition import Acquisition
+from rig.session.acquisition import BLOCK_S, Acquisition, Enough
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
+from rig.session.frequency import HELD, TOLERANCE, DriveMeter, FrequencySink, Trimmed
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.progress import Screen
@@ -33,7 +34,7 @@ from rig.session.provenance import new_run, run_record
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
 from rig.session.supervisor import Supervisor
-from rig.twin.alignment import Alignment
+from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
 from rig.twin.matched_twin import with_model
 from rig.twin.picture import picture_of
 from rig.twin.prediction_file import twin_record
@@ -44,6 +45,11 @@ from sim_twin.twin import AnyTwin
 
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
+_ON_THEIR_WAY_S = 2 * BLOCK_S
+"""Samples that come within it were taken before what has been done just now."""
+_TRIM_SHARE, _TRIM_S, _TRIM_CYCLES, _TRIM_ON_CYCLES = 0.75, 0.2, 2.0, 8.0
+"""The frequency is measured within three quarters of the settling time, over 8 cycles and at least 0.2 s
+where there is room, under 2 cycles not at all."""
 _SILENCE_S = 5.0
 _LOOKS_EVERY_S = 3.0
 """A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
@@ -53,7 +59,8 @@ _LOOKS_EVERY_S = 3.0
 class RunRequest:
     """What to run: checked files, turned by `connect` into devices and notes for the log.
 
-    `model`: what calibration found of the rig; None where the twin is the scenario's.
+    `model`: what calibration found of the rig; None where the twin is the scenario's. `enough`: ends the
+    record before its time.
     """
 
     scenario: Scenario
@@ -62,6 +69,7 @@ class RunRequest:
     folder: Path
     live: bool = False
     model: ModelFile | None = None
+    enough: Enough | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -105,6 +113,8 @@ class _Run:
         self._names = [channel.name for channel in devices.card.channels]
         self._reference = KINDS[self._scenario.rig].reference
         self._feed_from: int | None = None
+        self._meter: DriveMeter | None = None
+        self._frequency: FrequencySink | None = None
         self._last = False
         self._looked_s = clock.monotonic_s()
 
@@ -127,7 +137,9 @@ class _Run:
         self._hub = Hub(self._sinks(stack, twin))
         self._declare(twin, run.id)
         limits = LimitWatch(scenario.limits, self._rate)
-        self._acquisition = Acquisition(self._devices.card, self._clock, self._hub, limits, self._on_reading)
+        self._acquisition = Acquisition(
+            self._devices.card, self._clock, self._hub, limits, self._on_reading, self._request.enough
+        )
         with (
             self._supervisor,
             self._acquisition,
@@ -145,6 +157,9 @@ class _Run:
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
+        if self._nominal_hz is not None:
+            self._frequency = FrequencySink(self._reference, self._nominal_hz, self._rate)
+            sinks.append(self._frequency)
         if self._request.live:
             picture = picture_of(twin)
             channels = (self._devices.card.channels, self._predicted(twin))
@@ -152,6 +167,14 @@ class _Run:
             self._screen.say(f"live view  {view.url}")
             sinks.append(ViewSink(view, picture))
         return sinks
+
+    @property
+    def _nominal_hz(self) -> float | None:
+        """The frequency of a sine that is measured itself; None for other drives."""
+        drive = self._scenario.drive
+        if self._reference not in self._names or not getattr(drive, "amplitude", 0.0):
+            return None
+        return float(drive.frequency)
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]
@@ -176,7 +199,8 @@ class _Run:
             if wanted.settle > 0:
                 self._start(motion)
                 full = self._acquisition.acquired
-                self._feed_from = full
+                trimmed = self._trim(motion, full)
+                self._feed_from = self._acquisition.acquired + trimmed * self._samples(_ON_THEIR_WAY_S)
                 self._until(full + self._samples(wanted.settle), bar.at, full)
         pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
         if pre_trigger:
@@ -188,7 +212,7 @@ class _Run:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start(motion)
-            self._until(begin + count, bar.at, begin)
+            self._until_recorded(bar.at)
         self._event("info", "record.end", "recorded")
         motion.ramp_down()
         self._event("info", "drive.off", "drive ramped down and off")
@@ -197,8 +221,37 @@ class _Run:
         motion.start(self._soft)
         self._event("info", "drive.on", motion.what)
 
+    def _trim(self, motion: Motion, since: int) -> bool:
+        """Measure the frequency of a drive that is still settling, and correct what the clocks differ by.
+
+        Returns whether it was corrected.
+        """
+        nominal = self._nominal_hz
+        wait_s = _TRIM_SHARE * self._scenario.acquisition.settle - _ON_THEIR_WAY_S
+        if nominal is None or not self._soft or not isinstance(motion, Trimmed):
+            return False
+        if wait_s * nominal < _TRIM_CYCLES:
+            return False
+        self._until(since + self._samples(_ON_THEIR_WAY_S))
+        meter = self._meter = DriveMeter(nominal, self._rate)
+        since = self._acquisition.acquired
+        self._until(since + self._samples(min(wait_s, max(_TRIM_S, _TRIM_ON_CYCLES / nominal))))
+        self._meter = None
+        found = meter.result()
+        if not (TOLERANCE / 10 < abs(found.off) < FREQUENCY_TOLERANCE and found.uncertainty < TOLERANCE / 10):
+            return False
+        motion.trim(found.off)
+        self._event("info", "drive.trimmed", f"{found}; corrected")
+        return True
+
     def _samples(self, seconds: float) -> int:
         return round(seconds * self._rate)
+
+    def _until_recorded(self, show: Callable[[float], None]) -> None:
+        """Wait for the end of the record, which may come early."""
+        begin = self._acquisition.record_from or 0
+        while self._acquisition.acquired < (end := self._acquisition.record_until or 0):
+            self._until(min(end, self._acquisition.acquired + self._samples(BLOCK_S)), show, begin)
 
     def _until(self, sample: int, show: Callable[[float], None] = lambda _: None, since: int = 0) -> None:
         """Wait until the card has acquired `sample`; raises what ends the run early."""
@@ -240,6 +293,8 @@ class _Run:
         if acquisition.tripped is None and looked_ago < _LOOKS_EVERY_S:
             self._supervisor.beat()
         begin, until = acquisition.record_from, acquisition.record_until
+        if (meter := self._meter) is not None:
+            meter.add(reading.values[self._names.index(self._reference)])
         feed_from = self._feed_from
         if feed_from is not None and reading.first_sample >= feed_from and self._reference in self._names:
             self._worker.drive(reading.first_sample, reading.values[self._names.index(self._reference)])
@@ -269,6 +324,7 @@ class _Run:
             self._screen.warn(f"{unseen}: is the amplifier on?")
 
     def _close_record(self) -> None:
+        self._verify_frequency()
         record = self._acquisition.arrivals.record("host", self._acquisition.start_ns)
         if record is not None:
             self._recorder.clock_record(record)
@@ -281,6 +337,14 @@ class _Run:
                 f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
             ) from error
         self._recorder.close()
+
+    def _verify_frequency(self) -> None:
+        if self._frequency is None:
+            return
+        found = self._frequency.result()
+        self._event("info" if found.code == HELD else "warning", found.code, str(found))
+        if found.code != HELD:
+            self._screen.warn(str(found))
 
     def _tell_of_partial(
         self, log: Path, kind: type[BaseException] | None, error: BaseException | None, trace: object
