@@ -49,6 +49,11 @@ def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, B
     return scenario, bench
 
 
+def bench_of(rig: str, bench_file: Path | None) -> Bench:
+    """The bench of a file, or the emulated one of a rig."""
+    return embedded_bench() if bench_file is None else load_bench(bench_file)
+
+
 def _joined(errors: list[ConfigurationError]) -> ConfigurationError:
     if len(errors) == 1:
         return errors[0]

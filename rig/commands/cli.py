@@ -22,6 +22,7 @@ from rig.commands import (
     replay,
     reproduce,
     run,
+    sweep,
 )
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -52,6 +53,7 @@ def build(connect: Connect) -> Callable[[], None]:
         pretty_exceptions_enable=False,
     )
     run.add_to(app, connect)
+    sweep.add_to(app, connect)
     modules = (
         emulate,
         predict,
