@@ -50,6 +50,11 @@ class SampleBlock:
         return (self.first_sample + np.arange(len(self.values))) / self.sample_rate
 
 
+def as_logged(channel: str, values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Values as wide as a log keeps them: an unwrapped angle is too long for 32 bits."""
+    return values.astype(np.float64 if channel.endswith(".angle") else np.float32, copy=False)
+
+
 def sample_time_ns(start_ns: int, index: int, sample_rate: float) -> int:
     """Time in ns of sample `index` on a base that starts at `start_ns` and runs at `sample_rate` Hz."""
     return start_ns + round(index * NS_PER_S / sample_rate)

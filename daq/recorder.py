@@ -11,7 +11,7 @@ from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import RecorderFailed
-from daq.log.records import ClockRecord, Event
+from daq.log.records import ClockRecord, Event, Gap
 from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 8192
@@ -62,6 +62,11 @@ class Recorder:
     def event(self, event: Event) -> None:
         """Record an event."""
         self._put(lambda: self._writer.add_event(event))
+
+    def gap(self, gap: Gap) -> None:
+        """Record why samples are missing, before the block that follows them."""
+        host_ns = self._clock.unix_ns()
+        self._put(lambda: self._writer.add_gap(gap, host_ns))
 
     def clock_record(self, record: ClockRecord) -> None:
         """Record how a device's clock lies."""

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 from daq import SystemClock
 from daq.errors import InstrumentAbsent
@@ -25,19 +25,20 @@ from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.mitsubishi_fr.emulator import InverterSetup, LineFaults
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, EmulatedDrive
-from drivers.mitsubishi_fr.emulator.load import RemoteLoad
+from drivers.mitsubishi_fr.emulator.load import OutputSink, RemoteLoad
 from drivers.mitsubishi_fr.emulator.server import InverterServer
 from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.server import CardServer
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
-from drivers.protocols import DriveSettings, Plant, Shaft
+from drivers.protocols import ActuatorOutput, DriveSettings, Plant, Shaft
 from drivers.scpi.emulated_33220a import IDENTITY, Emulated33220A
 from drivers.scpi.emulator import ScpiServer
 
 START_DEADLINE_S = 60.0  # a plant may have to be compiled first
 STOP_DEADLINE_S = 5.0
 STATION_PARAMETER = 117
+Output = TypeVar("Output", bound=ActuatorOutput)
 
 
 class _Server(Protocol):
@@ -132,7 +133,7 @@ class InverterWiring:
     as floats; `rehearsal` brings what is to go wrong (`LineFaults`, `DriveFaults`, `Trip`).
     """
 
-    outputs: Connection | None = None
+    outputs: OutputSink | None = None
     currents: Connection | None = None
     rehearsal: Connection | None = None
 
@@ -151,10 +152,10 @@ def start_function_generator(
 
 
 def start_daq_card(
-    plant: Callable[[], Plant],
+    plant: Callable[[], Plant[Output]],
     wiring: CardWiring,
     drive: Connection | None = None,
-    initial: DriveSettings | None = None,
+    initial: Output | None = None,
     name: str = "emulated DAQ card",
     deadline_s: float = START_DEADLINE_S,
 ) -> EmulatedInstrument:
@@ -299,7 +300,7 @@ def _encoder_server(shaft: Callable[[], Shaft], setup: EncoderSetup) -> _Server:
 class _CardProcess:
     """A card server with the thread that brings in the drive."""
 
-    def __init__(self, server: CardServer, inbox: DriveInbox, drive: Connection | None) -> None:
+    def __init__(self, server: CardServer, inbox: DriveInbox[Any], drive: Connection | None) -> None:
         self._server, self._inbox, self._drive = server, inbox, drive
         self._stopped = threading.Event()
 
@@ -325,10 +326,10 @@ class _CardProcess:
 
 
 def _card_server(
-    plant: Callable[[], Plant],
+    plant: Callable[[], Plant[Output]],
     wiring: CardWiring,
     drive: Connection | None,
-    initial: DriveSettings | None,
+    initial: Output | None,
 ) -> _Server:
     inbox = DriveInbox(initial)
     servicer = CardServicer(plant(), wiring, inbox, SystemClock())

@@ -2,58 +2,105 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
+from typing import Final
 
+from drivers.canopen_cia406 import CanopenEncoder
+from drivers.mitsubishi_fr import FrInverter
 from drivers.ni_daq import CardSettings, NiDaqCard
+from drivers.protocols import AcquisitionCard, PositionEncoder
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
-from rig.emulation import EmulatedBench
+from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench
 from rig.files.bench import Bench
+from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
+from rig.session.motor import Motor, MotorActuator
 from rig.session.progress import Screen
+from rig.shaft_wiring import encoder_settings, inverter_settings
 
 GENERATORS = {"scpi_33220a": ScpiGenerator}
+INVERTERS = {"mitsubishi_fr": FrInverter}
 CARDS = {"nidaqmx": NiDaqCard}
+ENCODERS = {"canopen_cia406": CanopenEncoder}
+_WORDS: Final = {
+    "signal_generator": "generator",
+    "inverter": "inverter",
+    "daq_card": "card",
+    "encoder": "encoder",
+}
 
 
 def connect(
     scenario: Scenario, bench: Bench, stack: ExitStack, screen: Screen
 ) -> tuple[Devices, dict[str, str]]:
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
-    generator, card = bench.signal_generator, bench.daq_card
-    resource, grpc, notes = generator.resource, card.grpc, chain_record(bench)
-    if generator.emulated or card.emulated:
+    emulated, notes = NOTHING_EMULATED, chain_record(bench)
+    if bench.emulated:
         with screen.busy("starting the emulated instruments"):
             emulated = stack.enter_context(EmulatedBench(scenario, bench))
-        resource = emulated.generator.address if emulated.generator else resource
-        grpc = emulated.card.address if emulated.card else grpc
-        notes["emulated"] = "generator " * generator.emulated + "card" * card.emulated
+        notes["emulated"] = " ".join(_WORDS[table] for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
-            screen.warn("the emulated card cannot hear the real generator: it plays the scenario's drive")
+            deaf = " and ".join(_WORDS[table] for table in bench.emulated)
+            real = _WORDS[RIGS[bench.rig].actuator]
+            screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
+    return _DEVICES[RIGS[bench.rig].actuator](scenario, bench, emulated), notes
+
+
+def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    generator = bench.signal_generator
+    resource = emulated.address("signal_generator", generator.resource)
     make_generator = partial(
         GENERATORS[generator.driver],
         GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
     )
     driver = make_generator()
-    return (
-        Devices(
-            driver,
-            make_generator,
-            lambda wait: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
-            CARDS[card.driver](_card_settings(scenario, bench, grpc)),
-        ),
-        notes,
+    return Devices(
+        driver,
+        make_generator,
+        lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
+        _card(scenario, bench, emulated),
     )
 
 
-def _card_settings(scenario: Scenario, bench: Bench, grpc: str | None) -> CardSettings:
-    channels = tuple(card_channel(channel) for channel in bench.daq_card.channels)
-    return CardSettings(grpc, scenario.acquisition.sample_rate, bench.daq_card.buffer, channels)
+def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    inverter = bench.inverter
+    port = emulated.address("inverter", inverter.port)
+    drive = INVERTERS[inverter.driver](inverter_settings(inverter, port))
+    return Devices(
+        MotorActuator(drive),
+        None,
+        lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
+        _card(scenario, bench, emulated),
+        _encoder(bench, emulated),
+    )
+
+
+_DEVICES: Final[Mapping[str, Callable[[Scenario, Bench, Emulated], Devices]]] = {
+    "signal_generator": _shaken,
+    "inverter": _turned,
+}
+"""By actuator."""
+
+
+def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
+    card = bench.daq_card
+    grpc = emulated.address("daq_card", card.grpc)
+    channels = tuple(card_channel(channel) for channel in card.channels)
+    settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels)
+    return CARDS[card.driver](settings)
+
+
+def _encoder(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
+    if bench.encoder is None:
+        return None
+    return ENCODERS[bench.encoder.driver](encoder_settings(bench.encoder, emulated.address("encoder")))
 
 
 def main() -> None:

@@ -3,28 +3,43 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from types import TracebackType
+from typing import Any, Final
 
-from daq.clock import SystemClock
-from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_function_generator
-from drivers.protocols import DriveSettings
+from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_encoder
 from rig.card_wiring import wiring_of
+from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench
+from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
-from rig.twin.plant import BeamPlantFactory
-from rig.twin.scenario_twin import twin_of, with_effects
+from rig.shaft_wiring import encoder_setup
+from rig.twin.shaft import ShaftFactory
+
+_COMPILED_S: Final = 300.0
+"""A plant may have to be compiled first: the spatial crank takes minutes on a slow machine."""
 
 
 @dataclass(frozen=True, slots=True)
 class Emulated:
-    """Where the emulated instruments of a bench listen; None for those that are real. `seed` drew the rig."""
+    """The emulated instruments of a bench, by its tables. `seed` drew the rig.
 
-    generator: EmulatedInstrument | None
-    card: EmulatedInstrument | None
+    `drive_follows_scenario` where the actuator is a real one, which an emulated rig cannot hear.
+    """
+
+    instruments: Mapping[str, EmulatedInstrument]
     seed: int
     drive_follows_scenario: bool
+
+    def address(self, table: str, real: str | None = None) -> str | None:
+        """Where the instrument of a table listens, or its `real` address."""
+        return self.instruments[table].address if table in self.instruments else real
+
+
+NOTHING_EMULATED: Final = Emulated({}, 0, drive_follows_scenario=False)
 
 
 class EmulatedBench:
@@ -46,36 +61,46 @@ class EmulatedBench:
         self._stack.close()
 
     def _start(self, stack: ExitStack) -> Emulated:
-        bench, generator, card = self._bench, None, None
-        seed = secrets.randbits(32) if bench.emulation.seed is None else bench.emulation.seed
-        follows = bench.daq_card.emulated and not bench.signal_generator.emulated
-        with DriveLink.new() as link:
-            if bench.signal_generator.emulated:
-                generator = start_function_generator(link.sender)
-                stack.callback(generator.close)
-            if bench.daq_card.emulated:
-                initial = self._scenario_drive() if follows else None
-                card = start_daq_card(
-                    self._plant(seed), wiring_of(bench), None if follows else link.receiver, initial
-                )
-                stack.callback(card.close)
-        return Emulated(generator, card, seed, follows)
+        scenario, bench = self._scenario, self._bench
+        hears, emulation = bench.actuator.emulated, bench.emulation
+        seed = secrets.randbits(32) if emulation.seed is None else emulation.seed
+        rig = drawn_rig(scenario, bench, seed, secrets.randbits(32))
+        started: dict[str, EmulatedInstrument] = {}
+        with ExitStack() as links:
+            shown = [table for table in bench.emulated if table in _SHOWS]
+            ways = {table: links.enter_context(DriveLink.new()) for table in shown if hears}
+            if hears:
+                sinks = [way.sender for way in ways.values()]
+                started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
+                stack.callback(started[RIGS[scenario.rig].actuator].close)
+            for table in shown:
+                heard = _Heard(ways[table].receiver, None) if hears else _Heard(None, rig.scenario_output)
+                started[table] = _SHOWS[table](bench, rig, seed, heard)
+                stack.callback(started[table].close)
+        return Emulated(started, seed, bool(shown) and not hears)
 
-    def _plant(self, seed: int) -> BeamPlantFactory:
-        bench = self._bench
-        twin = twin_of(self._scenario, (channel.name for channel in bench.daq_card.channels))
-        if bench.emulation.effects is not None:
-            twin = with_effects(twin, bench.emulation.effects)
-        per_volt = bench.signal_generator.force_per_volt
-        return BeamPlantFactory(twin, per_volt, seed, secrets.randbits(32), bench.emulation.healthy)
 
-    def _scenario_drive(self) -> DriveSettings:
-        """What an emulated card hears while the generator is a real one that it cannot hear."""
-        drive, per_volt = self._scenario.drive, self._bench.signal_generator.force_per_volt
-        return DriveSettings(
-            on=True,
-            frequency_hz=drive.frequency,
-            amplitude_v=drive.amplitude / per_volt,
-            offset_v=drive.offset / per_volt,
-            started_s=SystemClock().monotonic_s(),
-        )
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """What an instrument hears of the actuator: its outputs, or once for all what it would put out."""
+
+    outputs: Connection | None
+    initial: Any
+
+
+def _card(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> EmulatedInstrument:
+    return start_daq_card(rig.plant, wiring_of(bench), heard.outputs, heard.initial, deadline_s=_COMPILED_S)
+
+
+def _encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> EmulatedInstrument:
+    if rig.motor is None or bench.encoder is None:
+        raise LookupError("an encoder needs a shaft")
+    setup = encoder_setup(bench.encoder, seed, bench.emulation.healthy)
+    return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
+
+
+_SHOWS: Final[Mapping[str, Callable[[Bench, EmulatedRig, int, _Heard], EmulatedInstrument]]] = {
+    "daq_card": _card,
+    "encoder": _encoder,
+}
+"""The instruments that show what the rig does, by their table."""

@@ -33,6 +33,7 @@ class LogWriter:
         self._next_sample: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._topics: dict[str, int] = {}
+        self._told_gaps: set[tuple[str, int, int]] = set()
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
         self._failed: OSError | None = None
@@ -81,7 +82,8 @@ class LogWriter:
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        if block.first_sample > expected and record_gap:
+        told = (block.channel, expected, block.first_sample - expected) in self._told_gaps
+        if block.first_sample > expected and record_gap and not told:
             self._account_for_gap(block, expected, host_ns)
         self._add(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
@@ -92,7 +94,8 @@ class LogWriter:
         self._add("/event", codec.encode_event(event), event.time_ns, event.time_ns)
 
     def add_gap(self, gap: Gap, host_ns: int) -> None:
-        """Add an entry of the gap ledger."""
+        """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
+        self._told_gaps.add((gap.channel, gap.first_sample, gap.count))
         self._register("/gap", "Gap", {})
         self._add("/gap", codec.encode_gap(gap), host_ns, gap.time_ns)
 

@@ -17,6 +17,7 @@ from drivers.mitsubishi_fr.keeper import Keeper
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
 from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.orders import OvertakenOrder
+from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
 from drivers.protocols import MotorState
 
@@ -47,6 +48,21 @@ class FrInverter:
     def health(self) -> LineHealth | None:
         """What went wrong on its line since it was opened; None while it is closed."""
         return self._open.line.health if self._open else None
+
+    @property
+    def step_rpm(self) -> float:
+        """The smallest step of the set speed: 0.01 Hz."""
+        return RUNNING_FREQUENCY.scale * self.settings.rpm_per_hz
+
+    @property
+    def longest_stop_s(self) -> float:
+        """By when a stop has ended or raised; 30 s and four ramps from the highest speed."""
+        return self._open.longest_stop_s if self._open else HANGS_S
+
+    def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
+        """Return the time of a ramp by its parameters; 0 while it is closed."""
+        per_hz = self.settings.rpm_per_hz
+        return self._open.motor.parameters.ramp_s(from_rpm / per_hz, to_rpm / per_hz) if self._open else 0.0
 
     def open(self) -> None:
         """Connect, check parameters and watchdog, and poll from now on; nothing is written."""

@@ -1,6 +1,6 @@
 """What the rig asks of its instruments, one file an instrument, and what emulators ask of their plant."""
 
-from drivers.protocols.actuator import Actuator
+from drivers.protocols.actuator import Actuator, ActuatorOutput
 from drivers.protocols.card import AcquisitionCard, CardReading, Finding, Plant
 from drivers.protocols.encoder import (
     Emergency,
@@ -17,6 +17,7 @@ from drivers.protocols.speed_drive import InverterOutput, MotorLoad, MotorState,
 __all__ = [
     "AcquisitionCard",
     "Actuator",
+    "ActuatorOutput",
     "CardReading",
     "DriveGenerator",
     "DriveSettings",

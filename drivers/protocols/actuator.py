@@ -38,3 +38,12 @@ class Actuator(Protocol):
     def off(self) -> None:
         """Go to the safe state; no error where it is there or closed already."""
         ...
+
+
+class ActuatorOutput(Protocol):
+    """What an actuator puts out, as an emulated one tells it to a plant at every change."""
+
+    @property
+    def started_s(self) -> float:
+        """Since when, in s of the monotonic clock (`SystemClock`), which all processes share."""
+        ...

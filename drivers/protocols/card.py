@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq import Channel, Flag
-from drivers.protocols.generator import DriveSettings
+from drivers.protocols.actuator import ActuatorOutput
+
+Output_contra = TypeVar("Output_contra", bound=ActuatorOutput, contravariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +96,8 @@ class AcquisitionCard(Protocol):
         ...
 
 
-class Plant(Protocol):
-    """The physics behind an emulated card: what its sensors would see."""
+class Plant(Protocol[Output_contra]):
+    """The physics behind an emulated card, driven by one kind of actuator: what its sensors would see."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -106,8 +108,11 @@ class Plant(Protocol):
         """Begin anew, with sample 0 next, at `sample_rate` Hz."""
         ...
 
-    def drive(self, settings: DriveSettings, at_sample: float) -> None:
-        """Take new settings from the (fractional) sample `at_sample` on, which is none made already."""
+    def drive(self, output: Output_contra, at_sample: float) -> None:
+        """Follow the actuator from the (fractional) sample `at_sample` on.
+
+        What began before samples that have been made already is under way by the next.
+        """
         ...
 
     def advance(self, count: int) -> NDArray[np.float64]:

@@ -61,6 +61,20 @@ class SpeedDrive(Protocol):
         """What it said last, at most some poll periods ago; no word goes out for it."""
         ...
 
+    @property
+    def step_rpm(self) -> float:
+        """The smallest step of the set speed."""
+        ...
+
+    @property
+    def longest_stop_s(self) -> float:
+        """By when a stop has ended or raised, in s since it was asked for; known after `open`."""
+        ...
+
+    def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
+        """Return the time in s that its ramp takes from one speed to another; known after `open`."""
+        ...
+
     def open(self) -> None:
         """Connect and check its settings; moves nothing.
 

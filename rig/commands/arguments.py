@@ -10,7 +10,6 @@ import typer
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench, embedded_bench, load_bench
-from rig.files.pairing import check_drivable
 from rig.files.scenario import Scenario, load_scenario
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
@@ -37,11 +36,14 @@ def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, B
     scenario = bench = None
     try:
         scenario = load_scenario(scenario_file)
-        check_drivable(scenario)
     except ConfigurationError as error:
         errors.append(error)
+    rig = None if scenario is None else scenario.rig
     try:
-        bench = embedded_bench() if bench_file is None else load_bench(bench_file)
+        if bench_file is not None:
+            bench = load_bench(bench_file, rig)
+        elif rig is not None:
+            bench = embedded_bench(rig)
     except ConfigurationError as error:
         errors.append(error)
     if errors or scenario is None or bench is None:
@@ -51,7 +53,7 @@ def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, B
 
 def bench_of(rig: str, bench_file: Path | None) -> Bench:
     """The bench of a file, or the emulated one of a rig."""
-    return embedded_bench() if bench_file is None else load_bench(bench_file)
+    return embedded_bench(rig) if bench_file is None else load_bench(bench_file, rig)
 
 
 def _joined(errors: list[ConfigurationError]) -> ConfigurationError:

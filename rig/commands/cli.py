@@ -22,6 +22,7 @@ from rig.commands import (
     replay,
     reproduce,
     run,
+    skew,
     sweep,
 )
 from rig.files.bench import Bench
@@ -66,6 +67,7 @@ def build(connect: Connect) -> Callable[[], None]:
         check,
         logs,
         exchange,
+        skew,
     )
     for module in modules:
         module.add_to(app)

@@ -27,8 +27,8 @@ def add_to(app: typer.Typer) -> None:
             signal.signal(number, lambda *_: ended.set())
         with EmulatedBench(scenario, bench) as emulated:
             addresses = {
-                "signal_generator": list(emulated.generator.addresses) if emulated.generator else [],
-                "daq_card": [emulated.card.address] if emulated.card else [],
+                table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []
+                for table in bench.instruments
             }
             if as_json:
                 print_json(addresses)

@@ -5,41 +5,27 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic.dataclasses import dataclass
 
+from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, SignalGenerator
 from rig.files.channels import BenchChannel, read_channels
-from rig.files.embedded_bench import EMBEDDED_BENCH
+from rig.files.encoder import Encoder, read_encoder
 from rig.files.faults import Faults, read_text, read_toml
 from rig.files.fields import Measured, Switch, Text, Whole, Word
+from rig.files.loopback import misplaced
+from rig.files.rigs import RIGS
+from rig.files.rigs.kind import RigKind
 from rig.files.section import SECTION, Check, read_section, unknown_keys
 
-_VISA: Final = Text(
-    'a VISA address, such as "TCPIP::192.168.0.5::5025::SOCKET"',
-    r"(TCPIP\d*::.+::(SOCKET|INSTR)|ASRL.+::INSTR|USB\d*::.+::INSTR|GPIB\d*::.+::INSTR)",
-)
+_Actuator = TypeVar("_Actuator")
 _ADDRESS: Final = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
-_LOOPBACK_VISA = ("TCPIP::127.0.0.1::", "TCPIP0::127.0.0.1::", "TCPIP::localhost::", "ASRL")
-_LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
-_INSTRUMENTS: Final = ("signal_generator", "daq_card")
-_LATER: Final = ("inverter", "encoder")
-_KEYS: Final = (*_INSTRUMENTS, "emulation")
-
-
-@dataclass(frozen=True, slots=True, config=SECTION)
-class SignalGenerator:
-    """The generator that drives the shaker's amplifier.
-
-    `resource` is its VISA address, None when emulated; `force_per_volt` in N/V at the drive point,
-    `maximum_amplitude` in N.
-    """
-
-    force_per_volt: Annotated[float, Measured("N/V", 0.001, 1000)]
-    maximum_amplitude: Annotated[float, Measured("N", 0, 1000, above=True)]
-    driver: Annotated[Literal["scpi_33220a"], Word(("scpi_33220a",))] = "scpi_33220a"
-    resource: Annotated[str | None, _VISA] = None
-    emulated: Annotated[bool, Switch()] = False
+_ACTUATORS: Final[Mapping[str, tuple[type[Any], tuple[Check, ...]]]] = {
+    "signal_generator": (SignalGenerator, GENERATOR_CHECKS),
+    "inverter": (Inverter, INVERTER_CHECKS),
+}
+_INSTRUMENTS: Final = (*_ACTUATORS, "daq_card", "encoder")
 
 
 @dataclass(frozen=True, slots=True, config=SECTION)
@@ -85,92 +71,134 @@ class Emulation:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Bench:
-    """A checked bench in SI; `source` names the file and `text` is what stood in it."""
+    """A checked bench in SI, of the `rig` that it was read for; `source` names the file, `text` is what stood
+    in it.
+    """
 
-    signal_generator: SignalGenerator
+    rig: str
+    actuator: SignalGenerator | Inverter
     daq_card: DaqCard
+    encoder: Encoder | None
     emulation: Emulation
     source: str
     text: str
 
+    @property
+    def signal_generator(self) -> SignalGenerator:
+        """The generator of a rig that has one; LookupError for another's bench."""
+        return _of_kind(SignalGenerator, self.actuator)
 
-def load_bench(path: str | Path) -> Bench:
-    """Read a bench file; raises ConfigurationError with every fault in it."""
-    return parse_bench(read_text(path), str(path), Path(path).resolve().parent)
+    @property
+    def inverter(self) -> Inverter:
+        """The inverter of a rig that has one; LookupError for another's bench."""
+        return _of_kind(Inverter, self.actuator)
 
+    @property
+    def instruments(self) -> tuple[str, ...]:
+        """The tables of its instruments, the actuator's first."""
+        return (RIGS[self.rig].actuator, "daq_card", *(() if self.encoder is None else ("encoder",)))
 
-def embedded_bench() -> Bench:
-    """The bench of a run without one: every instrument of the impact beam, emulated."""
-    return parse_bench(EMBEDDED_BENCH, "embedded bench", Path())
-
-
-def _device_server_near(card: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if card["grpc"] is None:
-        return
-    host, _, port = card["grpc"].rpartition(":")
-    if host not in _LOOPBACK_HOSTS:
-        yield (
-            "grpc",
-            "127.0.0.1 and a port (nothing is encrypted; reach other machines by an SSH tunnel)",
-        )
-    elif not 0 < int(port) <= 65535:
-        yield "grpc", "a port from 1 to 65535"
-
-
-def _generator_reachable(generator: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    resource = generator["resource"]
-    if resource is None and not generator["emulated"]:
-        yield "resource", "the generator's VISA address, or emulated = true"
-    if generator["emulated"] and resource is not None and not resource.startswith(_LOOPBACK_VISA):
-        yield "resource", "127.0.0.1 (an emulated instrument listens on loopback only)"
+    @property
+    def emulated(self) -> tuple[str, ...]:
+        """The tables of those that are emulated."""
+        each = (self.actuator, self.daq_card, self.encoder)
+        known = zip(self.instruments, each, strict=False)
+        return tuple(table for table, instrument in known if instrument is not None and instrument.emulated)
 
 
-_CARD_CHECKS: Final = (Check(("grpc",), _device_server_near),)
-_GENERATOR_CHECKS: Final = (Check(("resource", "emulated"), _generator_reachable),)
+def load_bench(path: str | Path, rig: str | None = None) -> Bench:
+    """Read a bench file for a rig (None: the one that its instruments are of).
+
+    Raises ConfigurationError with every fault in it.
+    """
+    return parse_bench(read_text(path), str(path), Path(path).resolve().parent, rig)
 
 
-def parse_bench(text: str, source: str, folder: Path) -> Bench:
+def embedded_bench(rig: str = "impact_beam") -> Bench:
+    """The bench of a run without one: every instrument of the rig, emulated."""
+    return parse_bench(RIGS[rig].bench, "embedded bench", Path(), rig)
+
+
+def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) -> Bench:
     """Read a bench's text; paths in it start from `folder`. Raises ConfigurationError with every fault."""
     faults = Faults(source)
     given = read_toml(text, source)
-    table = _with_defaults(given, faults)
-    for key in _LATER:
-        if table.pop(key, None) is not None:
-            faults.add(key, {}, "none: this version drives the impact beam, which has no such instrument")
-    unknown_keys(table, _KEYS, "", faults)
-    generator = read_section(
-        SignalGenerator, table["signal_generator"], "signal_generator", faults, _GENERATOR_CHECKS
-    )
+    kind = RIGS[_inferred_rig(given) if rig is None else rig]
+    _note_foreign(given, kind, faults)
+    table = _with_defaults(given, kind, faults)
+    unknown_keys(table, (*_INSTRUMENTS, "emulation"), "", faults)
+    section, checks = _ACTUATORS[kind.actuator]
+    actuator = read_section(section, table[kind.actuator], kind.actuator, faults, checks)
     card = _card(table["daq_card"], faults)
+    encoder = None
+    if "encoder" in kind.extras and "encoder" in given:
+        encoder = read_encoder(given["encoder"], "encoder", faults)
     emulation = _emulation(table.get("emulation", {}), folder, faults)
-    if "emulation" in given and generator and card and not (generator.emulated or card.emulated):
+    idle = actuator and card and not any(_emulated(table.get(name)) for name in _INSTRUMENTS)
+    if "emulation" in given and idle:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
-    if faults or generator is None or card is None or emulation is None:
+    if faults or actuator is None or card is None or emulation is None:
         raise faults.error()
-    return Bench(generator, card, emulation, source, text)
+    return Bench(kind.name, actuator, card, encoder, emulation, source, text)
 
 
-def _with_defaults(given: dict[str, Any], faults: Faults) -> dict[str, Any]:
-    """Fill what an emulated instrument leaves open from the embedded bench.
+def _of_kind(kind: type[_Actuator], actuator: object) -> _Actuator:
+    if not isinstance(actuator, kind):
+        raise LookupError(f"this bench has no {kind.__name__}")
+    return actuator
+
+
+def _inferred_rig(given: Mapping[str, Any]) -> str:
+    """The rig that the instruments are of, by actuator, then by channels; the first where nothing tells."""
+    card = given.get("daq_card")
+    tables = card.get("channels") if isinstance(card, dict) else None
+    named = tables if isinstance(tables, list) else []
+    names = [each.get("name") for each in named if isinstance(each, dict)]
+
+    def matches(kind: RigKind) -> tuple[bool, int]:
+        known = sum(isinstance(name, str) and kind.channel_unit(name) is not None for name in names)
+        return any(name in given for name in (kind.actuator, *kind.extras)), known
+
+    return max(RIGS.values(), key=matches).name
+
+
+def _note_foreign(given: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
+    """Note the instruments that this rig has no use for."""
+    for name in _INSTRUMENTS:
+        if name in given and name not in (kind.actuator, "daq_card", *kind.extras):
+            driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
+            faults.add(name, given[name], driven if name in _ACTUATORS else f"none: the {kind.name} has none")
+
+
+def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict[str, Any]:
+    """Fill what an emulated instrument leaves open from the rig's embedded bench.
 
     An instrument that is not named is emulated as well; beside a real one it must be named, so that nobody
     drives an emulated shaker while waiting for the real one.
     """
-    embedded = read_toml(EMBEDDED_BENCH, "embedded bench")
-    some_real = any(key in given and not _emulated(given[key]) for key in _INSTRUMENTS)
+    embedded = read_toml(kind.bench, "embedded bench")
+    some_real = any(name in given and not _emulated(given[name]) for name in _INSTRUMENTS)
     table = dict(given)
-    for key in _INSTRUMENTS:
-        if key not in given and some_real:
-            faults.missing(key, f"a table [{key}] (emulated = true if it is not there)")
-        if key not in given:
-            table[key] = embedded[key]
-        elif _emulated(given[key]):
-            table[key] = {**embedded[key], **given[key]}
+    for name in (kind.actuator, "daq_card"):
+        if name not in given and some_real:
+            faults.missing(name, f"a table [{name}] (emulated = true if it is not there)")
+        if name not in given:
+            table[name] = embedded[name]
+        elif _emulated(given[name]):
+            table[name] = {**embedded[name], **given[name]}
     return table
 
 
 def _emulated(table: object) -> bool:
     return isinstance(table, dict) and table.get("emulated") is True
+
+
+def _card_reachable(card: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if card["grpc"] is not None and (wrong := misplaced(card["grpc"])):
+        yield "grpc", wrong
+
+
+_CARD_CHECKS: Final = (Check(("grpc",), _card_reachable),)
 
 
 def _card(table: object, faults: Faults) -> DaqCard | None:

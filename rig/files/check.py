@@ -32,7 +32,7 @@ def validate(path: str | Path) -> FileKind:
         parse_bench(text, source, Path(path).resolve().parent)
         return "bench"
     allowed = (
-        "a scenario (rig, [model], [drive], [acquisition]), a bench ([signal_generator], [daq_card]) "
-        "or a sweep ([sweep], [axes])"
+        "a scenario (rig, [model], [drive], [acquisition]), "
+        "a bench ([signal_generator] or [inverter], [daq_card]) or a sweep ([sweep], [axes])"
     )
     raise ConfigurationError(source, [Problem("file", "(unknown kind)", allowed)])

@@ -22,8 +22,8 @@ class Faults:
         self.source = source
         self._problems: list[Problem] = []
 
-    def __bool__(self) -> bool:
-        return bool(self._problems)
+    def __len__(self) -> int:
+        return len(self._problems)
 
     def add(self, key: str, value: object, allowed: str) -> None:
         """Note that `key` holds `value` (as read from the file) where only `allowed` may stand."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
@@ -13,25 +15,19 @@ from rig.files.scenario import Limit, Scenario
 
 SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
-
-
-def check_drivable(scenario: Scenario) -> None:
-    """Raise ConfigurationError for a rig whose actuator this version cannot drive."""
-    kind = RIGS[scenario.rig]
-    if kind.actuator != "signal_generator":
-        allowed = f"this version cannot drive an {kind.actuator}; predict and overlay work"
-        raise ConfigurationError(f"scenario {scenario.name!r}", [Problem("rig", scenario.rig, allowed)])
+_LEAST_MOTOR_SETTLE_S = 1.0
+_ROUNDING = 1e-9
 
 
 def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
-    The drive asks for more than the bench allows; a channel of the bench is none of the rig's; a limit names
-    a channel that the bench lacks, or lies beyond its range and could never trip; a calibration has run out
-    by `today` (emulated sensors do not age).
+    The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
+    the rig's; a limit names a channel that the bench lacks, or lies beyond its range and could never trip; a
+    calibration has run out by `today` (emulated sensors do not age).
     """
     problems = [
-        *_drive(scenario, bench),
+        *_DRIVES[RIGS[scenario.rig].actuator](scenario, bench),
         *_channels(scenario, bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
@@ -40,7 +36,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
 
 
-def _drive(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+def _shaker(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     peak = RIGS[scenario.rig].drive_peak(scenario.drive)
     highest = bench.signal_generator.maximum_amplitude
     if peak > highest:
@@ -49,6 +45,27 @@ def _drive(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     if scenario.drive.offset and scenario.acquisition.settle < SOFT_START_FROM_S:
         allowed = f"at least {SOFT_START_FROM_S:g} s with an offset, which is brought up softly"
         yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
+
+
+def _motor(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    speed, highest = scenario.drive.speed, bench.inverter.maximum_speed
+    if speed > highest * (1 + _ROUNDING):
+        allowed = f"up to {_rpm(highest)} (inverter.maximum_speed)"
+        yield Problem("drive.speed", _rpm(speed), allowed)
+    if scenario.acquisition.settle < _LEAST_MOTOR_SETTLE_S:
+        allowed = f"at least {_LEAST_MOTOR_SETTLE_S:g} s: a motor comes up on its ramp and settles after it"
+        yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
+
+
+_DRIVES: Final[Mapping[str, Callable[[Scenario, Bench], Iterator[Problem]]]] = {
+    "signal_generator": _shaker,
+    "inverter": _motor,
+}
+"""By actuator: what is asked of it beyond what it may do."""
+
+
+def _rpm(speed: float) -> str:
+    return f"{speed * 60 / math.tau:g} rpm"
 
 
 def _channels(scenario: Scenario, bench: Bench) -> Iterator[Problem]:

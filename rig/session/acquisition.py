@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import traceback
@@ -11,23 +12,24 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock, sample_time_ns
+from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
-from daq.errors import RattleError
+from daq.errors import InterlockTripped, RattleError
 from daq.log.records import Event
 from drivers.protocols import AcquisitionCard, CardReading
-from rig.session.arrivals import Arrivals
+from rig.session.clocks import CardClock
 from rig.session.hub import Hub
 from rig.session.limits import LimitWatch, Passed
 
 BLOCK_S = 0.1
-Enough = Callable[[Mapping[str, NDArray[np.float32]]], bool]
-"""Gets each reading's recorded values by channel, in the acquisition thread; True ends the record there."""
 _FLAG_CODES = {
     Flag.OVERLOAD: "overload",
     Flag.OPEN_SENSOR: "open_sensor",
+    Flag.CLOCK_NOT_LOCKED: "clock_not_locked",
     Flag.NOT_FINITE: "not_finite",
 }
+Recorded = Mapping[str, NDArray[np.floating]]
+"""What of a reading was recorded, by channel, shape (n,); as wide as the log keeps it."""
 
 
 class AcquisitionFault(RattleError, RuntimeError):
@@ -37,9 +39,9 @@ class AcquisitionFault(RattleError, RuntimeError):
 class Acquisition:
     """The card's samples from the start of its task on; `record_from` to `record_until` are recorded.
 
-    The card's sample clock is the time base: sample i lies at `start_ns` + i / rate, whatever the host's
-    clock does. Whoever waits for progress waits on `changed`, a condition that every block notifies. The
-    first error of its thread ends it and stands in `error`.
+    The card's sample clock is the time base, `base`. Whoever waits for progress waits on `changed`, a
+    condition that every block notifies. The first error of its thread ends it and stands in `error`.
+    `enough` is asked with each reading's recorded values; once it says so, the record ends there.
     """
 
     def __init__(
@@ -49,7 +51,7 @@ class Acquisition:
         hub: Hub,
         limits: LimitWatch,
         on_reading: Callable[[CardReading], None],
-        enough: Enough | None = None,
+        enough: Callable[[Recorded], bool] | None = None,
     ) -> None:
         self._card, self._clock, self._hub, self._limits = card, clock, hub, limits
         self._on_reading, self._enough = on_reading, enough
@@ -59,18 +61,18 @@ class Acquisition:
         self._stop = threading.Event()
         self._raised = dict.fromkeys(self._names, Flag.GOOD)
         self.changed = threading.Condition()
-        self.start_ns = 0
+        self.base = CardClock(clock, card.sample_rate)
         self.acquired = 0
         self.record_from: int | None = None
         self.record_until: int | None = None
         self.error: RattleError | None = None
         self.tripped: Passed | None = None
         self.overloads = dict.fromkeys(self._names, 0)
-        self.arrivals = Arrivals(card.sample_rate)
+        self.turned_off = dict[str, float]()
 
     def __enter__(self) -> Acquisition:
         self._card.start()
-        self.start_ns = self._clock.unix_ns()
+        self.base.start()
         self._thread.start()
         return self
 
@@ -82,9 +84,21 @@ class Acquisition:
             self._thread.join()
 
     @property
+    def name(self) -> str:
+        """What the bench calls the card."""
+        return self._card.name
+
+    @property
     def record_start_ns(self) -> int:
         """Time of the record's sample 0 (Unix epoch, ns); only once `record_from` is set."""
-        return sample_time_ns(self.start_ns, self.record_from or 0, self._card.sample_rate)
+        return sample_time_ns(self.base.start_ns, self.record_from or 0, self._card.sample_rate)
+
+    def check(self) -> None:
+        """Raise what ended the acquisition, or InterlockTripped for a limit that was passed."""
+        if self.error is not None:
+            raise self.error
+        if self.tripped is not None:
+            raise InterlockTripped(f"interlock: {self.tripped}; the drive is off")
 
     def start_record(self, count: int) -> int:
         """Record the next `count` samples; returns the card's index of the first."""
@@ -107,7 +121,7 @@ class Acquisition:
             self.changed.notify_all()
 
     def _take(self, reading: CardReading) -> None:
-        self.arrivals.note(reading.first_sample + reading.values.shape[1], self._clock.unix_ns())
+        self.base.arrived(reading.first_sample + reading.values.shape[1])
         rows = dict(zip(self._names, reading.values, strict=True))
         for passed in self._limits.check(rows, dict(zip(self._names, reading.flags, strict=True))):
             self._note_limit(passed)
@@ -135,6 +149,8 @@ class Acquisition:
             for flag, code in _FLAG_CODES.items():
                 if risen & flag:
                     self._event("warning", f"sensor.{code}", f"{name}: {code.replace('_', ' ')}")
+        for finding in reading.findings:
+            self._event("warning", f"sensor.{finding.code}", f"{finding.channel}: {finding.text}")
 
     def _record(self, reading: CardReading, begin: int, until: int) -> None:
         low = max(begin - reading.first_sample, 0)
@@ -144,12 +160,21 @@ class Acquisition:
         first = reading.first_sample + low - begin
         rate = self._card.sample_rate
         time_ns = sample_time_ns(self.record_start_ns, first, rate)
-        values = reading.values[:, low:high].astype(np.float32)
-        for name, row, flags in zip(self._names, values, reading.flags, strict=True):
-            self._hub.block("measured", SampleBlock(name, first, time_ns, rate, row, flags))
-        if self._enough is not None and self._enough(dict(zip(self._names, values, strict=True))):
+        recorded: dict[str, NDArray[np.floating]] = {}
+        for name, row, flags in zip(self._names, reading.values[:, low:high], reading.flags, strict=True):
+            recorded[name] = as_logged(name, self._from_first_turn(name, row))
+            self._hub.block("measured", SampleBlock(name, first, time_ns, rate, recorded[name], flags))
+        if self._enough is not None and self._enough(recorded):
             with self.changed:
                 self.record_until = reading.first_sample + high
+
+    def _from_first_turn(self, name: str, row: NDArray[np.float64]) -> NDArray[np.float64]:
+        """An angle less the whole turns that it had made before the record began."""
+        if not name.endswith(".angle"):
+            return row
+        if name not in self.turned_off:
+            self.turned_off[name] = math.tau * float(np.floor(np.nan_to_num(row[0]) / math.tau))
+        return row - self.turned_off[name]
 
     def _event(self, level: str, code: str, text: str) -> None:
         self._hub.event(Event(self._clock.unix_ns(), level, "acquisition", code, text))

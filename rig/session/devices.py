@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from daq.errors import InstrumentError
-from drivers.protocols import AcquisitionCard, Actuator
+from drivers.protocols import AcquisitionCard, Actuator, PositionEncoder
 from rig.session.drive import Motion
 
 
@@ -22,21 +22,25 @@ class InstrumentsMissing(InstrumentError):
 class Devices:
     """What a run drives and reads.
 
-    `spare` makes another driver of the same actuator (picklable, for the supervisor). `motion(wait)` is what
-    the actuator does in a run; `wait` waits that many seconds and may raise.
+    `spare` makes another driver of the same actuator (picklable, for the supervisor); None where no second
+    one can be opened beside the first. `motion(wait, measured_rpm)` is what the actuator does in a run:
+    `wait` waits that many seconds and may raise, `measured_rpm` gives the speed of the shaft as the
+    instruments on it see it, NaN where they do not.
     """
 
     actuator: Actuator
-    spare: Callable[[], Actuator]
-    motion: Callable[[Callable[[float], None]], Motion]
+    spare: Callable[[], Actuator] | None
+    motion: Callable[[Callable[[float], None], Callable[[], float]], Motion]
     card: AcquisitionCard
+    encoder: PositionEncoder | None = None
 
     def open(self) -> None:
         """Open all; on failure close all again and raise what every one of them said."""
         errors: list[InstrumentError] = []
-        for device in (self.actuator, self.card):
+        for device in (self.actuator, self.card, self.encoder):
             try:
-                device.open()
+                if device is not None:
+                    device.open()
             except InstrumentError as error:
                 errors.append(error)
         if errors:
@@ -45,5 +49,7 @@ class Devices:
 
     def close(self) -> None:
         """Close all; never raises."""
+        if self.encoder is not None:
+            self.encoder.close()
         self.card.close()
         self.actuator.close()

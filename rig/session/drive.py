@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from daq.errors import InstrumentError
+from daq.log.records import ClockRecord, Event
 from drivers.protocols import Actuator, DriveGenerator
 from rig.files.rigs.impact_beam import DriveSection
+from rig.session.clocks import CardClock
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
 
@@ -27,21 +29,57 @@ class Motion(Protocol):
         """The drive in words, for the log."""
         ...
 
+    @property
+    def speed_rad_s(self) -> float | None:
+        """What the crank shall turn at once started; None where nothing turns."""
+        ...
+
+    @property
+    def longest_stop_s(self) -> float:
+        """How long `off` and `ramp_down` may look at nothing else, in s."""
+        ...
+
     def arm(self, soft: bool) -> None:
         """Prepare; nothing moves yet."""
         ...
 
     def start(self, soft: bool) -> None:
-        """Let it move: softly, or at once from phase zero."""
+        """Let it move, softly or at once from phase zero; returns when it is as the scenario wants it."""
         ...
 
     def ramp_down(self) -> None:
         """Bring it down softly, then switch off."""
         ...
 
+    def off(self) -> None:
+        """Go to the safe state, on whatever way out; no error where it is there."""
+        ...
+
+    def check(self) -> None:
+        """Raise what went wrong with the actuator; called at least every 5 s while it may move."""
+        ...
+
+    def events(self) -> tuple[Event, ...]:
+        """What happened to the actuator since the last call, oldest first."""
+        ...
+
+    def clocks(self, base: CardClock) -> list[ClockRecord]:
+        """How an actuator that was polled since the last call lies against the run's time base."""
+        ...
+
+
+class SwitchedOff(Protocol):
+    """Whatever has a safe state to go to."""
+
+    def off(self) -> None:
+        """Go there."""
+        ...
+
 
 @contextmanager
-def drive_off_after(actuator: Actuator, spare: Callable[[], Actuator], screen: Screen) -> Iterator[None]:
+def drive_off_after(
+    drive: SwitchedOff, spare: Callable[[], Actuator] | None, screen: Screen
+) -> Iterator[None]:
     """Switch the drive off on every way out, by a new connection where the old one fails.
 
     If even that fails, say so without hiding why the run ended.
@@ -50,13 +88,15 @@ def drive_off_after(actuator: Actuator, spare: Callable[[], Actuator], screen: S
         yield
     except BaseException:
         try:
-            actuator.off()
+            drive.off()
         except InstrumentError as error:
             screen.warn(f"{error}")
-            if not switch_off(spare):
+            if spare is None:
+                screen.warn("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
+            elif not switch_off(spare):
                 screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
         raise
-    actuator.off()
+    drive.off()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +125,16 @@ class Shaker:
     def _offset_v(self) -> float:
         return self.drive.offset / self.force_per_volt
 
+    @property
+    def speed_rad_s(self) -> float | None:
+        """None: nothing turns."""
+        return None
+
+    @property
+    def longest_stop_s(self) -> float:
+        """Nothing: `ramp_down` waits by `wait`, and `off` is one command."""
+        return 0.0
+
     def arm(self, soft: bool) -> None:
         """Prepare the sine, without its offset; nothing moves yet."""
         amplitude = min(_SMALLEST_V, self._amplitude_v) if soft else self._amplitude_v
@@ -108,6 +158,21 @@ class Shaker:
             self._set(step / _RAMP_STEPS)
             self.wait(RAMP_S / _RAMP_STEPS)
         self.generator.off()
+
+    def off(self) -> None:
+        """Switch the output off at once."""
+        self.generator.off()
+
+    def check(self) -> None:
+        """A generator tells of nothing by itself."""
+
+    def events(self) -> tuple[Event, ...]:
+        """None."""
+        return ()
+
+    def clocks(self, base: CardClock) -> list[ClockRecord]:
+        """None: it is not polled."""
+        return []
 
     def _set(self, share: float) -> None:
         if self._amplitude_v >= _SMALLEST_V:

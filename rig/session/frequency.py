@@ -13,6 +13,7 @@ from daq.block import SampleBlock
 from daq.log.reader import Origin
 from daq.log.records import Event
 from daq.signals import SineFit, fit_sine
+from rig.twin.alignment import FREQUENCY_TOLERANCE
 
 TOLERANCE = 2e-4
 """Of the frequency: what the source held its drive to during each point of a sweep."""
@@ -24,6 +25,11 @@ _ORDERS = 3
 _SURE_CYCLES = 200
 """From the nominal frequency on, a fit of so many cycles finds what is off by up to 0.1 %."""
 _PARTS, _PART_CYCLES = 8, 10
+ON_THEIR_WAY_S = 0.2
+"""Samples that come within it were taken before what has been done just now."""
+_TRIM_SHARE, _TRIM_S, _TRIM_CYCLES, _TRIM_ON_CYCLES = 0.75, 0.2, 2.0, 8.0
+"""The frequency is measured within three quarters of the settling time, over 8 cycles and at least 0.2 s
+where there is room, under 2 cycles not at all."""
 _SEEN = 1.0
 """A sine below so many times what is left after its fit is no drive; noise alone shows one of a quarter."""
 
@@ -55,6 +61,12 @@ class DriveFrequency:
     def held(self) -> bool:
         """Whether every part of the record shows the nominal frequency within 2 parts in 10,000."""
         return abs(self.worst) <= TOLERANCE and self.uncertainty <= TOLERANCE / 2
+
+    @property
+    def correctable(self) -> bool:
+        """Whether it is off by what clocks may differ by, known well, and worth a correction."""
+        known = self.uncertainty < TOLERANCE / 10
+        return known and TOLERANCE / 10 < abs(self.off) < FREQUENCY_TOLERANCE
 
     @property
     def code(self) -> str:
@@ -150,6 +162,38 @@ def _begins(drive: NDArray[np.float64]) -> int:
     """Where a drive that starts within the record is under way."""
     size = np.abs(drive)
     return int(np.argmax(size > 0.5 * size.max(initial=0.0))) if len(drive) else 0
+
+
+class FrequencyHold:
+    """Measures the drive while it settles, so that its frequency can be corrected before the record.
+
+    `take` is called in the acquisition thread, the others by whoever waits.
+    """
+
+    def __init__(self, nominal_hz: float, sample_rate: float) -> None:
+        self._nominal_hz, self._rate = nominal_hz, sample_rate
+        self._meter: DriveMeter | None = None
+
+    def measured_s(self, settle_s: float) -> float:
+        """How long to measure, after what was on its way; 0 where a settling time has no room for it."""
+        room_s = _TRIM_SHARE * settle_s - ON_THEIR_WAY_S
+        if room_s * self._nominal_hz < _TRIM_CYCLES:
+            return 0.0
+        return min(room_s, max(_TRIM_S, _TRIM_ON_CYCLES / self._nominal_hz))
+
+    def begin(self) -> None:
+        """Measure from the next reading on."""
+        self._meter = DriveMeter(self._nominal_hz, self._rate)
+
+    def take(self, values: NDArray[np.floating]) -> None:
+        """Take a reading of the drive, shape (n,)."""
+        if (meter := self._meter) is not None:
+            meter.add(values)
+
+    def end(self) -> DriveFrequency:
+        """The verdict on what came since `begin`."""
+        meter, self._meter = self._meter, None
+        return (meter or DriveMeter(self._nominal_hz, self._rate)).result()
 
 
 class FrequencySink:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -38,12 +39,19 @@ def new_run(folder: Path, name: str, clock: Clock) -> Run:
     return Run(run_id, folder / f"{run_id}.mcap")
 
 
-def run_record(bench: Bench, devices: Devices, run_id: str, clock: Clock) -> dict[str, str]:
-    """The log's `run` record: identity, time, software, and digests of what the run depended on."""
+def run_record(
+    bench: Bench, devices: Devices, notes: Mapping[str, str], run_id: str, clock: Clock
+) -> dict[str, str]:
+    """The log's `run` record: identity, time, software, digests of what the run depended on, and `notes`.
+
+    Notes on chains of sensors (`chain.<channel>`) count for the digest of the calibrations.
+    """
     calibration = [
         f"{c.name} {c.serial} {c.sensitivity} {c.gain} {c.calibrated} {c.valid_until}"
         for c in bench.daq_card.channels
     ]
+    calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
+    encoder = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
     return {
         "id": run_id,
         "started": f"{_now(clock):%Y-%m-%dT%H:%M:%S.%fZ}",
@@ -53,6 +61,8 @@ def run_record(bench: Bench, devices: Devices, run_id: str, clock: Clock) -> dic
         "calibration_sha256": _digest("\n".join(calibration)),
         "actuator": devices.actuator.identity,
         "card": devices.card.address,
+        **encoder,
+        **notes,
     }
 
 

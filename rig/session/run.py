@@ -1,4 +1,4 @@
-"""The sequence of a run: connect, check, arm, start, settle, record, ramp down; safe on every way out."""
+"""A run: connect, check, arm, move and record as `Sequence` says; safe on every way out."""
 
 from __future__ import annotations
 
@@ -8,59 +8,57 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import Clock
-from daq.errors import InterlockTripped, RattleError
+from daq.errors import ConfigurationError, Problem
 from daq.log import LogWriter
-from daq.log.records import Event
 from daq.recorder import Recorder
+from daq.time_base import RunClock
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
-from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import Scenario
 from rig.live import LiveView
-from rig.session.acquisition import BLOCK_S, Acquisition, Enough
+from rig.session.acquisition import Acquisition, Recorded
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
-from rig.session.frequency import HELD, TOLERANCE, DriveMeter, FrequencySink, Trimmed
+from rig.session.encoder_check import encoder_at_marks
+from rig.session.encoder_record import EncoderRecord, encoder_channel
+from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
+from rig.session.logbook import Logbook
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
+from rig.session.sequence import Sequence, starts_softly
+from rig.session.shaft_speed import ShaftSpeed
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
+from rig.session.speed_guard import SpeedGuard
 from rig.session.supervisor import Supervisor
-from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
+from rig.session.twin_feed import TwinFeed
+from rig.session.watch import Watch
 from rig.twin.matched_twin import with_model
 from rig.twin.picture import picture_of
 from rig.twin.prediction_file import twin_record
-from rig.twin.rigs import KINDS
 from rig.twin.scenario_twin import predicted_channels, twin_of
-from rig.twin.worker import Shape, TwinFailed, TwinWorker
 from sim_twin.twin import AnyTwin
 
-PRE_TRIGGER_S = 0.05
-"""Recorded before a drive that starts from rest, so that the record shows the start."""
-_ON_THEIR_WAY_S = 2 * BLOCK_S
-"""Samples that come within it were taken before what has been done just now."""
-_TRIM_SHARE, _TRIM_S, _TRIM_CYCLES, _TRIM_ON_CYCLES = 0.75, 0.2, 2.0, 8.0
-"""The frequency is measured within three quarters of the settling time, over 8 cycles and at least 0.2 s
-where there is room, under 2 cycles not at all."""
-_SILENCE_S = 5.0
-_LOOKS_EVERY_S = 3.0
-"""A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
+_OVERSPEED, _ANY_SPEED_RAD_S = 1.5, 314.0
+"""How much faster than wanted a shaft may turn for a moment; 3000 rpm where nothing is wanted."""
+
+
+DRIVE_FORCE = "drive.force"
+"""The channel that shows a shaker's sine."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
     """What to run: checked files, turned by `connect` into devices and notes for the log.
 
-    `model`: what calibration found of the rig; None where the twin is the scenario's. `enough`: ends the
-    record before its time.
+    `model`: what calibration found of the rig; None where the twin is the scenario's. `enough` is called in
+    the acquisition thread with each reading's recorded values by channel, and must be quick; once it returns
+    True, the record ends with that reading.
     """
 
     scenario: Scenario
@@ -69,7 +67,7 @@ class RunRequest:
     folder: Path
     live: bool = False
     model: ModelFile | None = None
-    enough: Enough | None = None
+    enough: Callable[[Recorded], bool] | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -85,11 +83,13 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
         screen.say(f"drive      {devices.actuator.identity} at {devices.actuator.address}")
         screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
                    f"{devices.card.address}")  # fmt: skip
-        return _Run(request, devices, notes, stop, screen, clock).execute(stack)
+        if devices.encoder is not None:
+            screen.say(f"encoder    {devices.encoder.identity} at {devices.encoder.address}")
+        return _Run(request, devices, notes, stop, screen, RunClock(clock)).execute(stack)
 
 
 class _Run:
-    """The state of one run."""
+    """The parts of one run, joined."""
 
     def __init__(
         self,
@@ -98,55 +98,44 @@ class _Run:
         notes: dict[str, str],
         stop: StopRequest,
         screen: Screen,
-        clock: Clock,
+        clock: RunClock,
     ) -> None:
         self._request, self._scenario = request, request.scenario
-        self._devices, self._notes, self._stop, self._screen, self._clock = (
-            devices,
-            notes,
-            stop,
-            screen,
-            clock,
-        )
+        self._devices, self._notes, self._stop = devices, notes, stop
+        self._screen, self._clock = screen, clock
         self._rate = devices.card.sample_rate
-        self._soft = self._scenario.acquisition.settle >= SOFT_START_FROM_S
         self._names = [channel.name for channel in devices.card.channels]
-        self._reference = KINDS[self._scenario.rig].reference
-        self._feed_from: int | None = None
-        self._meter: DriveMeter | None = None
-        self._frequency: FrequencySink | None = None
-        self._last = False
-        self._looked_s = clock.monotonic_s()
+        self._watch = Watch(clock)
+        self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
+        self._guard = SpeedGuard(clock)
+        self._hold: FrequencyHold | None
+        self._frequency: FrequencySink | None
+        self._hold, self._frequency = self._frequency_watched()
 
     def execute(self, stack: ExitStack) -> Path:
-        scenario = self._scenario
-        twin = self._twin()
-        motion = self._devices.motion(self._wait)
-        motion.arm(self._soft)
+        """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
+        twin, motion = self._twin(), self._motion()
+        motion.arm(starts_softly(self._scenario.acquisition))
         self._supervisor = Supervisor(self._devices.spare)
         self._supervisor.launch()
         stack.callback(self._supervisor.close)
-        self._worker = stack.enter_context(
-            TwinWorker(twin, self._rate, scenario.acquisition.settle, self._deliver)
+        self._feed = TwinFeed(
+            twin, self._names, self._rate, self._scenario.acquisition.settle, self._unseen(motion)
         )
+        stack.enter_context(self._feed.worker)
         with self._screen.busy("warming up the twin (compiled on the first run)"):
-            self._worker.wait_ready(self._stop.check)
-        run = new_run(self._request.folder, scenario.name, self._clock)
+            self._feed.worker.wait_ready(self._stop.check)
+        run = new_run(self._request.folder, self._scenario.name, self._clock)
         stack.push(partial(self._tell_of_partial, run.log))
         self._recorder = stack.enter_context(Recorder(LogWriter(run.log), self._clock))
-        self._hub = Hub(self._sinks(stack, twin))
+        self._hub = self._feed.hub = Hub(self._sinks(stack, twin))
+        self._logbook = Logbook(self._clock, self._recorder, self._hub, self._screen)
+        self._feed.tell = self._logbook.tell
         self._declare(twin, run.id)
-        limits = LimitWatch(scenario.limits, self._rate)
-        self._acquisition = Acquisition(
-            self._devices.card, self._clock, self._hub, limits, self._on_reading, self._request.enough
-        )
-        with (
-            self._supervisor,
-            self._acquisition,
-            drive_off_after(self._devices.actuator, self._devices.spare, self._screen),
-        ):
-            self._drive_and_record(motion)
-        self._close_record()
+        self._move_and_record(motion)
+        with self._screen.busy("finishing the prediction"):
+            self._feed.finish(self._stop.check)
+        self._recorder.close()
         if self._request.live:
             self._screen.hold("the live view stays open; Enter closes it ")
         return run.log
@@ -155,10 +144,118 @@ class _Run:
         twin, model = twin_of(self._scenario, self._names), self._request.model
         return twin if model is None else with_model(twin, model, self._screen.warn)
 
+    def _motion(self) -> Motion:
+        """The motion; raises ConfigurationError for a crank that no channel shows."""
+        motion = self._devices.motion(self._watch.wait, self._shaft.rpm)
+        if motion.speed_rad_s is not None and self._shaft.channel is None:
+            allowed = "one that shows the crank turn: its angle on a counter, or its marker"
+            problem = Problem("daq_card.channels", ", ".join(self._names), allowed)
+            raise ConfigurationError(self._request.bench.source, [problem])
+        return motion
+
+    def _unseen(self, motion: Motion) -> Callable[[str], None]:
+        look_at = "the amplifier on" if motion.speed_rad_s is None else "its sensor on, the speed right"
+        return lambda text: self._screen.warn(f"{text}: is {look_at}?")
+
+    def _move_and_record(self, motion: Motion) -> None:
+        limits = LimitWatch(self._scenario.limits, self._rate)
+        acquisition = Acquisition(
+            self._devices.card, self._clock, self._hub, limits, self._on_reading, self._request.enough
+        )
+        self._acquisition, encoder = acquisition, self._encoder(acquisition, motion)
+        self._follow(motion, encoder)
+        sequence = Sequence(
+            wanted=self._scenario.acquisition,
+            motion=motion,
+            acquisition=acquisition,
+            encoder=encoder,
+            feed=self._feed,
+            guard=self._guard,
+            supervisor=self._supervisor,
+            watch=self._watch,
+            screen=self._screen,
+            tell=self._logbook.tell,
+            sample_rate=self._rate,
+            hold=self._hold,
+        )
+        with ExitStack() as running:
+            running.enter_context(self._supervisor)
+            running.enter_context(self._logbook)
+            running.enter_context(acquisition)
+            if encoder is not None:
+                running.enter_context(encoder)
+            running.enter_context(drive_off_after(sequence, self._devices.spare, self._screen))
+            sequence.drive_and_record()
+        if encoder is not None:
+            self._compare(encoder)
+        if self._frequency is not None:
+            self._verify(self._frequency)
+
+    def _encoder(self, acquisition: Acquisition, motion: Motion) -> EncoderRecord | None:
+        encoder = self._devices.encoder
+        if encoder is None:
+            return None
+        fastest_rad_s = _OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
+        return EncoderRecord(encoder, acquisition.base, self._hub, self._recorder.gap, fastest_rad_s)
+
+    def _follow(self, motion: Motion, encoder: EncoderRecord | None) -> None:
+        """Say what is looked at while the sequence waits, and what the log gets of it."""
+        acquisition, logbook = self._acquisition, self._logbook
+        self._watch.checks += [acquisition.check, self._guard.check, motion.check, self._supervisor.check]
+        logbook.events.append(motion.events)
+        logbook.clocks.append(acquisition.base.refit)
+        logbook.clocks.append(lambda _: motion.clocks(acquisition.base))
+        if encoder is not None:
+            self._watch.checks.append(encoder.check)
+            logbook.events.append(encoder.events)
+            logbook.clocks.append(encoder.clocks)
+        self._watch.checks += [logbook.look, self._heed_stop]
+
+    def _heed_stop(self) -> None:
+        if self._stop.wanted:
+            self._logbook.tell("warning", "run.interrupted", "stopped by a person")
+        self._stop.check()
+
+    def _on_reading(self, reading: CardReading) -> None:
+        """In the acquisition thread: a sign of life, the shaft's speed, and the twin's share."""
+        acquisition = self._acquisition
+        if self._shaft.channel is not None:
+            row = reading.values[self._names.index(self._shaft.channel)]
+            self._shaft.take(reading.first_sample, row)
+            for event in self._guard.look(self._shaft.shown, acquisition.acquired / self._rate):
+                self._hub.event(event)
+        if acquisition.tripped is None and not self._watch.hangs:
+            self._supervisor.beat()
+        if self._hold is not None:
+            self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
+        self._feed.take(reading, acquisition)
+
+    def _frequency_watched(self) -> tuple[FrequencyHold, FrequencySink] | tuple[None, None]:
+        """What holds and verifies the frequency of a drive that is a measured sine."""
+        drive = self._scenario.drive
+        if DRIVE_FORCE not in self._names or not getattr(drive, "amplitude", 0.0):
+            return None, None
+        hertz = float(drive.frequency)
+        return FrequencyHold(hertz, self._rate), FrequencySink(DRIVE_FORCE, hertz, self._rate)
+
+    def _verify(self, frequency: FrequencySink) -> None:
+        """Say whether the record's drive had the frequency that the scenario asks for."""
+        found = frequency.result()
+        self._logbook.tell("info" if found.code == HELD else "warning", found.code, str(found))
+        if found.code != HELD:
+            self._screen.warn(str(found))
+
+    def _compare(self, encoder: EncoderRecord) -> None:
+        """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
+        skew = encoder_at_marks(
+            *encoder.seen(), self._shaft.marks / self._rate, encoder.angle_per_count, self._rate
+        )
+        if skew is not None:
+            self._logbook.tell("info", "encoder.at_mark", str(skew))
+
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
-        if self._nominal_hz is not None:
-            self._frequency = FrequencySink(self._reference, self._nominal_hz, self._rate)
+        if self._frequency is not None:
             sinks.append(self._frequency)
         if self._request.live:
             picture = picture_of(twin)
@@ -168,189 +265,27 @@ class _Run:
             sinks.append(ViewSink(view, picture))
         return sinks
 
-    @property
-    def _nominal_hz(self) -> float | None:
-        """The frequency of a sine that is measured itself; None for other drives."""
-        drive = self._scenario.drive
-        if self._reference not in self._names or not getattr(drive, "amplitude", 0.0):
-            return None
-        return float(drive.frequency)
-
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]
 
     def _declare(self, twin: AnyTwin, run_id: str) -> None:
         self._recorder.metadata("scenario", {"toml": self._scenario.text})
-        record = run_record(self._request.bench, self._devices, run_id, self._clock)
-        self._recorder.metadata("run", record | self._notes)
+        record = run_record(self._request.bench, self._devices, self._notes, run_id, self._clock)
+        self._recorder.metadata("run", record)
         if self._request.model is not None:
             self._recorder.metadata("twin", twin_record(None, self._request.model))
         for channel in self._devices.card.channels:
             self._recorder.declare("measured", channel)
+        if self._devices.encoder is not None:
+            self._recorder.declare("measured", encoder_channel(self._devices.encoder))
         for channel in self._predicted(twin):
             self._recorder.declare("predicted", channel)
         for warning in self._devices.card.warnings:
             self._screen.warn(warning)
-            self._event("warning", "card.warning", warning)
-
-    def _drive_and_record(self, motion: Motion) -> None:
-        wanted = self._scenario.acquisition
-        with self._screen.bar("settling", wanted.settle) as bar:
-            if wanted.settle > 0:
-                self._start(motion)
-                full = self._acquisition.acquired
-                trimmed = self._trim(motion, full)
-                self._feed_from = self._acquisition.acquired + trimmed * self._samples(_ON_THEIR_WAY_S)
-                self._until(full + self._samples(wanted.settle), bar.at, full)
-        pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
-        if pre_trigger:
-            self._feed_from = self._acquisition.acquired
-        count = pre_trigger + self._samples(wanted.duration)
-        begin = self._acquisition.start_record(count)
-        self._event("info", "record.start", "recording")
-        with self._screen.bar("recording", wanted.duration) as bar:
-            if pre_trigger:
-                self._until(begin + pre_trigger)
-                self._start(motion)
-            self._until_recorded(bar.at)
-        self._event("info", "record.end", "recorded")
-        motion.ramp_down()
-        self._event("info", "drive.off", "drive ramped down and off")
-
-    def _start(self, motion: Motion) -> None:
-        motion.start(self._soft)
-        self._event("info", "drive.on", motion.what)
-
-    def _trim(self, motion: Motion, since: int) -> bool:
-        """Measure the frequency of a drive that is still settling, and correct what the clocks differ by.
-
-        Returns whether it was corrected.
-        """
-        nominal = self._nominal_hz
-        wait_s = _TRIM_SHARE * self._scenario.acquisition.settle - _ON_THEIR_WAY_S
-        if nominal is None or not self._soft or not isinstance(motion, Trimmed):
-            return False
-        if wait_s * nominal < _TRIM_CYCLES:
-            return False
-        self._until(since + self._samples(_ON_THEIR_WAY_S))
-        meter = self._meter = DriveMeter(nominal, self._rate)
-        since = self._acquisition.acquired
-        self._until(since + self._samples(min(wait_s, max(_TRIM_S, _TRIM_ON_CYCLES / nominal))))
-        self._meter = None
-        found = meter.result()
-        if not (TOLERANCE / 10 < abs(found.off) < FREQUENCY_TOLERANCE and found.uncertainty < TOLERANCE / 10):
-            return False
-        motion.trim(found.off)
-        self._event("info", "drive.trimmed", f"{found}; corrected")
-        return True
-
-    def _samples(self, seconds: float) -> int:
-        return round(seconds * self._rate)
-
-    def _until_recorded(self, show: Callable[[float], None]) -> None:
-        """Wait for the end of the record, which may come early."""
-        begin = self._acquisition.record_from or 0
-        while self._acquisition.acquired < (end := self._acquisition.record_until or 0):
-            self._until(min(end, self._acquisition.acquired + self._samples(BLOCK_S)), show, begin)
-
-    def _until(self, sample: int, show: Callable[[float], None] = lambda _: None, since: int = 0) -> None:
-        """Wait until the card has acquired `sample`; raises what ends the run early."""
-        silent_since, seen = self._clock.monotonic_s(), -1
-        while self._acquisition.acquired < sample:
-            self._check()
-            with self._acquisition.changed:
-                self._acquisition.changed.wait(0.1)
-            show((self._acquisition.acquired - since) / self._rate)
-            if self._acquisition.acquired != seen:
-                silent_since, seen = self._clock.monotonic_s(), self._acquisition.acquired
-            elif self._clock.monotonic_s() - silent_since > _SILENCE_S:
-                raise RattleError(f"{self._devices.card.name} gave no samples for {_SILENCE_S:g} s")
-        self._check()
-
-    def _wait(self, seconds: float) -> None:
-        end = self._clock.monotonic_s() + seconds
-        while (left := end - self._clock.monotonic_s()) > 0:
-            self._check()
-            self._clock.sleep(min(left, 0.02))
-        self._check()
-
-    def _check(self) -> None:
-        """Raise whatever ends the run: a lost device, a limit, a person."""
-        self._looked_s = self._clock.monotonic_s()
-        if self._acquisition.error is not None:
-            raise self._acquisition.error
-        if self._acquisition.tripped is not None:
-            raise InterlockTripped(f"interlock: {self._acquisition.tripped}; the drive is off")
-        self._supervisor.check()
-        if self._stop.wanted:
-            self._event("warning", "run.interrupted", "stopped by a person")
-        self._stop.check()
-
-    def _on_reading(self, reading: CardReading) -> None:
-        """In the acquisition thread: a sign of life, and how far the record is for the twin."""
-        acquisition = self._acquisition
-        looked_ago = self._clock.monotonic_s() - self._looked_s
-        if acquisition.tripped is None and looked_ago < _LOOKS_EVERY_S:
-            self._supervisor.beat()
-        begin, until = acquisition.record_from, acquisition.record_until
-        if (meter := self._meter) is not None:
-            meter.add(reading.values[self._names.index(self._reference)])
-        feed_from = self._feed_from
-        if feed_from is not None and reading.first_sample >= feed_from and self._reference in self._names:
-            self._worker.drive(reading.first_sample, reading.values[self._names.index(self._reference)])
-        if begin is not None and until is not None and not self._last:
-            end = min(reading.first_sample + reading.values.shape[1], until)
-            self._last = end == until
-            self._worker.recorded(begin, end - begin, acquisition.record_start_ns, self._last)
-
-    def _deliver(self, message: object) -> None:
-        """In the twin's thread: pass on what it predicts, for the channels that are measured."""
-        if isinstance(message, SampleBlock):
-            if message.channel in self._names:
-                self._hub.block("predicted", message)
-        elif isinstance(message, Shape):
-            self._hub.shape(message.time_s, message.deflection)
-        elif isinstance(message, Alignment):
-            self._note_alignment(message)
-
-    def _note_alignment(self, alignment: Alignment) -> None:
-        self._feed_from = None
-        text = f"drive at {alignment.frequency:.5g} Hz, phase {np.degrees(alignment.phase):.1f} degrees"
-        if alignment.trusted:
-            self._event("info", "twin.aligned", text)
-        else:
-            unseen = f"{self._reference} shows no drive"
-            self._event("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
-            self._screen.warn(f"{unseen}: is the amplifier on?")
-
-    def _close_record(self) -> None:
-        self._verify_frequency()
-        record = self._acquisition.arrivals.record("host", self._acquisition.start_ns)
-        if record is not None:
-            self._recorder.clock_record(record)
-        try:
-            with self._screen.busy("finishing the prediction"):
-                self._worker.finish(self._stop.check)
-        except TwinFailed as error:
-            self._event("error", "twin.failed", str(error))
-            raise TwinFailed(
-                f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
-            ) from error
-        self._recorder.close()
-
-    def _verify_frequency(self) -> None:
-        if self._frequency is None:
-            return
-        found = self._frequency.result()
-        self._event("info" if found.code == HELD else "warning", found.code, str(found))
-        if found.code != HELD:
-            self._screen.warn(str(found))
+            self._logbook.tell("warning", "card.warning", warning)
 
     def _tell_of_partial(
         self, log: Path, kind: type[BaseException] | None, error: BaseException | None, trace: object
     ) -> None:
         if kind is not None:
             self._screen.say(f"log so far {log}")
-
-    def _event(self, level: str, code: str, text: str) -> None:
-        self._hub.event(Event(self._clock.unix_ns(), level, "rig", code, text))

@@ -1,10 +1,12 @@
-"""A small process that switches the drive off when the run can no longer do so itself."""
+"""A small process that brings the drive to rest when the run can no longer do so itself."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import signal
+import struct
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +21,13 @@ SILENCE_S = 4.0
 """Longer than a card may take to answer (block and 1.5 s), so that a slow card is the run's own affair."""
 _START_S = 30.0
 _AGAIN_S = 1.0
-_BEAT, _DONE = b"beat", b"done"
+_DONE = b"done"
+_PATIENCE = struct.Struct("d")
+_LET_GO = (
+    "rattle: the run gave no sign of life for {silence:g} s and was ended, so that nothing is sent to the "
+    "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
+)
+_GONE = "rattle: the run is gone; the inverter's own watchdog (Pr.122) stops the motor"
 
 
 class SupervisorTripped(RattleError, RuntimeError):
@@ -27,12 +35,14 @@ class SupervisorTripped(RattleError, RuntimeError):
 
 
 class Supervisor:
-    """Switches the drive off when this process dies or `beat` stays away for 4 s, by a connection of its own.
+    """Brings the drive to rest when this process dies or `beat` stays away for 4 s.
 
-    `spare` makes a second driver of the same actuator; it must be picklable.
+    `spare` makes a second driver of the same actuator, which switches it off by a connection of its own; it
+    must be picklable. Where it is None no second one can be opened: then the supervisor ends a run that
+    hangs, so that nothing keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
     """
 
-    def __init__(self, spare: Callable[[], Actuator]) -> None:
+    def __init__(self, spare: Callable[[], Actuator] | None) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, self._far_end = context.Pipe()
         self._process = context.Process(
@@ -75,10 +85,13 @@ class Supervisor:
             self._process.join()
         self._pipe.close()
 
-    def beat(self) -> None:
-        """Say that samples come and that the sequence looks at them."""
+    def beat(self, patience_s: float = SILENCE_S) -> None:
+        """Say that samples come and that the sequence looks at them; the next may take `patience_s`.
+
+        No later beat with less patience takes back what an earlier one asked for.
+        """
         with suppress(OSError):
-            self._pipe.send_bytes(_BEAT)
+            self._pipe.send_bytes(_PATIENCE.pack(patience_s))
 
     def check(self) -> None:
         """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
@@ -90,23 +103,44 @@ class Supervisor:
             )
 
 
-def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Actuator]) -> None:
+def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Actuator] | None) -> None:
+    run = os.getppid()
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     parents_end.close()  # inherited; while it is open here, the parent's death would not show
     pipe.send_bytes(b"ready")
-    armed = False
-    try:
-        while pipe.poll(SILENCE_S if armed else None):
-            if pipe.recv_bytes() == _DONE:
-                return
-            armed = True
-    except (EOFError, OSError):
-        if not armed:
-            return
+    why = _await_silence(pipe)
+    if why is None:
+        return
+    if spare is None:
+        _let_go(run, why)
+        return
     while not switch_off(spare):
         time.sleep(_AGAIN_S)
     with suppress(OSError):
         pipe.send_bytes(b"tripped")
+
+
+def _await_silence(pipe: Connection) -> str | None:
+    """Wait until the run dies or beats no more, and say which; None where it has ended as it should."""
+    until_s: float | None = None
+    try:
+        while pipe.poll(None if until_s is None else max(until_s - time.monotonic(), 0.0)):
+            message = pipe.recv_bytes()
+            if message == _DONE:
+                return None
+            (patience_s,) = _PATIENCE.unpack(message)
+            until_s = max(until_s or 0.0, time.monotonic() + patience_s)
+    except (EOFError, OSError):
+        return None if until_s is None else _GONE
+    return _LET_GO.format(silence=SILENCE_S)
+
+
+def _let_go(run: int, why: str) -> None:
+    """End the run if it is still there: one that hangs may go on polling, which keeps the motor turning."""
+    if why != _GONE and os.getppid() == run:
+        os.kill(run, signal.SIGKILL)
+    with suppress(OSError):
+        print(why, file=sys.stderr, flush=True)
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 from typing import Any, Protocol
 
@@ -38,7 +39,7 @@ def align_angle(
     centred = np.asarray(angle, dtype=float)[known] + pi / counts
     if len(centred) < 2 or abs(centred[-1] - centred[0]) < _LEAST_TURN * 2 * pi:
         return untouched(drive)
-    return _fit(samples[known], centred, sample_rate, drive)
+    return _fit(samples[known], centred, sample_rate, drive)  # whole turns stay: the prediction has them too
 
 
 def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, drive: Turning) -> Alignment:
@@ -52,7 +53,8 @@ def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, dr
     period = 2 * pi * sample_rate / drive.mean_speed
     at = first_sample + rises + share
     turns = np.round(np.concatenate([[0.0], np.cumsum(np.diff(at) / period)]))
-    return _fit(at, 2 * pi * turns, sample_rate, drive)
+    fit = _fit(at, 2 * pi * turns, sample_rate, drive)
+    return replace(fit, phase=fit.phase % (2 * pi))
 
 
 def _fit(samples: NDArray[Any], angle: NDArray[np.float64], sample_rate: float, drive: Turning) -> Alignment:
@@ -61,4 +63,4 @@ def _fit(samples: NDArray[Any], angle: NDArray[np.float64], sample_rate: float, 
     found = float(slope) * sample_rate / (2 * pi)
     frequency = float(np.clip(found, wanted * (1 - FREQUENCY_TOLERANCE), wanted * (1 + FREQUENCY_TOLERANCE)))
     at_zero = angle - 2 * pi * frequency * samples / sample_rate
-    return Alignment(frequency, float(np.mean(at_zero)) % (2 * pi), trusted=found == frequency)
+    return Alignment(frequency, float(np.mean(at_zero)), trusted=found == frequency)

@@ -31,7 +31,7 @@ class BeamPlantFactory:
     run_seed: int
     healthy: bool
 
-    def __call__(self) -> Plant:
+    def __call__(self) -> Plant[DriveSettings]:
         """Draw the rig and compile its simulation."""
         plant = BeamPlant(self)
         plant.start(51_200.0)
@@ -61,16 +61,16 @@ class BeamPlant:
         """Start at rest with the drive off."""
         self._stream = MODEL.stream(self._twin, sample_rate, self._noise, drive_changes=True)
 
-    def drive(self, settings: DriveSettings, at_sample: float) -> None:
+    def drive(self, output: DriveSettings, at_sample: float) -> None:
         """Follow the generator from `at_sample` on."""
-        per_volt = self._force_per_volt * self._twin.drive.amplitude if settings.on else 0.0
+        per_volt = self._force_per_volt * self._twin.drive.amplitude if output.on else 0.0
         force = replace(
             self._twin.drive,
-            amplitude=settings.amplitude_v * per_volt,
-            offset=settings.offset_v * per_volt,
-            frequency=settings.frequency_hz * self._twin.drive.frequency,
+            amplitude=output.amplitude_v * per_volt,
+            offset=output.offset_v * per_volt,
+            frequency=output.frequency_hz * self._twin.drive.frequency,
         )
-        self._running.drive(force, settings.phase_rad, at_sample)
+        self._running.drive(force, output.phase_rad, at_sample)
 
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count), noise in."""

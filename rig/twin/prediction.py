@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock, sample_time_ns
+from daq.block import SampleBlock, as_logged, sample_time_ns
 from rig.twin.alignment import Alignment
 from rig.twin.rigs import kind_of
 from sim_twin.rigs.catalogue import model_of
@@ -34,11 +34,6 @@ def skip(stream: TwinStream, count: int) -> None:
     most = max(1, round(BLOCK_S * stream.sample_rate))
     for first in range(0, count, most):
         stream.advance(min(most, count - first))
-
-
-def as_logged(channel: str, values: NDArray[np.float64]) -> NDArray[np.floating]:
-    """Values as wide as a log keeps them: an unwrapped angle is too long for 32 bits."""
-    return values if channel.endswith(".angle") else values.astype(np.float32)
 
 
 class AlignedTwin:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.block import SampleBlock, sample_time_ns
+from daq.block import SampleBlock, as_logged, sample_time_ns
 from daq.log import LogWriter
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
-from rig.twin.prediction import BLOCK_S, as_logged, settling_s, skip
+from rig.twin.prediction import BLOCK_S, settling_s, skip
 from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels
 from sim_twin.rigs.catalogue import model_of

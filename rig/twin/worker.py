@@ -20,7 +20,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock
+from daq.block import SampleBlock, as_logged
 from daq.errors import RattleError
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
@@ -52,7 +52,7 @@ class Shape:
 @dataclass(frozen=True, slots=True)
 class _Drive:
     first_sample: int
-    force: NDArray[np.float32]
+    values: NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +61,7 @@ class _Recorded:
     end_sample: int
     start_ns: int
     last: bool
+    turned_off: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ class TwinWorker:
     def __init__(
         self, twin: AnyTwin, sample_rate: float, settle_s: float, deliver: Callable[[object], None]
     ) -> None:
-        self._deliver = deliver
+        self._deliver, self._reference = deliver, kind_of(twin).reference
         context = multiprocessing.get_context("spawn")
         self._pipe, self._far_end = context.Pipe()
         self._process = context.Process(
@@ -132,16 +133,19 @@ class TwinWorker:
             raise TwinFailed(f"the twin did not start: {answer.error}")
         self._thread.start()
 
-    def drive(self, first_sample: int, force: NDArray[np.floating]) -> None:
-        """Hand over measured drive from sample `first_sample` of the card on."""
-        self._outbox.put(_Drive(first_sample, force.astype(np.float32)))
+    def drive(self, first_sample: int, values: NDArray[np.floating]) -> None:
+        """Hand over the measured reference from sample `first_sample` of the card on."""
+        self._outbox.put(_Drive(first_sample, as_logged(self._reference, values)))
 
-    def recorded(self, begin: int, end_sample: int, start_ns: int, last: bool = False) -> None:
+    def recorded(
+        self, begin: int, end_sample: int, start_ns: int, last: bool = False, turned_off: float = 0.0
+    ) -> None:
         """Say up to which of its samples the record goes by now; the prediction follows it.
 
         `begin` is the card's sample at which the record begins, `start_ns` its time. `last`: it ends here.
+        `turned_off`: whole turns (rad) that the record leaves out of a reference that is an angle.
         """
-        self._outbox.put(_Recorded(begin, end_sample, start_ns, last))
+        self._outbox.put(_Recorded(begin, end_sample, start_ns, last, turned_off))
 
     def finish(self, check: Callable[[], None] = lambda: None) -> None:
         """Wait for the end of the prediction after `recorded(..., last=True)`.
@@ -218,7 +222,7 @@ class _Prediction:
 
     def _follow(self, record: _Recorded) -> None:
         if self._aligned is None and (record.last or self._enough()):
-            self._align(record.begin)
+            self._align(record)
         if self._aligned is None:
             return
         for block in self._aligned.blocks(record.end_sample, record.start_ns):
@@ -227,17 +231,19 @@ class _Prediction:
             self._pipe.send(Shape(record.end_sample / self._rate, self._aligned.shape()))
 
     def _enough(self) -> bool:
-        return sum(len(each.force) for each in self._drive) >= _ALIGN_ON_S * self._rate
+        return sum(len(each.values) for each in self._drive) >= _ALIGN_ON_S * self._rate
 
     def _forget_old(self) -> None:
         """Keep the newest seconds of a long settling time; the rest adds nothing to the alignment."""
-        while sum(len(each.force) for each in self._drive[1:]) > _KEEP_S * self._rate:
+        while sum(len(each.values) for each in self._drive[1:]) > _KEEP_S * self._rate:
             del self._drive[0]
 
-    def _align(self, begin: int) -> None:
-        force = np.concatenate([each.force for each in self._drive]) if self._drive else np.zeros(0)
-        first = self._drive[0].first_sample - begin if self._drive else 0
-        alignment: Alignment = kind_of(self._twin).align(force, self._rate, first, self._twin.drive)
+    def _align(self, record: _Recorded) -> None:
+        seen = np.concatenate([each.values for each in self._drive]) if self._drive else np.zeros(0)
+        if record.turned_off:
+            seen = seen - record.turned_off
+        first = self._drive[0].first_sample - record.begin if self._drive else 0
+        alignment: Alignment = kind_of(self._twin).align(seen, self._rate, first, self._twin.drive)
         self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
         self._drive.clear()
         self._pipe.send(alignment)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rig.files.embedded_bench import EMBEDDED_BENCH
+from rig.files.benches.impact_beam import BENCH
 
 CHANNELS = ("drive.force", "contact.force_upper", "contact.force_lower", "yoke.force", "base.acceleration")
 
@@ -41,7 +41,7 @@ def write_bench(
     path: Path, generator: str | None = None, card: str | None = None, emulation: str = ""
 ) -> Path:
     """The embedded bench with real instruments at these addresses, and an [emulation] table."""
-    text = EMBEDDED_BENCH
+    text = BENCH
     if generator is not None:
         text = text.replace("emulated = true", f'resource = "{generator}"', 1)
     if card is not None:

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from typing import Protocol
 
 from drivers.protocols import InverterOutput
 
 NO_LOAD_A = 0.6
+
+
+class OutputSink(Protocol):
+    """The way to another process, or to several: a connection is one."""
+
+    def send(self, output: InverterOutput, /) -> None:
+        """Pass on what is put out; OSError where nobody is there any more."""
+        ...
 
 
 class FreeMotor:
@@ -31,7 +40,7 @@ class RemoteLoad:
     Without `currents` the current is that of a free motor.
     """
 
-    def __init__(self, outputs: Connection | None, currents: Connection | None) -> None:
+    def __init__(self, outputs: OutputSink | None, currents: Connection | None) -> None:
         self._outputs, self._currents = outputs, currents
         self._free = FreeMotor()
         self._current_a: float | None = None

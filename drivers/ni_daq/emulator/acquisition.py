@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import threading
 import traceback
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from nidaqmx.error_codes import DAQmxErrors
@@ -19,32 +18,33 @@ from drivers.ni_daq.emulator.buffer import SampleBuffer
 from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.counters import Measure
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
-from drivers.protocols import DriveSettings, Plant
+from drivers.protocols import ActuatorOutput, Plant
 
+Output = TypeVar("Output", bound=ActuatorOutput)
 BLOCK_S = 0.025
 LAG_S = 0.025  # samples are made this much after their time; news of the drive travels faster
 
 
-class DriveInbox:
-    """Drive settings on their way to the plant; any thread may put, the producer takes."""
+class DriveInbox(Generic[Output]):
+    """What an actuator puts out on its way to the plant; any thread may put, the producer takes."""
 
-    def __init__(self, initial: DriveSettings | None = None) -> None:
-        self._waiting: deque[DriveSettings] = deque()
+    def __init__(self, initial: Output | None = None) -> None:
+        self._waiting: deque[Output] = deque()
         self._last = initial
 
-    def put(self, settings: DriveSettings) -> None:
-        """Leave settings for the plant."""
-        self._waiting.append(settings)
+    def put(self, output: Output) -> None:
+        """Leave a change of the output for the plant."""
+        self._waiting.append(output)
 
-    def take(self) -> list[DriveSettings]:
-        """Return the settings that came since the last call, oldest first."""
+    def take(self) -> list[Output]:
+        """Return the changes that came since the last call, oldest first."""
         taken = [self._waiting.popleft() for _ in range(len(self._waiting))]
         if taken:
             self._last = taken[-1]
         return taken
 
-    def take_all(self) -> list[DriveSettings]:
-        """Return what the output does now as well, for a plant that has just begun."""
+    def take_all(self) -> list[Output]:
+        """Return the change before those as well, for a plant that has just begun."""
         last = self._last
         return ([] if last is None else [last]) + self.take()
 
@@ -71,12 +71,12 @@ class Acquisition:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: Plant[Any],
         wiring: CardWiring,
         inputs: Sequence[Input],
         sample_rate: float,
         buffer_size: int,
-        inbox: DriveInbox,
+        inbox: DriveInbox[Any],
         clock: Clock,
     ) -> None:
         self._plant, self._inbox, self._clock = plant, inbox, clock
@@ -149,17 +149,6 @@ class Acquisition:
             self._clipped |= clipped
         self.buffer.put(values)
 
-    def _pass_on(self, drive: Sequence[DriveSettings]) -> None:
-        for settings in drive:
-            made = self.buffer.made
-            at_sample = (settings.started_s - self._start_s) * self._rate
-            if at_sample < made:
-                settings = _seen_at(settings, self._start_s + made / self._rate)
-                at_sample = float(made)
-            self._plant.drive(settings, at_sample)
-
-
-def _seen_at(settings: DriveSettings, time_s: float) -> DriveSettings:
-    # A sine that began before the samples that are made next is under way by then.
-    phase = settings.phase_rad + math.tau * settings.frequency_hz * (time_s - settings.started_s)
-    return replace(settings, started_s=time_s, phase_rad=phase % math.tau)
+    def _pass_on(self, outputs: Sequence[ActuatorOutput]) -> None:
+        for output in outputs:
+            self._plant.drive(output, (output.started_s - self._start_s) * self._rate)

@@ -49,7 +49,7 @@ class CardServicer(DeviceCalls):
     Calls raise `DaqmxError`.
     """
 
-    def __init__(self, plant: Plant, wiring: CardWiring, inbox: DriveInbox, clock: Clock) -> None:
+    def __init__(self, plant: Plant[Any], wiring: CardWiring, inbox: DriveInbox[Any], clock: Clock) -> None:
         super().__init__(wiring)
         self._plant, self._inbox, self._clock = plant, inbox, clock
         wired = {wire.plant_channel for wire in wiring.wires.values()}

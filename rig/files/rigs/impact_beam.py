@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic.dataclasses import dataclass
 
+from rig.files.benches.impact_beam import BENCH
 from rig.files.fields import Measured, Switch, Whole, Word
 from rig.files.rigs.kind import RigKind, unit_or_none
 from rig.files.section import SECTION, Check
@@ -95,6 +96,7 @@ def _peak_in_range(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 KIND: Final = RigKind(
     name="impact_beam",
     actuator="signal_generator",
+    bench=BENCH,
     set_up=("clearance", "rest_offset", "drive_position", "cover", "modes", "elements"),
     model=ImpactBeamSection,
     model_checks=(

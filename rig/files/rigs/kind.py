@@ -13,7 +13,8 @@ from rig.files.section import Check
 class RigKind:
     """A rig: the sections of its scenario with the checks over several of their keys, and its channels.
 
-    `actuator` is the table of the bench that drives it. `set_up` are the keys of [model] that a lab sets
+    `bench` is the text of the bench that a run has without a file. `actuator` is the table of a bench that
+    drives it, `extras` are tables that it may have besides. `set_up` are the keys of [model] that a lab sets
     between runs on one rig; another value of any other key is another rig. `channels` is what a bench or a
     limit may name, for messages; `channel_unit` gives a channel's unit or None. `drive_frequency` is the
     highest frequency in Hz that the drive holds, from the sound values of [drive], or None; `drive_peak` the
@@ -24,6 +25,7 @@ class RigKind:
 
     name: str
     actuator: str
+    bench: str
     set_up: tuple[str, ...]
     model: type[Any]
     model_checks: tuple[Check, ...]
@@ -35,6 +37,7 @@ class RigKind:
     drive_peak: Callable[[Any], float]
     by_hand: Mapping[str, str] = field(default_factory=dict)
     contacts: tuple[str, ...] = ()
+    extras: tuple[str, ...] = ()
 
 
 def unit_or_none(channel_unit: Callable[[str], str]) -> Callable[[str], str | None]:

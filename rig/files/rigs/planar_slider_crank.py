@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic.dataclasses import dataclass
 
+from rig.files.benches.planar_slider_crank import BENCH
 from rig.files.fields import Measured, Word
 from rig.files.rigs.kind import RigKind, unit_or_none
 from rig.files.rigs.speed import SpeedSection, highest_speed, revolutions_per_second
@@ -51,6 +52,7 @@ def _turns_over(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 KIND: Final = RigKind(
     name="planar_slider_crank",
     actuator="inverter",
+    bench=BENCH,
     set_up=("clearance_1", "clearance_2"),
     model=PlanarSliderCrankSection,
     model_checks=(Check(("crank_length", "rod_length"), _turns_over),),
@@ -65,4 +67,5 @@ KIND: Final = RigKind(
         "clearance_2": "fit the piston pin with that radial clearance",
         "material": "mount the links of that material",
     },
+    extras=("encoder",),
 )

@@ -6,6 +6,7 @@ from typing import Annotated, Final
 
 from pydantic.dataclasses import dataclass
 
+from rig.files.benches.spatial_slider_crank import BENCH
 from rig.files.fields import Measured, Whole
 from rig.files.rigs.kind import RigKind, unit_or_none
 from rig.files.rigs.speed import SpeedSection, highest_speed, revolutions_per_second
@@ -32,6 +33,7 @@ class SpatialSliderCrankSection:
 KIND: Final = RigKind(
     name="spatial_slider_crank",
     actuator="inverter",
+    bench=BENCH,
     set_up=("axis_angle", "socket_clearance", "guide_clearance", "rod_modes"),
     model=SpatialSliderCrankSection,
     model_checks=(),
@@ -47,4 +49,5 @@ KIND: Final = RigKind(
         "guide_clearance": "set the guide's clearance (half of the free motion)",
     },
     contacts=tuple(f"slider.force_{number}" for number in range(1, 9)),
+    extras=("encoder",),
 )

@@ -11,7 +11,7 @@ from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
-from rig.files.pairing import check_drivable, check_pair
+from rig.files.pairing import check_pair
 from rig.files.rigs import RIGS
 from rig.files.scenario import Limit, Scenario
 from rig.files.sweep import Point, Sweep, points_named
@@ -84,11 +84,6 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
 
 
 def _faults(scenario: Scenario, bench: Bench, today: datetime.date) -> Iterator[Problem]:
-    try:
-        check_drivable(scenario)
-    except ConfigurationError as error:
-        yield from error.problems  # a bench has nothing to say of what cannot be driven
-        return
     for check in (lambda: check_pair(scenario, bench, today), lambda: twin_of(scenario)):
         try:
             check()
@@ -127,8 +122,7 @@ def bytes_of(sweep: Sweep, bench: Bench) -> float:
 
 def real_instruments(bench: Bench) -> tuple[str, ...]:
     """Tables of the bench that stand for real instruments."""
-    parts = ((field.name, getattr(bench, field.name)) for field in dataclasses.fields(bench))
-    return tuple(name for name, part in parts if getattr(part, "emulated", True) is False)
+    return tuple(table for table in bench.instruments if table not in bench.emulated)
 
 
 def listing(
@@ -164,10 +158,9 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
     highest = max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
-    actuator = getattr(bench, kind.actuator, None)
     for name, unit, scale in _HIGHEST:
-        if hasattr(actuator, name):
-            allowed = f"{getattr(actuator, name) * scale:g} {unit} ({kind.actuator}.{name})"
+        if hasattr(bench.actuator, name):
+            allowed = f"{getattr(bench.actuator, name) * scale:g} {unit} ({kind.actuator}.{name})"
             yield f"guard      drive at most {highest * scale:g} of {allowed}"
     for limit in scenario.limits:
         yield f"guard      {_limit(limit)}"

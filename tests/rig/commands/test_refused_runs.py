@@ -12,7 +12,9 @@ from drivers.emulator_process import GeneratorSetup, start_function_generator
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 
-CRANK = Path(__file__).parents[3] / "scenarios" / "planar_slider_crank.toml"
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+CRANK = SCENARIOS / "planar_slider_crank.toml"
+CRANK_BENCH = SCENARIOS / "crank_bench.example.toml"
 
 
 @pytest.fixture
@@ -97,8 +99,38 @@ def test_one_present_and_one_absent_names_the_absent_alone(call: Call, tmp_path:
 
 
 @pytest.mark.parametrize("command", ["run", "emulate"])
-def test_a_crank_cannot_be_driven_yet(call: Call, tmp_path: Path, command: str) -> None:
-    answer = call(command, CRANK, *(["--out", tmp_path / "runs"] if command == "run" else []))
+def test_a_crank_on_the_bench_of_a_beam_is_refused(call: Call, tmp_path: Path, command: str) -> None:
+    bench = write_bench(tmp_path / "bench.toml")
+    out = ["--out", tmp_path / "runs"] if command == "run" else []
+    answer = call(command, CRANK, "--bench", bench, *out)
     assert answer.code == 2
-    assert "rig = planar_slider_crank: this version cannot drive an inverter" in answer.err
+    assert "signal_generator = {...}: none: the planar_slider_crank is driven by [inverter]" in answer.err
     assert "starting" not in answer.out
+    assert not (tmp_path / "runs").exists()
+
+
+def test_faults_of_a_cranks_scenario_and_of_its_bench_are_told_together(call: Call, tmp_path: Path) -> None:
+    scenario = tmp_path / "crank.toml"
+    scenario.write_text(CRANK.read_text().replace('"200 rpm"', '"200 Hz"'))
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[inverter]\nemulated = true\nstation = 300\n")
+    answer = call("run", scenario, "--bench", bench, "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert "drive.speed" in answer.err
+    assert "inverter.station = 300" in answer.err
+
+
+def test_absent_instruments_of_a_crank_are_all_named(call: Call, tmp_path: Path, nobody: int) -> None:
+    bench = tmp_path / "bench.toml"
+    text = CRANK_BENCH.read_text().replace("/dev/ttyUSB1", f"socket://127.0.0.1:{nobody}")
+    text = text.replace("port = 29536", f"port = {nobody}").replace(
+        "valid_until = 2027", "valid_until = 2096"
+    )
+    bench.write_text(text.replace("[daq_card]\n", f'[daq_card]\ngrpc = "127.0.0.1:{nobody}"\n', 1))
+    answer = call("run", CRANK, "--bench", bench, "--out", tmp_path / "runs")
+    assert answer.code == 1
+    inverter, card, encoder = answer.err.strip().splitlines()[-3:]
+    assert f"inverter at socket://127.0.0.1:{nobody}: " in inverter
+    assert f"127.0.0.1:{nobody}" in card
+    assert "encoder at node 7 on socketcand" in encoder
+    assert not (tmp_path / "runs").exists()

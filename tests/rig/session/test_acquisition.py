@@ -11,9 +11,9 @@ from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from drivers.protocols import CardReading
+from drivers.protocols import CardReading, Finding
 from rig.files.scenario import Limit
-from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault
+from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Recorded
 from rig.session.hub import Hub
 from rig.session.limits import LimitWatch
 from tests.rig.session.fakes import RATE, ListSink, SteppedCard
@@ -27,8 +27,10 @@ def acquisition(
     sink: ListSink,
     limits: tuple[Limit, ...] = (),
     on_reading: Callable[[CardReading], None] = lambda _: None,
+    enough: Callable[[Recorded], bool] | None = None,
 ) -> Acquisition:
-    return Acquisition(card, SystemClock(), Hub([sink]), LimitWatch(limits, RATE), on_reading)  # type: ignore[arg-type]
+    watch = LimitWatch(limits, RATE)
+    return Acquisition(card, SystemClock(), Hub([sink]), watch, on_reading, enough)  # type: ignore[arg-type]
 
 
 def advance(acquiring: Acquisition, card: SteppedCard, blocks: int) -> None:
@@ -54,7 +56,7 @@ def test_the_record_is_every_sample_from_its_start_to_its_end(count: int) -> Non
         values = np.concatenate([block.values for block in blocks])
         assert values.tolist() == (np.arange(begin, begin + count) + 1000.0 * row).tolist()
         assert [block.first_sample for block in blocks] == list(range(0, count, COUNT))
-        start_ns = sample_time_ns(acquiring.start_ns, begin, RATE)
+        start_ns = sample_time_ns(acquiring.base.start_ns, begin, RATE)
         assert [block.time_ns for block in blocks] == [
             sample_time_ns(start_ns, block.first_sample, RATE) for block in blocks
         ]
@@ -126,3 +128,54 @@ def test_a_fault_in_a_sink_is_an_error_of_the_acquisition(capfd: pytest.CaptureF
     with pytest.raises(AcquisitionFault, match="acquisition stopped by ZeroDivisionError: a fault in a sink"):
         raise acquiring.error or AssertionError
     assert "Traceback" in capfd.readouterr().err
+
+
+def test_an_angle_stays_64_bits_wide_and_begins_within_a_turn() -> None:
+    card = SteppedCard((Channel("crank.angle", "rad"), Channel("b", "N")), lambda n, k: 1e4 + 1e-6 * n)
+    sink = ListSink()
+    with acquisition(card, sink) as acquiring:
+        advance(acquiring, card, 1)
+        begin = acquiring.start_record(2 * COUNT)
+        advance(acquiring, card, 2)
+        card.let()
+    angle = np.concatenate([block.values for block in sink.blocks("crank.angle")])
+    assert angle.dtype == np.float64
+    assert sink.blocks("b")[0].values.dtype == np.float32
+    whole = 2 * np.pi * np.floor((1e4 + 1e-6 * begin) / (2 * np.pi))
+    assert acquiring.turned_off == {"crank.angle": whole}
+    expected = 1e4 + 1e-6 * (begin + np.arange(2 * COUNT)) - whole
+    assert angle == pytest.approx(expected, abs=1e-9)
+    assert 0 <= angle[0] < 2 * np.pi
+
+
+def test_a_record_ends_with_the_reading_that_was_enough() -> None:
+    asked: list[dict[str, int]] = []
+
+    def enough(recorded: Recorded) -> bool:
+        asked.append({name: len(values) for name, values in recorded.items()})
+        return len(asked) == 3
+
+    card, sink = SteppedCard(CHANNELS), ListSink()
+    with acquisition(card, sink, enough=enough) as acquiring:
+        advance(acquiring, card, 1)
+        acquiring.start_record(10 * COUNT)
+        advance(acquiring, card, 5)
+        assert acquiring.record_until == 4 * COUNT
+        card.let()
+    assert asked == [{"a": COUNT, "b": COUNT}] * 3
+    assert sum(len(block) for block in sink.blocks("a")) == 3 * COUNT
+
+
+def test_what_a_card_finds_is_told() -> None:
+    class FindingCard(SteppedCard):
+        def read(self, count: int) -> CardReading:
+            reading = super().read(count)
+            found = (Finding("a", "supply", "its supply is overloaded"),) if reading.first_sample == 0 else ()
+            return CardReading(reading.first_sample, reading.values, reading.flags, found)
+
+    card = FindingCard(CHANNELS, flags=lambda block: Flag.CLOCK_NOT_LOCKED if block else Flag.GOOD)
+    sink = ListSink()
+    with acquisition(card, sink) as acquiring:
+        advance(acquiring, card, 2)
+        card.let()
+    assert sink.codes() == ["sensor.supply", "sensor.clock_not_locked", "sensor.clock_not_locked"]

@@ -13,12 +13,14 @@ import pytest
 
 from daq.errors import ConfigurationError, DeviceLost, InterlockTripped, LogError, RattleError
 from rig.files.bench import parse_bench
-from rig.files.embedded_bench import EMBEDDED_BENCH
+from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.session.signals import Stopped
 from rig.session.sweep.results import TABLE
 from rig.session.sweep.state import FILE, CentreState, held, load_state
 from tests.rig.session.sweep.swept import AXES, SCENARIO, Runs, Trial, parsed
+
+EMBEDDED_BENCH = RIGS["impact_beam"].bench
 
 
 @pytest.fixture

@@ -9,11 +9,13 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
-from rig.files.embedded_bench import EMBEDDED_BENCH
+from rig.files.rigs import RIGS
 from rig.files.sweep import Sweep
 from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments, seconds_of, steps_of
 from tests.rig.files.faulty import problems_of
 from tests.rig.session.sweep.swept import AXES, SCENARIO, parsed
+
+EMBEDDED_BENCH = RIGS["impact_beam"].bench
 
 TODAY = datetime.date(2026, 9, 1)
 GUARDED = f"""{SCENARIO}

@@ -1,10 +1,10 @@
-"""The bench of a run without `--bench`: every instrument of the impact beam, emulated."""
+"""The impact beam's bench: every instrument, emulated."""
 
 from __future__ import annotations
 
 from typing import Final
 
-EMBEDDED_BENCH: Final = """\
+BENCH: Final = """\
 [signal_generator]
 driver = "scpi_33220a"
 emulated = true

@@ -1,0 +1,98 @@
+"""The rig behind the emulated instruments of a bench: plant, shaft, and what moves both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from daq.clock import SystemClock
+from drivers.emulator_process import (
+    EmulatedInstrument,
+    InverterWiring,
+    start_function_generator,
+    start_inverter,
+)
+from drivers.protocols import ActuatorOutput, DriveSettings, InverterOutput, Plant
+from rig.files.bench import Bench
+from rig.files.rigs import RIGS
+from rig.files.scenario import Scenario
+from rig.shaft_wiring import inverter_setup
+from rig.twin.plant import BeamPlantFactory
+from rig.twin.plant_crank import CrankPlantFactory
+from rig.twin.scenario_twin import twin_of, with_effects
+from rig.twin.shaft import EmulatedMotor, drawn_motor
+from sim_twin.twin import AnyTwin
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedRig:
+    """A rig that was drawn.
+
+    `start_actuator(sinks)` starts what moves it, every change of which goes to all of `sinks`;
+    `scenario_output` is what the rig's instruments hear where the actuator is a real one that they cannot
+    hear. `motor` turns its shaft, where it has one.
+    """
+
+    plant: Callable[[], Plant[Any]]
+    start_actuator: Callable[[Sequence[Connection]], EmulatedInstrument]
+    scenario_output: ActuatorOutput
+    motor: EmulatedMotor | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Fork:
+    """Passes every output on to several processes."""
+
+    sinks: tuple[Connection, ...]
+
+    def send(self, output: InverterOutput, /) -> None:
+        for sink in self.sinks:
+            with suppress(OSError):  # one that is gone must not keep the others from hearing
+                sink.send(output)
+
+
+def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> EmulatedRig:
+    """The rig of a scenario as it really is: with the bench's effects, drawn by the seeds."""
+    twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
+    if bench.emulation.effects is not None:
+        twin = with_effects(twin, bench.emulation.effects)
+    return _RIGS[RIGS[scenario.rig].actuator](scenario, bench, twin, seed, run_seed)
+
+
+def _shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    drive, per_volt = scenario.drive, bench.signal_generator.force_per_volt
+    output = DriveSettings(
+        on=True,
+        frequency_hz=drive.frequency,
+        amplitude_v=drive.amplitude / per_volt,
+        offset_v=drive.offset / per_volt,
+        started_s=SystemClock().monotonic_s(),
+    )
+    plant = BeamPlantFactory(twin, per_volt, seed, run_seed, bench.emulation.healthy)
+    return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None)), output)
+
+
+def _turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    inverter, healthy = bench.inverter, bench.emulation.healthy
+    # A real inverter's loop is closed over the emulated shaft: with slip it would wind up.
+    motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy and inverter.emulated)
+    hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
+    output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())
+    setup = inverter_setup(inverter)
+    return EmulatedRig(
+        CrankPlantFactory(twin, motor, seed, run_seed, healthy),
+        lambda sinks: start_inverter(InverterWiring(_Fork(tuple(sinks))), setup),
+        output,
+        motor,
+    )
+
+
+_RIGS: Final[Mapping[str, Callable[[Scenario, Bench, AnyTwin, int, int], EmulatedRig]]] = {
+    "signal_generator": _shaken,
+    "inverter": _turned,
+}
+"""By actuator."""

@@ -1,0 +1,223 @@
+"""An encoder that sends by itself, recorded beside the card: its own sample grid, the run's time base."""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.angle import Unwrapper
+from daq.block import Flag, SampleBlock
+from daq.channel import Channel
+from daq.errors import InstrumentError, InterlockTripped, RattleError
+from daq.log.records import ClockRecord, Event, Gap
+from drivers.protocols import PositionBlock, PositionEncoder
+from rig.session.acquisition import BLOCK_S, AcquisitionFault
+from rig.session.clocks import CardClock, DeviceClock
+from rig.session.hub import Hub
+
+Array = NDArray[np.float64]
+
+ENCODER_CHANNEL = "encoder.angle"
+_BACKLOG_S = 2.0
+"""Kept before a record begins, which is where the card was a block ago."""
+_CHECKED_S = 30.0
+
+
+def encoder_channel(encoder: PositionEncoder) -> Channel:
+    """How a log describes the encoder's angle."""
+    rad_per_count = math.tau / encoder.counts_per_revolution
+    return Channel(
+        ENCODER_CHANNEL, "rad", "angle", "encoder", encoder.identity, scale=rad_per_count, raw_unit="count"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """Consecutive positions: number of the first, its place on the time base (s), unwrapped angle in rad."""
+
+    number: int
+    card_s: float
+    angle_rad: Array
+    flags: Flag
+
+
+class EncoderRecord:
+    """Reads an encoder in a thread of its own; what lies between `begin` and `end` goes to the log.
+
+    Nothing is resampled: a block says where its first position lies by the clock models of that moment, and
+    carries CLOCK_NOT_LOCKED while these do not stand. The first error of the thread ends it. Over missing
+    positions the angle is certain as long as a shaft at `fastest_rad_s` could not have gone half way round.
+    """
+
+    def __init__(
+        self,
+        encoder: PositionEncoder,
+        base: CardClock,
+        hub: Hub,
+        on_gap: Callable[[Gap], None],
+        fastest_rad_s: float,
+    ) -> None:
+        self._encoder, self._base, self._hub, self._on_gap = encoder, base, hub, on_gap
+        self._clock = DeviceClock("encoder", base)
+        self._count = max(1, round(BLOCK_S / encoder.period_s))
+        self._per_count = math.tau / encoder.counts_per_revolution
+        step = math.ceil(fastest_rad_s / self._per_count * encoder.period_s) + 1
+        self._unwrapper = Unwrapper(encoder.total_range, min(step, (encoder.total_range - 1) // 2))
+        self._next_number = 0
+        self._backlog: deque[_Stretch] = deque()
+        self._begin_s = self._end_s = math.inf
+        self._first: int | None = None
+        self._turned_off = 0.0
+        self._gaps: deque[tuple[int, int, str]] = deque()
+        self._seen: deque[tuple[Array, Array, Array]] = deque(maxlen=round(_CHECKED_S / BLOCK_S))
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="encoder", daemon=True)
+        self.error: RattleError | None = None
+        self.ended = False
+
+    def __enter__(self) -> EncoderRecord:
+        self._encoder.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+        with suppress(InstrumentError):
+            self._encoder.stop()
+
+    def begin(self, card_s: float) -> None:
+        """Record positions from this time on, s since the card's sample 0."""
+        self._begin_s = card_s
+
+    def end(self, card_s: float) -> None:
+        """Record up to this time; `ended` once a position after it has come."""
+        self._end_s = card_s
+
+    def check(self) -> None:
+        """Raise what ended it, or InterlockTripped while the encoder reports an emergency of its own."""
+        if self.error is not None:
+            raise self.error
+        for emergency in self._encoder.emergencies:
+            what = f"emergency {emergency.code:04X}h of the {self._encoder.name} ({emergency.text})"
+            raise InterlockTripped(f"interlock: {what}; the motor is off")
+
+    def events(self) -> tuple[Event, ...]:
+        """What the encoder and its clock did since the last call."""
+        return tuple(
+            Event(self._unix_ns(notice.arrival_s), notice.level, self._encoder.name, notice.code, notice.text)
+            for notice in self._encoder.take_notices()
+        )
+
+    def clocks(self, at_last: bool) -> list[ClockRecord]:
+        """How the encoder's clock lies, where there is news of it."""
+        records, steps = self._clock.refit(at_last)
+        for step in steps:
+            self._hub.event(step)
+        return records
+
+    @property
+    def angle_per_count(self) -> float:
+        """One count in rad."""
+        return self._per_count
+
+    def seen(self) -> tuple[Array, Array]:
+        """Times on the time base (s since the card's sample 0) and angles (rad) of the last 30 s."""
+        if not self._seen:
+            return np.zeros(0), np.zeros(0)
+        stamp_s, arrival_s, angle = (np.concatenate(column) for column in zip(*self._seen, strict=True))
+        return self._clock.card_s(stamp_s, arrival_s), angle
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._take(self._encoder.read(self._count))
+        except RattleError as error:
+            self.error = error
+        except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
+            traceback.print_exc(file=sys.stderr)
+            self.error = AcquisitionFault(f"encoder stopped by {type(error).__name__}: {error}")
+            self.error.__cause__ = error
+
+    def _take(self, block: PositionBlock) -> None:
+        self._clock.note(block.timestamp_s, block.arrival_s)
+        self._gaps.extend((gap.first_frame, gap.count, gap.cause) for gap in block.gaps)
+        cuts = [0, *(np.flatnonzero(np.diff(block.number) != 1) + 1).tolist(), len(block.number)]
+        stretches = [self._stretch(block, low, high) for low, high in pairwise(cuts)]
+        self._backlog.extend(stretches)
+        angle_rad = np.concatenate([stretch.angle_rad for stretch in stretches])
+        self._seen.append((block.timestamp_s, block.arrival_s, angle_rad))
+        while self._backlog and self._place(self._backlog[0]):
+            self._backlog.popleft()
+
+    def _stretch(self, block: PositionBlock, low: int, high: int) -> _Stretch:
+        number = int(block.number[low])
+        missing, self._next_number = number - self._next_number, int(block.number[high - 1]) + 1
+        unwrapped = self._unwrapper.unwrap(block.counts[low:high], missing)
+        if unwrapped.ambiguous.any():
+            text = f"{missing} positions missing at frame {number}: whole turns may be lost"
+            self._event(float(block.arrival_s[low]), "warning", "encoder.ambiguous", text)
+        flags = block.flags & ~Flag.SAMPLES_MISSING_BEFORE
+        flags |= Flag.SAMPLES_MISSING_BEFORE if missing else Flag.GOOD
+        flags |= Flag.GOOD if self._clock.locked else Flag.CLOCK_NOT_LOCKED
+        at = self._clock.card_s(block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1])
+        angle_rad = np.asarray(unwrapped.counts * self._per_count, np.float64)
+        return _Stretch(number, float(at[0]), angle_rad, flags)
+
+    def _place(self, stretch: _Stretch) -> bool:
+        """Record what of a stretch belongs to the record; False while that cannot be known."""
+        period_s, length = self._encoder.period_s, len(stretch.angle_rad)
+        last_s = stretch.card_s + (length - 1) * period_s
+        if math.isinf(self._begin_s):
+            newest = self._backlog[-1]
+            return newest.card_s - last_s > _BACKLOG_S
+        if self.ended:
+            return True
+        self.ended = last_s >= self._end_s
+        times = stretch.card_s + np.arange(length) * period_s
+        low, high = np.searchsorted(times, [self._begin_s, self._end_s])
+        if self._first is not None:
+            low = max(self._first - stretch.number, 0)  # no position is left out where a model has moved
+        if high > low:
+            self._record(stretch, int(low), int(high), float(times[low]))
+        return True
+
+    def _record(self, stretch: _Stretch, low: int, high: int, card_s: float) -> None:
+        number = stretch.number + low
+        if self._first is None:
+            self._first = number
+            self._turned_off = math.tau * math.floor(stretch.angle_rad[low] / math.tau)
+        for gap in self._gaps_before(number):
+            self._on_gap(gap)
+        values = stretch.angle_rad[low:high] - self._turned_off
+        time_ns, rate = self._base.unix_ns(card_s), 1.0 / self._encoder.period_s
+        block = SampleBlock(ENCODER_CHANNEL, number - self._first, time_ns, rate, values, stretch.flags)
+        self._hub.block("measured", block)
+
+    def _gaps_before(self, number: int) -> Iterator[Gap]:
+        """What the encoder said of positions that are missing within the record, up to a frame."""
+        while self._gaps and self._gaps[0][0] < number:
+            first, count, cause = self._gaps.popleft()
+            if self._first is not None and first > self._first:
+                before_s = (first - self._first) * self._encoder.period_s
+                time_ns = self._base.unix_ns(self._begin_s + before_s)
+                yield Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause)
+
+    def _event(self, arrival_s: float, level: str, code: str, text: str) -> None:
+        self._hub.event(Event(self._unix_ns(arrival_s), level, self._encoder.name, code, text))
+
+    def _unix_ns(self, arrival_s: float) -> int:
+        return self._base.unix_ns(float(self._base.card_s(self._base.host_s(arrival_s))))

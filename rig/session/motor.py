@@ -1,0 +1,253 @@
+"""The crank's motor in a run: up to speed, trimmed until the shaft turns as wanted, down again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from daq.clock import Clock, SystemClock
+from daq.errors import InstrumentRefused, InterlockTripped
+from daq.log.records import ClockRecord, Event
+from drivers.protocols import SpeedDrive
+from rig.session.clocks import CardClock
+
+_RPM_PER_RAD_S = 60.0 / math.tau
+_STEP_S = 0.02
+_OUTPUT_SHARE = 0.01
+"""Of the set speed: how near to it an inverter's output counts as there, as its driver sees it too."""
+_RAMP_MARGIN, _RAMP_GRACE_S = 1.5, 1.0
+ARRIVED_SHARE = 0.10
+"""Of the wanted speed: slip and gearing may be off by as much before the loop is closed."""
+_SEEN_TURNS, _SEEN_S = 8.0, 2.0
+"""A marker shows a speed after four marks that agree; the reading that has them comes a block later."""
+_FEWEST_TURNS, _MEAN_S = 3, 1.0
+_MOST_TRIMS = 6
+HELD_SHARE = 0.005
+"""Of the wanted speed: a mean that stays further off after trimming is told as a warning."""
+
+
+class MotorActuator:
+    """An inverter as an `Actuator`: its safe state is a motor that stands."""
+
+    def __init__(self, drive: SpeedDrive) -> None:
+        self._drive = drive
+
+    @property
+    def name(self) -> str:
+        """What the bench calls it."""
+        return self._drive.name
+
+    @property
+    def address(self) -> str:
+        """Where it is."""
+        return self._drive.address
+
+    @property
+    def identity(self) -> str:
+        """What is known of it; empty before `open`."""
+        return self._drive.identity
+
+    def open(self) -> None:
+        """Connect and check its settings; moves nothing."""
+        self._drive.open()
+
+    def close(self) -> None:
+        """Stop the motor if it may be turning, and hang up. Never raises."""
+        self._drive.close()
+
+    def off(self) -> None:
+        """Stop the motor in category 1, by its output frequency alone."""
+        self._drive.stop()
+
+
+class Motor:
+    """The `Motion` of a crank at `speed_rad_s`.
+
+    `wait` waits that many seconds and may raise; `measured_rpm` is the speed of the shaft by the instruments
+    on it, NaN where they do not show it. Only `start` changes the set value: while a run settles and records,
+    the inverter holds still, for every correction would be a disturbance in the record.
+    """
+
+    def __init__(
+        self,
+        drive: SpeedDrive,
+        speed_rad_s: float,
+        wait: Callable[[float], None],
+        measured_rpm: Callable[[], float],
+        clock: Clock | None = None,
+    ) -> None:
+        self._drive, self._wait, self._measured_rpm = drive, wait, measured_rpm
+        self._clock = clock or SystemClock()
+        self._speed_rad_s = speed_rad_s
+        self._wanted_rpm = speed_rad_s * _RPM_PER_RAD_S
+        self._kept_rpm = 0.0
+        self._events: list[Event] = []
+        self._polls_s: list[tuple[float, float]] = []
+        self._new_polls = False
+
+    @property
+    def what(self) -> str:
+        """The motion in words."""
+        return f"crank at {self._wanted_rpm:g} rpm, inverter set to {self._kept_rpm:g} rpm"
+
+    @property
+    def speed_rad_s(self) -> float | None:
+        """What the crank shall turn at."""
+        return self._speed_rad_s
+
+    @property
+    def longest_stop_s(self) -> float:
+        """How long a stop may take."""
+        return self._drive.longest_stop_s
+
+    def arm(self, soft: bool) -> None:
+        """Set the speed; the motor stands."""
+        for warning in self._drive.warnings:
+            self._note("warning", "motor.warning", warning)
+        self._kept_rpm = self._drive.set_speed(self._wanted_rpm)
+
+    def start(self, soft: bool) -> None:
+        """Come up on the ramp, then trim the set value until the shaft turns as wanted.
+
+        Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no
+        instrument shows that the shaft turns.
+        """
+        self._drive.start()
+        self._await_output()
+        self._await_shaft()
+        self._trim()
+
+    def ramp_down(self) -> None:
+        """Bring the motor to rest and withdraw run."""
+        self.off()
+
+    def off(self) -> None:
+        """Stop in category 1: zero speed, see by the shaft that it stands, withdraw run."""
+        self._drive.stop(self._measured_rpm)
+
+    def check(self) -> None:
+        """Raise what the inverter's driver found; tells it that somebody looks after the motor."""
+        self._drive.check()
+
+    def events(self) -> tuple[Event, ...]:
+        """What the inverter and the loop around it did."""
+        own, self._events = self._events, []
+        return (*own, *self._drive.events())
+
+    def clocks(self, base: CardClock) -> list[ClockRecord]:
+        """When the inverter's answers were taken, by all polls so far; nothing without a new one."""
+        if not self._new_polls:
+            return []
+        self._new_polls = False
+        request_s, reply_s = zip(*self._polls_s, strict=True)
+        return [base.polled(self._drive.name, request_s, reply_s)]
+
+    def _await_output(self) -> None:
+        """Wait for the ramp; the driver itself raises where the output does not follow."""
+        left_s = _RAMP_MARGIN * self._drive.ramp_s(0.0, self._kept_rpm) + _RAMP_GRACE_S
+        while not self._output_there():
+            if left_s < 0.0:
+                raise self._refused(
+                    f"its output does not come to {self._kept_rpm:g} rpm", "load and its ramp"
+                )
+            self._wait(_STEP_S)
+            left_s -= _STEP_S
+
+    def _output_there(self) -> bool:
+        state = self._drive.state
+        return (
+            state is not None
+            and state.running
+            and abs(state.speed_rpm - self._kept_rpm) <= _OUTPUT_SHARE * self._kept_rpm
+        )
+
+    def _await_shaft(self) -> None:
+        left_s = _SEEN_S + _SEEN_TURNS * 60.0 / self._wanted_rpm
+        while not abs(self._measured_rpm() - self._wanted_rpm) <= ARRIVED_SHARE * self._wanted_rpm:
+            if left_s < 0.0:
+                raise self._not_arrived(self._measured_rpm())
+            self._wait(_STEP_S)
+            left_s -= _STEP_S
+
+    def _not_arrived(self, rpm: float) -> InstrumentRefused | InterlockTripped:
+        if math.isnan(rpm):
+            return InterlockTripped("interlock: no instrument shows that the shaft turns; the motor is off")
+        return self._refused(
+            f"the shaft turns at {rpm:.4g} rpm and not at {self._wanted_rpm:g} rpm",
+            "the gearing and the number of poles in the bench file (speed per Hz), belt, and pulses per turn",
+        )
+
+    def _trim(self) -> None:
+        """Correct the set value by what the mean speed lacks, until that is half a step of it or less."""
+        self._settle()
+        asked_rpm = self._wanted_rpm
+        lacking: dict[float, float] = {}
+        for _ in range(_MOST_TRIMS):
+            self._poll()
+            lacking[self._kept_rpm] = found = self._wanted_rpm - self._mean_rpm()
+            if abs(found) <= self._drive.step_rpm / 2:
+                break
+            asked_rpm += found
+            self._give(asked_rpm)
+            if self._kept_rpm in lacking:
+                break
+        nearest = min(lacking, key=lambda kept: abs(lacking[kept]))
+        if nearest != self._kept_rpm:
+            self._give(nearest)
+        self._tell(self._wanted_rpm - lacking[nearest])
+
+    def _give(self, rpm: float) -> None:
+        """Set the speed; where the inverter keeps another value than before, let that come through."""
+        try:
+            kept_rpm = self._drive.set_speed(rpm)
+        except InstrumentRefused as error:
+            if error.code != "limit":
+                raise
+            self._note("warning", "motor.limit", f"no further trimming: {error}")
+            return
+        if kept_rpm != self._kept_rpm:
+            self._kept_rpm = kept_rpm
+            self._settle()
+
+    def _settle(self) -> None:
+        """Wait for the ramp, and for a whole turn at the new speed."""
+        self._await_output()
+        self._wait(_MEAN_S / 2 + 60.0 / self._wanted_rpm)
+
+    def _mean_rpm(self) -> float:
+        """Mean of the measured speed over whole turns; raises InterlockTripped where it is not known."""
+        turn_s = 60.0 / self._wanted_rpm
+        count = round(max(_FEWEST_TURNS, math.ceil(_MEAN_S / turn_s)) * turn_s / _STEP_S)
+        seen = []
+        for _ in range(count):
+            self._wait(_STEP_S)
+            rpm = self._measured_rpm()
+            if math.isfinite(rpm):
+                seen.append(rpm)
+        if not seen:
+            raise self._not_arrived(math.nan)
+        return math.fsum(seen) / len(seen)
+
+    def _poll(self) -> None:
+        """Ask the inverter once, for how long an answer takes."""
+        before_s = self._clock.monotonic_s()
+        self._drive.read()
+        self._polls_s.append((before_s, self._clock.monotonic_s()))
+        self._new_polls = True
+
+    def _tell(self, mean_rpm: float) -> None:
+        off = mean_rpm / self._wanted_rpm - 1.0
+        text = (
+            f"shaft at {mean_rpm:.3f} rpm for {self._wanted_rpm:g} rpm ({off:+.3%}), "
+            f"inverter set to {self._kept_rpm:g} rpm"
+        )
+        if abs(off) > HELD_SHARE:
+            self._note("warning", "motor.off_speed", text)
+        else:
+            self._note("info", "motor.trimmed", text)
+
+    def _note(self, level: str, code: str, text: str) -> None:
+        self._events.append(Event(self._clock.unix_ns(), level, self._drive.name, code, text))
+
+    def _refused(self, what: str, check: str) -> InstrumentRefused:
+        return InstrumentRefused(self._drive.name, self._drive.address, what, check)

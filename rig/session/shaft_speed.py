@@ -1,0 +1,154 @@
+"""How fast the crank turns, as the card's channels show it while a run goes on."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.angle import MarkTracker
+from daq.channel import Channel
+from daq.clock import Clock
+
+_RPM_PER_RAD_S = 60.0 / math.tau
+STALE_S = 0.5
+"""A speed that is older tells nothing of the shaft any more: a card's blocks come every 0.1 s."""
+_KEPT_S = 3.0
+_POINT_S = 0.005
+_LATEST_S = 0.1
+_STEADY_SHARE = 0.10
+_OVERDUE = 1.25
+"""Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
+_MOST_MARKS = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What a channel shows: the speed in rad/s (NaN: not at this moment), and whether it can be relied on."""
+
+    speed_rad_s: float = math.nan
+    valid: bool = False
+
+
+class ShaftReading(Protocol):
+    """A channel's way to the speed; `marks` are passages of crank angle zero, in samples since the start."""
+
+    marks: deque[float]
+
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+        """Take the next samples, shape (n,), without a hole."""
+        ...
+
+
+class ShaftSpeed:
+    """Speed of the shaft by one channel of the card, taken in the acquisition thread, asked for in any.
+
+    `channel` is the one that it comes from, None where no channel of the card shows the shaft.
+    """
+
+    def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
+        self.channel, self._reading = shaft_reading(channels, sample_rate)
+        self._clock = clock
+        self._shown, self._at_s = Shown(), -math.inf
+
+    @property
+    def shown(self) -> Shown:
+        """What the latest block showed."""
+        return self._shown
+
+    @property
+    def marks(self) -> NDArray[np.float64]:
+        """The latest passages of crank angle zero that were seen, in samples since the start; shape (m,)."""
+        return np.array(self._reading.marks if self._reading else (), np.float64)
+
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> None:
+        """Take the next samples of `channel`, shape (n,)."""
+        if self._reading is not None:
+            self._shown, self._at_s = self._reading.take(first_sample, values), self._clock.monotonic_s()
+
+    def rpm(self) -> float:
+        """Speed in rpm: of the last whole turn where that is steady; NaN where nothing recent shows it."""
+        if self._clock.monotonic_s() - self._at_s > STALE_S:
+            return math.nan
+        return self._shown.speed_rad_s * _RPM_PER_RAD_S
+
+
+class _ByAngle:
+    """From an unwrapped angle: the mean of the last turn, of the last tenth of a second where they differ."""
+
+    def __init__(self, sample_rate: float) -> None:
+        self._rate = sample_rate
+        self._every = max(1, round(_POINT_S * sample_rate))
+        self._points: deque[tuple[float, float]] = deque(maxlen=round(_KEPT_S / _POINT_S))
+        self._last: float | None = None
+        self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
+
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+        if not len(values) or not np.isfinite(values).all():
+            return Shown()
+        self._mark(first_sample, values)
+        at = np.arange(len(values) - 1, -1, -self._every)[::-1]
+        times = ((first_sample + at) / self._rate).tolist()
+        self._points.extend(zip(times, values[at].tolist(), strict=True))
+        return Shown(self._speed(), valid=True)
+
+    def _speed(self) -> float:
+        time, angle = (np.array(column) for column in zip(*self._points, strict=True))
+        start = max(float(time[0]), float(time[-1]) - _LATEST_S)
+        if start >= time[-1]:
+            return 0.0
+        latest = float((angle[-1] - np.interp(start, time, angle)) / (time[-1] - start))
+        turned = np.abs(angle[-1] - angle)
+        a_turn_ago = np.flatnonzero(turned >= math.tau)
+        if not len(a_turn_ago):
+            return latest
+        low = int(a_turn_ago[-1])
+        share = (turned[low] - math.tau) / (turned[low] - turned[low + 1])
+        turn = math.copysign(math.tau, latest) / (time[-1] - time[low] - share * (time[low + 1] - time[low]))
+        return float(turn) if abs(turn - latest) <= _STEADY_SHARE * abs(turn) else latest
+
+    def _mark(self, first_sample: int, values: NDArray[np.float64]) -> None:
+        """Note where the angle passes whole turns, between two samples where it does so evenly."""
+        known = values if self._last is None else np.concatenate([[self._last], values])
+        first_sample -= self._last is not None
+        turns = np.floor(known / math.tau)
+        for at in np.flatnonzero(turns[1:] > turns[:-1]):
+            share = (turns[at + 1] * math.tau - known[at]) / (known[at + 1] - known[at])
+            self.marks.append(float(first_sample + at + share))
+        self._last = float(values[-1])
+
+
+class _ByMarker:
+    """From a once-per-revolution mark: the last revolution, for as long as the next mark is not overdue."""
+
+    def __init__(self, sample_rate: float) -> None:
+        self._rate = sample_rate
+        self._tracker = MarkTracker()
+        self._last = -math.inf
+        self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
+
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+        marks, _ = self._tracker.track(values)
+        if len(marks):
+            self._last = float(marks.position[-1])
+        self.marks.extend(marks.position[~marks.interpolated].tolist())
+        interval = self._tracker.samples_per_turn
+        if interval is None:
+            return Shown()
+        overdue = first_sample + len(values) - self._last > _OVERDUE * interval
+        return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True)
+
+
+def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:
+    """The channel that shows the shaft best, an angle before a marker, and how it does; None for neither."""
+    channels = list(channels)
+    for suffix, unit, kind in ((".angle", "rad", _ByAngle), (".marker", "V", _ByMarker)):
+        for channel in channels:
+            if channel.name.endswith(suffix) and channel.unit == unit:
+                return channel.name, kind(sample_rate)
+    return None, None

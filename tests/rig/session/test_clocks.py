@@ -1,0 +1,103 @@
+"""The card is the time base: how host and encoder lie against it, from when their samples arrive."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.block import NS_PER_S
+from daq.log.records import ClockRecord
+from rig.session.clocks import CardClock, DeviceClock
+from tests.rig.session.shafts import SteppedClock
+
+RATE, BLOCK_S = 25_600.0, 0.1
+CARD_DELAY_S = 0.004
+EPOCH_S = 1_700_000_000.0
+"""The encoder's clock was never set."""
+
+
+class Lab:
+    """A card whose clock is right, a host off by `host_ppm`, an encoder that stamps by a clock of its own."""
+
+    def __init__(self, host_ppm: float, encoder_ppm: float = 0.0, jitter_s: float = 1e-3) -> None:
+        self.clock = SteppedClock()
+        self.base = CardClock(self.clock, RATE)
+        self.encoder = DeviceClock("encoder", self.base)
+        self._host, self._encoder = 1.0 + host_ppm * 1e-6, 1.0 + encoder_ppm * 1e-6
+        self._jitter = np.random.default_rng(3)
+        self._jitter_s = jitter_s
+        self.base.start()
+        self._zero_s = self.clock.now_s
+
+    def stamps(self, card_s: np.ndarray) -> np.ndarray:
+        return EPOCH_S + card_s * self._encoder
+
+    def run(self, seconds: float) -> list[ClockRecord]:
+        """Blocks of both, one after the other; what the clocks say at the end."""
+        for number in range(1, round(seconds / BLOCK_S) + 1):
+            end_s = number * BLOCK_S
+            delay_s = CARD_DELAY_S + self._jitter.exponential(self._jitter_s)
+            self.clock.now_s = self._zero_s + (end_s + delay_s) * self._host
+            self.base.arrived(round(end_s * RATE))
+            taken = end_s - BLOCK_S + np.arange(10) * BLOCK_S / 10
+            late = self._jitter.exponential(self._jitter_s, 10)
+            self.encoder.note(self.stamps(taken), self._zero_s + (taken + late) * self._host)
+        host = self.base.refit(at_last=True)
+        return host + self.encoder.refit(at_last=True)[0]
+
+
+@pytest.mark.parametrize("ppm", [50.0, -20.0, 0.0])
+def test_the_hosts_clock_is_found_and_its_offset_leads_from_the_host_to_the_card(ppm: float) -> None:
+    lab = Lab(ppm)
+    host, _ = lab.run(120.0)
+    assert host.device == "host"
+    # Jitter of 1 ms over 1200 blocks: a rate to some 1e-3 / sqrt(1200) / 35 s = 1 ppm, and less by its edge.
+    assert host.rate_ppm == pytest.approx(-ppm, abs=2.0)
+    assert host.offset_s == pytest.approx(-CARD_DELAY_S - 120.0 * ppm * 1e-6, abs=3 * host.uncertainty_s)
+    assert 0 < host.uncertainty_s < 1e-3
+
+
+@pytest.mark.parametrize(("host_ppm", "encoder_ppm"), [(30.0, -15.0), (-50.0, 10.0)])
+def test_an_encoders_stamps_are_placed_on_the_cards_time(host_ppm: float, encoder_ppm: float) -> None:
+    lab = Lab(host_ppm, encoder_ppm)
+    _, encoder = lab.run(60.0)
+    assert lab.encoder.locked
+    assert encoder.rate_ppm == pytest.approx(-encoder_ppm, abs=3.0)
+    card_s = np.array([10.0, 30.0, 60.0])
+    placed = lab.encoder.card_s(lab.stamps(card_s), np.full(3, np.nan))
+    # What the card's blocks are late at least is taken for time: the two delays cannot be told apart.
+    assert placed == pytest.approx(card_s - CARD_DELAY_S, abs=3 * encoder.uncertainty_s)
+    stamp_s = encoder.time_ns / NS_PER_S - encoder.offset_s
+    assert stamp_s == pytest.approx(EPOCH_S + 60.0, abs=0.2)
+
+
+def test_before_there_is_a_model_a_stamp_lies_where_it_arrived_and_is_not_locked() -> None:
+    lab = Lab(0.0)
+    assert lab.run(1.0) == []
+    assert not lab.encoder.locked
+    arrival_s = np.array([lab.clock.now_s])
+    assert lab.encoder.card_s(lab.stamps(np.array([1.0])), arrival_s) == pytest.approx([1.0], abs=0.05)
+
+
+def test_news_come_ever_more_rarely() -> None:
+    lab, fits = Lab(0.0), 0
+    for number in range(1, 1201):
+        lab.clock.now_s = lab._zero_s + number * BLOCK_S + CARD_DELAY_S
+        lab.base.arrived(round(number * BLOCK_S * RATE))
+        fits += len(lab.base.refit())
+    assert 3 < fits < 30  # each takes tens of milliseconds; 120 s by steps of 30 %
+
+
+def test_a_step_of_the_encoders_clock_is_told_once() -> None:
+    lab = Lab(0.0)
+    lab.run(20.0)
+    for number in range(201, 401):
+        end_s = number * BLOCK_S
+        lab.clock.now_s = lab._zero_s + end_s + CARD_DELAY_S
+        lab.base.arrived(round(end_s * RATE))
+        taken = end_s - BLOCK_S + np.arange(10) * BLOCK_S / 10
+        late = lab._jitter.exponential(1e-3, 10)
+        lab.encoder.note(lab.stamps(taken) + 3600.0, lab._zero_s + taken + late)
+    _, steps = lab.encoder.refit(at_last=True)
+    assert [step.code for step in steps] == ["clock.step"], steps
+    assert lab.encoder.refit(at_last=True)[1] == []

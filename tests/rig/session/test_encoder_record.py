@@ -1,0 +1,196 @@
+"""An encoder beside the card: every position of the record, none twice, gaps and faults told."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.block import Flag
+from daq.errors import DeviceLost, InterlockTripped
+from daq.log.records import Gap
+from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
+from rig.session.clocks import CardClock
+from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
+from rig.session.hub import Hub
+from tests.rig.session.fakes import ListSink
+from tests.rig.session.shafts import SteppedClock
+
+COUNTS, RANGE, PERIOD_S, BLOCK = 4096, 4096, 1e-3, 100
+OMEGA = 200.0 * math.tau / 60.0
+DELAY_S = 2e-3
+
+
+class SteppedEncoder:
+    """Sends the blocks that the test lets through; `missing` frames never come."""
+
+    name, address, identity = "encoder", "fake", "a fake"
+    counts_per_revolution, total_range, period_s = COUNTS, RANGE, PERIOD_S
+    statistics = PositionStatistics()
+
+    def __init__(self, missing: frozenset[int] = frozenset()) -> None:
+        self.emergencies: tuple[Emergency, ...] = ()
+        self.notices: list[Notice] = []
+        self.lost = False
+        self.stopped = False
+        self._missing, self._next, self._zero_s = missing, 0, 0.0
+        self._allowed = threading.Semaphore(0)
+
+    def sends_from(self, zero_s: float) -> None:
+        self._zero_s = zero_s
+
+    def let(self, blocks: int) -> None:
+        self._allowed.release(blocks)
+
+    def start(self) -> None:
+        self._next = 0
+
+    def read(self, count: int) -> PositionBlock:
+        assert self._allowed.acquire(timeout=10)
+        if self.lost:
+            raise DeviceLost(self.name, self.address, "the connection is lost; last good position: frame 42")
+        number = np.arange(self._next, self._next + count)
+        self._next += count
+        kept = np.array([each not in self._missing for each in number])
+        taken = number * PERIOD_S
+        counts = np.floor(OMEGA * taken / math.tau * COUNTS).astype(np.int64) % RANGE
+        gaps = tuple(PositionGap(int(each), 1, "lost on the bus") for each in number[~kept])
+        arrival = self._zero_s + taken + DELAY_S
+        return PositionBlock(number[kept], arrival[kept], 5e5 + taken[kept], counts[kept], gaps)
+
+    def take_notices(self) -> tuple[Notice, ...]:
+        notices, self.notices = tuple(self.notices), []
+        return notices
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+class Lab:
+    """An encoder record that has begun, and what came of it."""
+
+    def __init__(self, missing: frozenset[int] = frozenset()) -> None:
+        self.clock, self.sink, self.gaps = SteppedClock(), ListSink(), list[Gap]()
+        self.base = CardClock(self.clock, 25_600.0)
+        self.base.start()
+        zero_s = self.clock.now_s
+        for number in range(1, 40):  # 4 s of blocks: the host's clock is known
+            self.clock.now_s = zero_s + number * 0.1 + 1e-3
+            self.base.arrived(number * 2560)
+        self.base.refit(at_last=True)
+        self.encoder = SteppedEncoder(missing)
+        self.encoder.sends_from(zero_s)
+        self.record = EncoderRecord(self.encoder, self.base, Hub([self.sink]), self.gaps.append, 1.5 * OMEGA)  # type: ignore[arg-type]
+        self._let = 0
+
+    def advance(self, blocks: int) -> None:
+        """Let blocks through and wait until they have been taken."""
+        self._let += blocks
+        self.encoder.let(blocks)
+        self._await(lambda: self.record._next_number >= self._let * BLOCK)
+
+    def end(self) -> None:
+        self.encoder.let(2)
+
+    def _await(self, holds: Callable[[], bool]) -> None:
+        waiting = threading.Event()
+        for _ in range(1000):
+            if holds() or self.record.error is not None:
+                return
+            waiting.wait(0.01)
+        raise AssertionError("never")
+
+    def recorded(self, begin_s: float, end_s: float, blocks: int, before: int = 5) -> list[Any]:
+        with self.record:
+            self.advance(before)
+            self.record.begin(begin_s)
+            self.record.end(end_s)
+            self.advance(blocks)
+            self.end()
+        return self.sink.blocks(ENCODER_CHANNEL)
+
+
+def test_the_record_is_every_position_between_its_start_and_its_end() -> None:
+    blocks = Lab().recorded(0.35, 1.25, 12)
+    values = np.concatenate([block.values for block in blocks])
+    assert values.dtype == np.float64
+    assert [block.first_sample for block in blocks] == np.cumsum([0, *map(len, blocks)])[:-1].tolist()
+    # The card's shortest delay (1 ms) is taken off, the encoder's (2 ms) is in: placed 1 ms late.
+    assert len(values) == pytest.approx(900, abs=2)
+    begun = round(OMEGA * 0.349 / math.tau * COUNTS) / COUNTS * math.tau
+    assert values[0] == pytest.approx(begun % math.tau, abs=OMEGA * 3e-3)
+    assert np.diff(values) == pytest.approx(OMEGA * PERIOD_S, abs=math.tau / COUNTS * 1.01)
+
+
+def test_it_begins_within_a_turn_and_says_where_each_block_lies() -> None:
+    lab = Lab()
+    blocks = lab.recorded(0.65, 1.25, 12, before=10)
+    assert 0 <= blocks[0].values[0] < math.tau
+    at_s = [(block.time_ns - lab.base.start_ns) / 1e9 for block in blocks]
+    expected = [0.65 + block.first_sample * PERIOD_S for block in blocks]
+    assert at_s == pytest.approx(expected, abs=2e-3)
+    assert {block.sample_rate for block in blocks} == {1 / PERIOD_S}
+
+
+def test_blocks_are_not_locked_until_its_clock_is_known() -> None:
+    lab = Lab()
+    with lab.record:
+        lab.record.begin(0.0)
+        lab.advance(5)
+        assert lab.record.clocks(True)[0].device == "encoder"
+        lab.advance(2)
+        lab.end()
+    flags = [block.flags for block in lab.sink.blocks(ENCODER_CHANNEL)]
+    assert flags[:5] == [Flag.CLOCK_NOT_LOCKED] * 5
+    assert flags[5:7] == [Flag.GOOD] * 2
+
+
+def test_positions_that_are_missing_are_a_gap_with_its_cause_and_cost_no_turn() -> None:
+    lab = Lab(missing=frozenset({*range(730, 760), 900}))
+    blocks = lab.recorded(0.35, 1.25, 12)
+    first = blocks[0]
+    begin = round((first.time_ns - lab.base.start_ns) / 1e9 / PERIOD_S - 1)  # the frame at which it begins
+    assert sum(gap.count for gap in lab.gaps) == 31
+    assert {gap.cause for gap in lab.gaps} == {"lost on the bus"}
+    assert lab.gaps[0].first_sample == pytest.approx(730 - begin, abs=1)
+    after = next(block for block in blocks if block.flags & Flag.SAMPLES_MISSING_BEFORE)
+    passed = (after.first_sample - first.first_sample) * PERIOD_S
+    assert after.values[0] - first.values[0] == pytest.approx(OMEGA * passed, abs=2 * math.tau / COUNTS)
+    assert lab.sink.codes() == []
+
+
+def test_a_gap_in_which_the_shaft_may_have_turned_either_way_is_told() -> None:
+    lab = Lab(missing=frozenset(range(605, 795)))  # 0.19 s at 3.3 turns a second
+    lab.recorded(0.35, 1.25, 12)
+    assert "encoder.ambiguous" in lab.sink.codes()
+
+
+def test_an_emergency_is_an_interlock_and_notices_are_events() -> None:
+    lab = Lab()
+    with lab.record:
+        lab.advance(1)
+        lab.record.check()
+        lab.encoder.emergencies = (Emergency(0.0, 0x5000, 1, b"", "hardware"),)
+        lab.encoder.notices.append(Notice(lab.clock.now_s, "error", "encoder.emergency", "emergency 5000h"))
+        with pytest.raises(InterlockTripped, match=r"emergency 5000h of the encoder \(hardware\)"):
+            lab.record.check()
+        (event,) = lab.record.events()
+        assert (event.code, event.level) == ("encoder.emergency", "error")
+        # 3.9 s of card have arrived 1 ms late when it was told.
+        assert event.time_ns - lab.base.start_ns == pytest.approx(3.9e9, abs=2e6)
+        lab.end()
+    assert lab.encoder.stopped
+
+
+def test_a_lost_encoder_ends_the_run_in_its_own_words() -> None:
+    lab = Lab()
+    with lab.record:
+        lab.advance(1)
+        lab.encoder.lost = True
+        lab.advance(1)
+        with pytest.raises(DeviceLost, match="last good position: frame 42"):
+            lab.record.check()

@@ -1,0 +1,128 @@
+"""The motor comes up, is trimmed until the shaft turns as wanted, and is held from then on."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from daq.errors import InstrumentRefused, InterlockTripped
+from rig.session.clocks import CardClock
+from rig.session.motor import Motor, MotorActuator
+from tests.rig.session.shafts import STEP_RPM, FakeDrive, SteppedClock
+
+RAD_S = 200.0 * math.tau / 60.0
+
+
+def motor(drive: FakeDrive, rpm: float = 200.0) -> Motor:
+    speed = rpm * math.tau / 60.0
+    return Motor(drive, speed, drive.clock.sleep, drive.shaft_rpm, drive.clock)
+
+
+def started(drive: FakeDrive, rpm: float = 200.0) -> Motor:
+    moved = motor(drive, rpm)
+    moved.arm(soft=True)
+    moved.start(soft=True)
+    return moved
+
+
+def test_arming_sets_the_speed_and_moves_nothing() -> None:
+    drive = FakeDrive(SteppedClock())
+    motor(drive).arm(soft=True)
+    assert drive.told == [("set_speed", pytest.approx(200.0))]
+    drive.clock.sleep(10.0)
+    assert drive.output_rpm == 0.0
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.013, 0.03, -0.01])
+@pytest.mark.parametrize("rpm", [60.0, 200.0])
+def test_the_shaft_turns_as_wanted_within_half_a_step_of_the_inverter(slip: float, rpm: float) -> None:
+    drive = FakeDrive(SteppedClock(), slip=slip)
+    moved = started(drive, rpm)
+    assert drive.shaft_rpm() == pytest.approx(rpm, abs=STEP_RPM / 2 + 1e-9)
+    assert [event.code for event in moved.events()] == ["motor.trimmed"]
+
+
+def test_a_speed_that_ripples_within_a_turn_is_trimmed_in_its_mean() -> None:
+    # 1 % once per revolution; the loop averages over four turns, to 20 ms, in which the ripple cannot make
+    # more than 20 ms x 2 rpm / 1.2 s.
+    drive = FakeDrive(SteppedClock(), slip=0.02, ripple=lambda t: 2.0 * math.sin(RAD_S * t))
+    started(drive)
+    assert drive.output_rpm * 0.98 == pytest.approx(200.0, abs=0.02 * 2.0 / 1.2 + STEP_RPM / 2)
+
+
+def test_once_started_nothing_changes_the_set_value() -> None:
+    drive = FakeDrive(SteppedClock(), slip=0.02)
+    moved = started(drive)
+    before = len([each for each in drive.told if each[0] == "set_speed"])
+    for _ in range(1000):
+        drive.clock.sleep(0.02)
+        moved.check()
+    assert len([each for each in drive.told if each[0] == "set_speed"]) == before
+
+
+def test_a_shaft_between_two_steps_ends_the_trimming_at_the_nearer_one() -> None:
+    """A mean that jitters by more than a step would be chased for ever."""
+    drive = FakeDrive(SteppedClock(), ripple=lambda t: 0.3 if math.floor(t) % 2 else -0.3)
+    moved = started(drive)
+    assert len([each for each in drive.told if each[0] == "set_speed"]) < 12
+    assert abs(drive.output_rpm - 200.0) < 1.0
+    assert moved.events()
+
+
+def test_a_shaft_that_turns_at_another_speed_is_a_wrong_bench() -> None:
+    drive = FakeDrive(SteppedClock(), slip=0.5)
+    with pytest.raises(InstrumentRefused, match=r"turns at 100 rpm and not at 200 rpm.*gearing"):
+        started(drive)
+
+
+def test_an_inverter_that_stays_where_it_is_is_refused_when_the_ramp_has_overrun() -> None:
+    drive = FakeDrive(SteppedClock(), stuck=True)
+    before_s = drive.clock.now_s
+    with pytest.raises(InstrumentRefused, match="does not come to 200 rpm"):
+        started(drive)
+    assert drive.clock.now_s - before_s < 1.5 * 2.0 + 1.1  # one and a half ramps of 2 s, and a second
+
+
+def test_a_shaft_that_nobody_sees_turn_is_an_interlock() -> None:
+    with pytest.raises(InterlockTripped, match="no instrument shows that the shaft turns"):
+        started(FakeDrive(SteppedClock(), seen=False))
+
+
+def test_trimming_stops_at_the_highest_speed() -> None:
+    drive = FakeDrive(SteppedClock(), slip=0.03)
+    moved = started(drive, 299.0)
+    codes = [event.code for event in moved.events()]
+    assert codes == ["motor.limit", "motor.off_speed"]
+    assert drive.output_rpm == pytest.approx(299.0)
+
+
+def test_every_way_out_stops_by_the_measured_speed() -> None:
+    drive = FakeDrive(SteppedClock())
+    moved = started(drive)
+    moved.ramp_down()
+    moved.off()
+    stops = [each[1] for each in drive.told if each[0] == "stop"]
+    assert stops == [drive.shaft_rpm, drive.shaft_rpm]
+    MotorActuator(drive).off()
+    assert drive.told[-1] == ("stop", None)
+
+
+def test_what_the_inverter_found_ends_the_run() -> None:
+    drive = FakeDrive(SteppedClock())
+    moved = started(drive)
+    drive.error = InstrumentRefused("inverter", "fake", "it has tripped: E.OC1")
+    with pytest.raises(InstrumentRefused, match=r"E\.OC1"):
+        moved.check()
+
+
+def test_polls_tell_how_long_an_answer_takes_on_the_time_base() -> None:
+    drive = FakeDrive(SteppedClock())
+    base = CardClock(drive.clock, 25_600.0)
+    base.start()
+    moved = started(drive)
+    (record,) = moved.clocks(base)
+    assert record.device == "inverter"
+    assert record.offset_s == pytest.approx(-0.03, abs=1e-6)  # the middle of an answer that takes 60 ms
+    assert record.rate_ppm == 0.0
+    assert moved.clocks(base) == []

@@ -1,0 +1,121 @@
+"""The speed of the shaft block by block, from an encoder or from a mark, and what makes it unknown."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.channel import Channel
+from rig.session.shaft_speed import STALE_S, ShaftSpeed
+from tests.rig.session.shafts import SteppedClock
+
+RATE, BLOCK = 25_600.0, 2560
+COUNT = math.tau / 4096
+ANGLE, MARKER, FORCE = Channel("crank.angle", "rad"), Channel("crank.marker", "V"), Channel("pin.force", "N")
+
+
+def counted(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.floor(angle / COUNT) * COUNT
+
+
+def marked(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    rng = np.random.default_rng(5)
+    return 5.0 * (np.mod(angle, math.tau) < np.deg2rad(5)) + rng.normal(scale=0.02, size=len(angle))
+
+
+def turned(rpm: float, seconds: float, ripple: float = 0.0) -> NDArray[np.float64]:
+    even = rpm * math.tau / 60.0 * np.arange(round(seconds * RATE)) / RATE
+    return np.asarray(even + ripple * np.sin(even))
+
+
+def shown(channel: Channel, values: NDArray[np.float64]) -> tuple[ShaftSpeed, list[float]]:
+    """What it says after each block of 0.1 s."""
+    clock = SteppedClock()
+    speed, said = ShaftSpeed((FORCE, channel), RATE, clock), []
+    for first in range(0, len(values), BLOCK):
+        clock.sleep(0.1)
+        speed.take(first, values[first : first + BLOCK])
+        said.append(speed.rpm())
+    return speed, said
+
+
+def test_a_bench_without_angle_and_marker_shows_nothing() -> None:
+    speed = ShaftSpeed((FORCE,), RATE, SteppedClock())
+    assert speed.channel is None
+    assert math.isnan(speed.rpm())
+
+
+def test_an_angle_is_preferred_to_a_marker() -> None:
+    assert ShaftSpeed((MARKER, ANGLE), RATE, SteppedClock()).channel == "crank.angle"
+
+
+@pytest.mark.parametrize("rpm", [30.0, 65.0, 200.0, 1500.0])
+def test_a_steady_speed_by_angle_is_known_to_a_count_in_a_turn(rpm: float) -> None:
+    _, said = shown(ANGLE, counted(turned(rpm, 3.0)))
+    # A turn's ends are known to a count each, and to a point of 5 ms between which the angle is even.
+    assert said[-1] == pytest.approx(rpm, rel=2 / 4096)
+
+
+@pytest.mark.parametrize("rpm", [65.0, 200.0])
+def test_ripple_within_a_turn_does_not_show_in_the_mean_of_a_turn(rpm: float) -> None:
+    _, said = shown(ANGLE, counted(turned(rpm, 4.0, ripple=0.02)))
+    # 2 % of ripple; points of 5 ms lie on a chord of it.
+    assert said[-10:] == pytest.approx([rpm] * 10, rel=2e-3)
+
+
+def test_an_angle_that_stops_is_seen_at_once() -> None:
+    going = turned(200.0, 2.0)
+    values = np.concatenate([going, np.full(BLOCK * 3, going[-1])])
+    _, said = shown(ANGLE, counted(values))
+    assert abs(said[-1]) < 0.2
+    assert abs(said[-2]) < 0.2
+
+
+def test_a_shaft_that_turns_backwards_has_a_negative_speed() -> None:
+    _, said = shown(ANGLE, counted(-turned(200.0, 2.0)))
+    assert said[-1] == pytest.approx(-200.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("rpm", [65.0, 230.0])
+def test_a_marker_gives_the_speed_of_a_turn(rpm: float) -> None:
+    _, said = shown(MARKER, marked(turned(rpm, 6.0)))
+    assert said[-1] == pytest.approx(rpm, rel=1e-4)
+
+
+def test_a_mark_that_is_overdue_leaves_the_speed_unknown_and_valid_until_four_are() -> None:
+    going = turned(200.0, 3.0)
+    values = np.concatenate([marked(going), np.zeros(BLOCK * 20)])
+    speed, said = shown(MARKER, values[: len(going) + BLOCK * 3])
+    assert math.isnan(said[-1])
+    assert speed.shown.valid
+    speed, _ = shown(MARKER, values)
+    assert not speed.shown.valid
+
+
+def test_a_speed_that_no_block_renews_is_unknown() -> None:
+    clock = SteppedClock()
+    speed = ShaftSpeed((ANGLE,), RATE, clock)
+    speed.take(0, turned(200.0, 0.1))
+    assert math.isfinite(speed.rpm())
+    clock.sleep(STALE_S * 1.01)
+    assert math.isnan(speed.rpm())
+
+
+def test_values_that_are_not_finite_are_no_speed() -> None:
+    values = turned(200.0, 0.5)
+    values[-10] = np.nan
+    speed, said = shown(ANGLE, values)
+    assert math.isnan(said[-1])
+    assert not speed.shown.valid
+
+
+def test_passages_of_zero_are_noted_by_both() -> None:
+    angle = turned(200.0, 3.0) + 1.0
+    expected = (np.arange(1, 11) * math.tau - 1.0) / (200.0 * math.tau / 60.0) * RATE
+    by_angle, _ = shown(ANGLE, angle)
+    assert by_angle.marks[:9] == pytest.approx(expected[:9], abs=1e-3)
+    by_marker, _ = shown(MARKER, marked(angle))
+    assert by_marker.marks[:9] == pytest.approx(expected[:9], abs=1.0)
