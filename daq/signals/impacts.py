@@ -22,7 +22,7 @@ RELEASED_BELOW = 0.02
 """Share of the run's largest force below which a contact has ended: above a force channel's noise
 (0.05 N rms against some 20 N), and above the ripple that an anti-alias filter leaves behind an impact."""
 
-_FAINTEST_N = 0.5
+FAINTEST_N = 0.5
 """Ten times the noise of a healthy force channel: a record that never passes it holds no contact."""
 
 
@@ -87,7 +87,7 @@ def find_impacts(force: NDArray[np.floating], sample_rate: float, largest: float
     counts as no contact.
     """
     top = largest_force(force) if largest is None else largest
-    return contacts_above(levels_of(top), force, sample_rate) if top >= _FAINTEST_N else no_impacts()
+    return contacts_above(levels_of(top), force, sample_rate) if top >= FAINTEST_N else no_impacts()
 
 
 def contacts_above(

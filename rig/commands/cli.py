@@ -24,6 +24,7 @@ from rig.commands import (
     reproduce,
     run,
     skew,
+    sweep,
 )
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -54,6 +55,7 @@ def build(connect: Connect) -> Callable[[], None]:
         pretty_exceptions_enable=False,
     )
     run.add_to(app, connect)
+    sweep.add_to(app, connect)
     modules = (
         emulate,
         predict,

@@ -36,6 +36,10 @@ class Faults:
         else:
             self.missing(dotted(key, name), allowed)
 
+    def note(self, problem: Problem) -> None:
+        """Note a problem that was found elsewhere."""
+        self._problems.append(problem)
+
     def missing(self, key: str, allowed: str) -> None:
         """Note that `key` has to be there."""
         self._problems.append(Problem(key, "(missing)", allowed))

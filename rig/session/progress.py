@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from daq.errors import RattleError
+
 
 class Screen:
     """Lines and progress bars on the terminal; on a pipe, lines alone."""
@@ -28,6 +30,13 @@ class Screen:
         """Wait for Enter, where there is a person to press it."""
         if self.console.is_terminal and sys.stdin.isatty():
             self.console.input(text, markup=False)
+
+    def confirm(self, text: str) -> None:
+        """Wait for Enter; raises RattleError where nobody can press it."""
+        try:
+            self.console.input(text, markup=False)
+        except EOFError as error:
+            raise RattleError("nobody is there to confirm what is done by hand (end of input)") from error
 
     @contextmanager
     def busy(self, text: str) -> Iterator[None]:

@@ -48,6 +48,9 @@ class RecordingGenerator:
     def start(self) -> None:
         self._note("start")
 
+    def set_frequency(self, frequency_hz: float) -> None:
+        self._note("set_frequency", frequency_hz)
+
     def set_amplitude(self, amplitude_v: float) -> None:
         self._note("set_amplitude", amplitude_v)
 
