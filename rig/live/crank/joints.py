@@ -93,7 +93,7 @@ class JointPicture:
             ]
             texts += [joint.name, f"±{1000 * joint.clearance_m:.3g} mm", joint.across, joint.up]
         return rr.Points2D(
-            places, labels=texts, show_labels=True, colors=[paths.DIM], radii=rr.Radius.ui_points(0.0)
+            places, labels=texts, show_labels=True, colors=[paths.LABEL], radii=rr.Radius.ui_points(0.0)
         )
 
 
