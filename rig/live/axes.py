@@ -110,6 +110,6 @@ class AxesPicture:
             places.append((width / 2, -0.75 * self._frame.top))
             texts.append(self._caption)
         labels = rr.Points2D(
-            places, labels=texts, show_labels=True, colors=[paths.DIM], radii=rr.Radius.ui_points(0.0)
+            places, labels=texts, show_labels=True, colors=[paths.LABEL], radii=rr.Radius.ui_points(0.0)
         )
         self._recording.log(f"{self._path}/labels", labels)

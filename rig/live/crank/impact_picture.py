@@ -14,7 +14,6 @@ from rig.live.crank.impact_peaks import IMPACT_HZ, Blow
 _FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
 _ANGLES = Axis(0.0, 360.0, tuple((float(at), f"{at}°") for at in range(0, 361, 45)))
 _HEADROOM = 1.1
-_FADED = 225
 
 
 def impact_view(group: str, unit: str) -> rrb.Spatial2DView:
@@ -46,8 +45,8 @@ class ImpactPicture:
         places = self._axes.places([360 * blow.place for blow in blows], [blow.peak for blow in blows])
         dots = rr.Points2D(
             places,
-            colors=[(*paths.COLOURS[whose], _FADED)],
-            radii=rr.Radius.ui_points(2.6 if whose == "measured" else 2.0),
+            colors=[paths.COLOURS[whose]],
+            radii=rr.Radius.ui_points(3.2 if whose == "measured" else 2.6),
             draw_order=DRAW_ORDER[whose],
         )
         self._recording.log(f"{_path(self._group)}/{whose}", dots)

@@ -80,7 +80,7 @@ class JointPicture:
         newest = np.concatenate([_side_by_side(places[-1:, at], at) for at in range(len(self._joints))])
         colour = paths.COLOURS["predicted"]
         self._stage.at(time_s)
-        trail = rr.Points2D(dots, colors=[(*colour, 200)], radii=rr.Radius.ui_points(2.0), draw_order=3.0)
+        trail = rr.Points2D(dots, colors=[colour], radii=rr.Radius.ui_points(2.0), draw_order=3.0)
         self._stage.recording.log(f"{PATH}/trail", trail)
         now = rr.Points2D(newest, colors=[colour], radii=rr.Radius.ui_points(5.0), draw_order=4.0)
         self._stage.recording.log(f"{PATH}/now", now)
@@ -93,7 +93,7 @@ class JointPicture:
             ]
             texts += [joint.name, f"±{1000 * joint.clearance_m:.3g} mm", joint.across, joint.up]
         return rr.Points2D(
-            places, labels=texts, show_labels=True, colors=[paths.DIM], radii=rr.Radius.ui_points(0.0)
+            places, labels=texts, show_labels=True, colors=[paths.LABEL], radii=rr.Radius.ui_points(0.0)
         )
 
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # it names this module, which fills its views
 _LOOKS_EVERY_S = 0.25
 _DOTS = 600
 _DRAWS_EVERY_S = 1.0
-"""Orders and impacts; of an origin's own time."""
 
 
 class _Turning:
@@ -53,8 +52,9 @@ class _Turning:
 class CrankPlay:
     """Mechanism, joints, orders, impacts and speed.
 
-    Blows are found as blocks come; all that needs the angle waits until that is known, and is looked at four
-    times a second of the origin's own time. What has waited longer than turns are kept for is left out.
+    Blows are found as blocks come; all that needs the angle waits until that is known: mechanism and speed
+    are looked at four times a second of the origin's own time, orders and impacts once a second. What has
+    waited longer than turns are kept for is left out.
     """
 
     def __init__(self, picture: CrankPicture, stage: Stage) -> None:
@@ -100,6 +100,7 @@ class CrankPlay:
             self._look(origin, turning, block.sample_rate)
         if not 0 <= end_s - turning.drawn_s < _DRAWS_EVERY_S:
             turning.drawn_s = end_s
+            self._order(turning, block.sample_rate)
             self._stage.at(end_s)
             self._draw(origin, turning)
 
@@ -110,7 +111,6 @@ class CrankPlay:
     def _look(self, origin: Origin, turning: _Turning, sample_rate: float) -> None:
         self._mechanism.follow(origin, turning.turns, sample_rate)
         self._speed.show(origin, turning.speed.follow(turning.turns, sample_rate))
-        self._order(turning, sample_rate)
 
     def _order(self, turning: _Turning, sample_rate: float) -> None:
         """Hand the samples whose turns are known to the orders, at most what is kept."""

@@ -63,5 +63,9 @@ def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> int:
     return int((distance < 40).sum())
 
 
+def shows(picture: Image.Image, origin: str) -> bool:
+    return pixels(picture, COLOURS[origin]) > DRAWN_PIXELS
+
+
 def shows_both(picture: Image.Image) -> bool:
-    return all(pixels(picture, COLOURS[origin]) > DRAWN_PIXELS for origin in ("measured", "predicted"))
+    return shows(picture, "measured") and shows(picture, "predicted")

@@ -14,8 +14,8 @@ from daq.channel import Channel
 from rig.live import LiveView
 from rig.live.crank.picture import CrankPicture
 from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
-from tests.rig.live.crank.turning import CHANNELS, SPATIAL_CHANNELS, SPEED_HZ, blocks
-from tests.rig.live.native_viewer import needs_vulkan, shows_both, viewer
+from tests.rig.live.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
+from tests.rig.live.native_viewer import needs_vulkan, shows, viewer
 
 SPEED_RAD_S = 2 * np.pi * SPEED_HZ
 PLANAR = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, SPEED_RAD_S)
@@ -27,21 +27,21 @@ SPATIAL_SHAPE = np.array([[0, 0, 0], [0.05, 0, 0], [0.0502, 0, 1e-4], [0.2402, 2
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
-def seen_in_both_colours(client: ViewerClient, folder: Path, names: set[str]) -> set[str]:
-    """Those of the views, by the beginnings of their names, in which measured and predicted can be seen."""
+def seen(client: ViewerClient, folder: Path, wanted: dict[str, set[str]]) -> set[str]:
+    """Those of the views, by the beginnings of their names, in which all the wanted colours can be seen."""
     found = set()
     for view in client.get_state().views:
-        for name in names:
+        for name, origins in wanted.items():
             if view.name.startswith(name):
                 client.save_screenshot(str(folder / "view.png"), view.view_id)
                 with Image.open(folder / "view.png") as picture:
-                    found |= {name} if shows_both(picture) else set()
+                    found |= {name} if all(shows(picture, origin) for origin in origins) else set()
     return found
 
 
-def left_to_see(client: ViewerClient, folder: Path, names: set[str]) -> set[str]:
+def left_to_see(client: ViewerClient, folder: Path, wanted: dict[str, set[str]]) -> set[str]:
     try:
-        return names - seen_in_both_colours(client, folder, names)
+        return set(wanted) - seen(client, folder, wanted)
     except (RuntimeError, ConnectionError) as error:  # no picture of a view that is still being laid out
         return {str(error)}
 
@@ -55,23 +55,21 @@ def left_to_see(client: ViewerClient, folder: Path, names: set[str]) -> set[str]
     ],
     ids=["planar", "spatial"],
 )
-def test_mechanism_orders_and_impacts_are_drawn(
+def test_mechanism_journals_orders_impacts_and_speed_are_drawn(
     picture: CrankPicture, channels: tuple[Channel, ...], shape: np.ndarray, impacts: str, tmp_path: Path
 ) -> None:
-    # Two equal speeds lie on each other, and journals are only predicted: here they are just without report.
-    names = {"Mechanism", impacts, *(f"{name} over orders" for name in picture.ordered)}
+    two = {"measured", "predicted"}
+    wanted = {"Mechanism": two, impacts: two, **{f"{name} over orders": two for name in picture.ordered}}
+    wanted |= {"Predicted: where journals": {"predicted"}, "Crank speed": two}
     with LiveView("a crank", channels, channels, picture) as live:
         both = (blocks(channels, origin, 5.0) for origin in ("measured", "predicted"))
-        for first, second in zip(*both, strict=True):
+        for number, (first, second) in enumerate(zip(*both, strict=True)):
             live.offer("measured", first)
             live.offer("predicted", second)
-        live.offer_shape(4.9, shape)
+            live.offer_shape(first.end_sample / RATE, shape * (1 + 1e-4 * np.sin(number)))
         with viewer("--connect", live.sink_url) as client:
             deadline = time.monotonic() + 60.0
-            while missing := left_to_see(client, tmp_path, names):
+            while missing := left_to_see(client, tmp_path, wanted):
                 assert time.monotonic() < deadline, f"not drawn: {missing}"
-            views = client.get_state().views
-        assert [view.reports for view in views if view.reports] == []
-        for own in ("Predicted: where journals", "Crank speed"):
-            assert any(view.name.startswith(own) for view in views)
+            assert [view.reports for view in client.get_state().views if view.reports] == []
         assert live.dropped == 0

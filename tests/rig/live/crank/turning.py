@@ -75,8 +75,8 @@ def force(way: NDArray[np.float64], size_n: float = BLOW_N, at: float = BLOW_AT)
 
 
 def traces(channels: Iterable[Channel], origin: Origin, seconds: float) -> dict[str, NDArray[np.floating]]:
-    """All channels of one origin; no two blows of it are alike."""
-    way = turns(seconds)
+    """All channels of one origin; no two blows of it are alike. What is predicted turns 0.3 % faster."""
+    way = turns(seconds, speed_hz=SPEED_HZ * (1.0 if origin == "measured" else 1.003))
     strength = (1 + 0.4 * np.sin(1.7 * np.floor(way))).astype(np.float32)
     found: dict[str, NDArray[np.floating]] = {}
     for channel in channels:
