@@ -19,6 +19,8 @@ from rig.live.spectrum_picture import SpectrumPicture
 from rig.live.trace import Trace
 
 _SPECTRUM_OVER_S = 1.0
+_SPECTRA_PER_S = 32
+"""Those of 16 channels, measured and predicted; with more channels each is renewed less often."""
 _MARKERS = {
     "measured": MarkerShape.Circle,
     "nominal": MarkerShape.Cross,
@@ -41,7 +43,8 @@ class Scene:
     def __init__(self, recording: rr.RecordingStream, layout: Layout, spectrum_period_s: float = 1.0) -> None:
         self._recording = recording
         self._layout = layout
-        self._spectrum_period_s = spectrum_period_s
+        traces = sum(len(names) for names in layout.origins.values())
+        self._spectrum_period_s = max(spectrum_period_s, traces / _SPECTRA_PER_S)
         self._start_ns: int | None = None
         self._peaks: dict[Origin, HalfCyclePeaks] = {origin: HalfCyclePeaks() for origin in layout.origins}
         self._traces: dict[tuple[Origin, str], Trace] = {}

@@ -108,6 +108,7 @@ class _Run:
         self._reference = KINDS[self._scenario.rig].reference
         self._feed_from: int | None = None
         self._last = False
+        self._view: LiveView | None = None
         self._looked_s = clock.monotonic_s()
 
     def execute(self, stack: ExitStack) -> Path:
@@ -152,6 +153,7 @@ class _Run:
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
+            self._view = view
             sinks.append(ViewSink(view, picture))
         origins: dict[Origin, list[Channel]] = {"measured": list(self._devices.card.channels)}
         origins["predicted"] = self._predicted(twin)
@@ -288,6 +290,8 @@ class _Run:
                 f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
             ) from error
         self._derived.finish()
+        if self._view is not None:
+            self._event("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
 
     def _tell_of_partial(
