@@ -18,6 +18,8 @@ from rig.live.spectrum_picture import SpectrumPicture
 from rig.live.trace import Trace
 
 _SPECTRUM_OVER_S = 1.0
+_SPECTRA_PER_S = 32
+"""Those of 16 channels, measured and predicted; with more channels each is renewed less often."""
 _LEVELS = {
     "info": rr.TextLogLevel.INFO,
     "warning": rr.TextLogLevel.WARN,
@@ -35,7 +37,8 @@ class Scene:
         self._stage = Stage(recording, layout)
         self._recording = recording
         self._layout = layout
-        self._spectrum_period_s = spectrum_period_s
+        traces = sum(len(names) for names in layout.origins.values())
+        self._spectrum_period_s = max(spectrum_period_s, traces / _SPECTRA_PER_S)
         self._start_ns: int | None = None
         self._play = layout.picture.play(self._stage) if layout.picture else None
         self._traces: dict[tuple[Origin, str], Trace] = {}

@@ -113,6 +113,7 @@ class _Run:
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None
         self._hold, self._frequency = self._frequency_watched()
+        self._view: LiveView | None = None
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
@@ -138,6 +139,8 @@ class _Run:
         with self._screen.busy("finishing the prediction"):
             self._feed.finish(self._stop.check)
         self._derived.finish()
+        if self._view is not None:
+            self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
         if self._request.live:
             self._screen.hold("the live view stays open; Enter closes it ")
@@ -265,6 +268,7 @@ class _Run:
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
+            self._view = view
             sinks.append(ViewSink(view))
         origins: dict[Origin, list[Channel]] = {"measured": list(self._devices.card.channels)}
         origins["predicted"] = self._predicted(twin)
