@@ -26,38 +26,47 @@ class SineFit:
 
 
 def fit_sine(
-    values: NDArray[np.floating], sample_rate: float, frequency: float, hold_frequency: bool = False
+    values: NDArray[np.floating],
+    sample_rate: float,
+    frequency: float,
+    hold_frequency: bool = False,
+    harmonics: int = 1,
 ) -> SineFit:
     """Fit a sine to `values` (shape (n,)) by least squares, starting from `frequency` Hz.
 
     The four-parameter fit of IEEE 1057-2017, 4.8.2; the start must be right to about half a cycle over the
     record. The frequency stays as given with `hold_frequency`, and where the record is less than a cycle.
+    With `harmonics` above 1 the sine may be distorted by that many orders (its own is the first), which a
+    record of broken cycles would otherwise take for another frequency; the fit tells of the first.
     """
     y = np.asarray(values, dtype=float)
     t = np.arange(len(y)) / sample_rate
     omega = start = 2 * np.pi * frequency
     free = not hold_frequency and len(y) / sample_rate * frequency >= 1
-    s, c, offset = _linear_fit(y, omega * t)
+    orders = np.arange(1, harmonics + 1)
+    parts = np.linalg.lstsq(_columns(omega * t, orders), y)[0]
     for _ in range(_ITERATIONS if free else 0):
-        sine, cosine = np.sin(omega * t), np.cos(omega * t)
-        slope = t * (s * cosine - c * sine)
-        solution = np.linalg.lstsq(np.column_stack([sine, cosine, np.ones_like(t), slope]), y)[0]
-        step = float(np.clip(solution[3], -0.05 * start, 0.05 * start))
-        s, c, omega = solution[0], solution[1], omega + step
+        waves, slope = _columns(omega * t, orders), np.zeros_like(t)
+        for order in orders:
+            sine, cosine = waves[:, 2 * order - 1], waves[:, 2 * order]
+            slope += order * t * (parts[2 * order - 1] * cosine - parts[2 * order] * sine)
+        solution = np.linalg.lstsq(np.column_stack([waves, slope]), y)[0]
+        step = float(np.clip(solution[-1], -0.05 * start, 0.05 * start))
+        parts, omega = solution[:-1], omega + step
         if abs(step) < _CONVERGED * omega:
             break
-    s, c, offset = _linear_fit(y, omega * t)
-    residual = y - s * np.sin(omega * t) - c * np.cos(omega * t) - offset
+    waves = _columns(omega * t, orders)
+    parts = np.linalg.lstsq(waves, y)[0]
     return SineFit(
         frequency=float(omega / (2 * np.pi)),
-        amplitude=float(np.hypot(s, c)),
-        phase=float(np.arctan2(c, s) % (2 * np.pi)),
-        offset=float(offset),
-        residual=float(np.sqrt(np.mean(residual**2))),
+        amplitude=float(np.hypot(parts[1], parts[2])),
+        phase=float(np.arctan2(parts[2], parts[1]) % (2 * np.pi)),
+        offset=float(parts[0]),
+        residual=float(np.sqrt(np.mean((y - waves @ parts) ** 2))),
     )
 
 
-def _linear_fit(y: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sine, cosine and constant parts of y."""
-    columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
-    return np.asarray(np.linalg.lstsq(columns, y)[0])
+def _columns(angle: NDArray[np.float64], orders: NDArray[np.intp]) -> NDArray[np.float64]:
+    """A constant, then sine and cosine of each order, shape (n, 1 + 2 orders)."""
+    waves = [wave(order * angle) for order in orders for wave in (np.sin, np.cos)]
+    return np.column_stack([np.ones_like(angle), *waves])

@@ -43,6 +43,10 @@ class DriveGenerator(Actuator, Protocol):
         """Let the armed sine begin."""
         ...
 
+    def set_frequency(self, frequency_hz: float) -> None:
+        """Change the frequency (Hz) of a running sine; its phase goes on."""
+        ...
+
     def set_amplitude(self, amplitude_v: float) -> None:
         """Change the peak amplitude (V) of a running sine; its phase goes on."""
         ...

@@ -75,6 +75,10 @@ class ScpiGenerator:
         else:
             self._choose(settings.OUTPUT_ON)
 
+    def set_frequency(self, frequency_hz: float) -> None:
+        """Change the frequency in Hz."""
+        self._set(settings.FREQUENCY, frequency_hz)
+
     def set_amplitude(self, amplitude_v: float) -> None:
         """Change the peak amplitude in V."""
         self._check_limits(amplitude_v, self._offset_v)

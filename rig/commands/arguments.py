@@ -51,6 +51,11 @@ def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, B
     return scenario, bench
 
 
+def bench_of(rig: str, bench_file: Path | None) -> Bench:
+    """The bench of a file, or the emulated one of a rig."""
+    return embedded_bench(rig) if bench_file is None else load_bench(bench_file, rig)
+
+
 def _joined(errors: list[ConfigurationError]) -> ConfigurationError:
     if len(errors) == 1:
         return errors[0]

@@ -16,8 +16,10 @@ def add_to(app: typer.Typer) -> None:
     """Add the command."""
 
     @app.command()
-    def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="A scenario or bench.")]) -> None:
-        """Validate a scenario or bench file; lists every error at once."""
+    def check(
+        file: Annotated[Path, typer.Argument(metavar="FILE", help="A scenario, bench or sweep.")],
+    ) -> None:
+        """Validate a scenario, bench or sweep file; lists every error at once."""
         kind = validate(file)
         if kind == "scenario":
             check_twin(load_scenario(file))

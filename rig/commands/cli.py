@@ -13,6 +13,7 @@ from rig.commands import (
     calibrate,
     check,
     diagnose,
+    effects,
     emulate,
     ensemble,
     exchange,
@@ -23,6 +24,7 @@ from rig.commands import (
     reproduce,
     run,
     skew,
+    sweep,
 )
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -53,6 +55,7 @@ def build(connect: Connect) -> Callable[[], None]:
         pretty_exceptions_enable=False,
     )
     run.add_to(app, connect)
+    sweep.add_to(app, connect)
     modules = (
         emulate,
         predict,
@@ -62,6 +65,7 @@ def build(connect: Connect) -> Callable[[], None]:
         overlay,
         replay,
         diagnose,
+        effects,
         check,
         logs,
         exchange,
@@ -80,5 +84,6 @@ def _guarded(app: typer.Typer) -> int:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
         return next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
-        print(f"rattle: {error}", file=sys.stderr)
+        told = error.format_message() if isinstance(error, typer.BadParameter) else error
+        print(f"rattle: {told}", file=sys.stderr)
         return WRONG_USE

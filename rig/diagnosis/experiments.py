@@ -11,6 +11,7 @@ from typing import Any
 from daq.errors import ConfigurationError
 from rig.diagnosis.recordings import setting_of
 from rig.files.scenario import parse_scenario
+from rig.files.toml_text import toml_of
 from rig.twin.rigs import KINDS
 from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis.campaign import Campaign
@@ -108,36 +109,3 @@ def _number(value: object) -> tuple[str, float]:
     if match is None:
         raise ValueError(f"{value!r} is no quantity")
     return match[2], float(match[1])
-
-
-def toml_of(table: Mapping[str, Any]) -> str:
-    """A scenario's table as TOML."""
-    lines = [f"{key} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)]
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            lines += ["", *_section(key, value)]
-    return "\n".join(lines) + "\n"
-
-
-def _section(name: str, table: Mapping[str, Any]) -> list[str]:
-    plain = [
-        f"{_key(key)} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)
-    ]
-    nested = [(f"{name}.{_key(key)}", value) for key, value in table.items() if isinstance(value, Mapping)]
-    lines = [f"[{name}]", *plain] if plain or not nested else []
-    for path, value in nested:
-        lines += ["", *_section(path, value)]
-    return lines
-
-
-def _key(key: str) -> str:
-    return key if key.replace("_", "").replace("-", "").isalnum() else f'"{key}"'
-
-
-def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    escaped = str(value).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'

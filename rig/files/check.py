@@ -9,30 +9,30 @@ from daq.errors import ConfigurationError, Problem
 from rig.files.bench import parse_bench
 from rig.files.faults import read_text, read_toml
 from rig.files.scenario import parse_scenario
+from rig.files.sweep import parse_sweep
 
-FileKind = Literal["scenario", "bench"]
+FileKind = Literal["scenario", "bench", "sweep"]
 
 _SCENARIO_KEYS: Final = {"rig", "model", "drive", "acquisition", "limits"}
 _BENCH_KEYS: Final = {"signal_generator", "daq_card", "emulation", "inverter", "encoder"}
-_SWEEP_KEYS: Final = {"sweep", "scenario", "bench", "runs"}
+_SWEEP_KEYS: Final = {"sweep", "axes"}
 
 
 def validate(path: str | Path) -> FileKind:
-    """Check a scenario or bench file and return which it is; raises ConfigurationError with every fault."""
+    """Check a file and return what it is; raises ConfigurationError with every fault in it."""
     text, source = read_text(path), str(path)
     keys = read_toml(text, source).keys()
+    if keys & _SWEEP_KEYS:
+        parse_sweep(text, source, Path(path).resolve().parent)
+        return "sweep"
     if keys & _SCENARIO_KEYS:
         parse_scenario(text, source)
         return "scenario"
     if keys & _BENCH_KEYS:
         parse_bench(text, source, Path(path).resolve().parent)
         return "bench"
-    if keys & _SWEEP_KEYS:
-        problem = Problem("file", "(a sweep)", "a scenario or a bench; sweeps are not in this version")
-    else:
-        allowed = (
-            "a scenario (rig, [model], [drive], [acquisition])"
-            " or a bench ([signal_generator] or [inverter], [daq_card])"
-        )
-        problem = Problem("file", "(unknown kind)", allowed)
-    raise ConfigurationError(source, [problem])
+    allowed = (
+        "a scenario (rig, [model], [drive], [acquisition]), "
+        "a bench ([signal_generator] or [inverter], [daq_card]) or a sweep ([sweep], [axes])"
+    )
+    raise ConfigurationError(source, [Problem("file", "(unknown kind)", allowed)])

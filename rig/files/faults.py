@@ -36,16 +36,20 @@ class Faults:
         else:
             self.missing(dotted(key, name), allowed)
 
+    def note(self, problem: Problem) -> None:
+        """Note a problem that was found elsewhere."""
+        self._problems.append(problem)
+
     def missing(self, key: str, allowed: str) -> None:
         """Note that `key` has to be there."""
         self._problems.append(Problem(key, "(missing)", allowed))
 
-    def unknown(self, key: str, value: object, name: str, known: Iterable[str]) -> None:
+    def unknown(self, key: str, value: object, name: str, known: Iterable[str], kind: str = "key") -> None:
         """Note that nobody knows `name`, and which known one it may be meant for."""
         names = list(known)
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
-        self.add(key, value, f"unknown key; {hint}")
+        self.add(key, value, f"unknown {kind}; {hint}")
 
     def error(self) -> ConfigurationError:
         """The error that tells all of them."""

@@ -56,7 +56,7 @@ def sound_values(section: type[Any], table: object) -> dict[str, Any]:
                 values[entry.name] = entry.default
             continue
         try:
-            values[entry.name] = _field(section, entry.name).read(given[entry.name])
+            values[entry.name] = field_of(section, entry.name).read(given[entry.name])
         except FieldError:
             continue
     return values
@@ -74,7 +74,8 @@ def _adapter(section: type[Section]) -> TypeAdapter[Section]:
     return TypeAdapter(section)
 
 
-def _field(section: type[Any], name: str) -> Field:
+def field_of(section: type[Any], name: str) -> Field:
+    """What may stand behind a key of a section."""
     hint = get_type_hints(section, include_extras=True)[name]
     return next(entry for entry in hint.__metadata__ if isinstance(entry, Field))
 
@@ -95,6 +96,6 @@ def _note(section: type[Any], fault: Any, key: str, faults: Faults) -> None:
     if name not in known:
         faults.unknown(full, fault["input"], name, known)
     elif fault["type"].startswith("missing"):
-        faults.missing(full, _field(section, name).allowed)
+        faults.missing(full, field_of(section, name).allowed)
     else:
         faults.add(full, fault["input"], fault["msg"])

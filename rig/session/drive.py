@@ -148,6 +148,10 @@ class Shaker:
                 self.wait(RAMP_S / _RAMP_STEPS)
                 self._set(step / _RAMP_STEPS)
 
+    def trim(self, off: float) -> None:
+        """Correct the frequency, which was measured to be `off` by that share of it; the phase goes on."""
+        self.generator.set_frequency(self.drive.frequency / (1 + off))
+
     def ramp_down(self) -> None:
         """Bring the amplitude down in steps, then switch off."""
         for step in range(_RAMP_STEPS - 1, 0, -1):

@@ -12,6 +12,7 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from daq.log import LogWriter
+from daq.log.reader import Origin
 from daq.recorder import Recorder
 from daq.time_base import RunClock
 from drivers.protocols import CardReading
@@ -20,10 +21,12 @@ from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
 from rig.live import LiveView
 from rig.session.acquisition import Acquisition, Recorded
+from rig.session.deriving import derive_live
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_check import encoder_at_marks
 from rig.session.encoder_record import EncoderRecord, encoder_channel
+from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.logbook import Logbook
@@ -45,6 +48,10 @@ from sim_twin.twin import AnyTwin
 
 _OVERSPEED, _ANY_SPEED_RAD_S = 1.5, 314.0
 """How much faster than wanted a shaft may turn for a moment; 3000 rpm where nothing is wanted."""
+
+
+DRIVE_FORCE = "drive.force"
+"""The channel that shows a shaker's sine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +110,10 @@ class _Run:
         self._watch = Watch(clock)
         self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
         self._guard = SpeedGuard(clock)
+        self._hold: FrequencyHold | None
+        self._frequency: FrequencySink | None
+        self._hold, self._frequency = self._frequency_watched()
+        self._view: LiveView | None = None
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
@@ -127,6 +138,9 @@ class _Run:
         self._move_and_record(motion)
         with self._screen.busy("finishing the prediction"):
             self._feed.finish(self._stop.check)
+        self._derived.finish()
+        if self._view is not None:
+            self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
         if self._request.live:
             self._screen.hold("the live view stays open; Enter closes it ")
@@ -168,6 +182,7 @@ class _Run:
             screen=self._screen,
             tell=self._logbook.tell,
             sample_rate=self._rate,
+            hold=self._hold,
         )
         with ExitStack() as running:
             running.enter_context(self._supervisor)
@@ -179,6 +194,8 @@ class _Run:
             sequence.drive_and_record()
         if encoder is not None:
             self._compare(encoder)
+        if self._frequency is not None:
+            self._verify(self._frequency)
 
     def _encoder(self, acquisition: Acquisition, motion: Motion) -> EncoderRecord | None:
         encoder = self._devices.encoder
@@ -215,7 +232,24 @@ class _Run:
                 self._hub.event(event)
         if acquisition.tripped is None and not self._watch.hangs:
             self._supervisor.beat()
+        if self._hold is not None:
+            self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
         self._feed.take(reading, acquisition)
+
+    def _frequency_watched(self) -> tuple[FrequencyHold, FrequencySink] | tuple[None, None]:
+        """What holds and verifies the frequency of a drive that is a measured sine."""
+        drive = self._scenario.drive
+        if DRIVE_FORCE not in self._names or not getattr(drive, "amplitude", 0.0):
+            return None, None
+        hertz = float(drive.frequency)
+        return FrequencyHold(hertz, self._rate), FrequencySink(DRIVE_FORCE, hertz, self._rate)
+
+    def _verify(self, frequency: FrequencySink) -> None:
+        """Say whether the record's drive had the frequency that the scenario asks for."""
+        found = frequency.result()
+        self._logbook.tell("info" if found.code == HELD else "warning", found.code, str(found))
+        if found.code != HELD:
+            self._screen.warn(str(found))
 
     def _compare(self, encoder: EncoderRecord) -> None:
         """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
@@ -227,13 +261,20 @@ class _Run:
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
+        if self._frequency is not None:
+            sinks.append(self._frequency)
         if self._request.live:
             picture = picture_of(twin)
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
-            sinks.append(ViewSink(view, picture))
-        return sinks
+            self._view = view
+            sinks.append(ViewSink(view))
+        origins: dict[Origin, list[Channel]] = {"measured": list(self._devices.card.channels)}
+        origins["predicted"] = self._predicted(twin)
+        derived = derive_live(sinks, origins, self._scenario, self._recorder, self._clock)
+        self._derived = stack.enter_context(derived)
+        return [*sinks, derived]
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]

@@ -10,6 +10,7 @@ from rig.files.scenario import AcquisitionSection
 from rig.session.acquisition import Acquisition
 from rig.session.drive import Motion
 from rig.session.encoder_record import EncoderRecord
+from rig.session.frequency import ON_THEIR_WAY_S, FrequencyHold, Trimmed
 from rig.session.progress import Screen
 from rig.session.speed_guard import SpeedGuard
 from rig.session.supervisor import SILENCE_S, Supervisor
@@ -40,6 +41,7 @@ class Sequence:
     screen: Screen
     tell: Callable[[str, str, str], None]
     sample_rate: float
+    hold: FrequencyHold | None = None
 
     def drive_and_record(self) -> None:
         """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
@@ -81,8 +83,31 @@ class Sequence:
         with self.screen.bar("settling", wanted.settle) as bar:
             self._start()
             full = acquisition.acquired
-            self.feed.feed_from = full
+            trimmed = self._trim(full)
+            self.feed.feed_from = acquisition.acquired + trimmed * self._samples(ON_THEIR_WAY_S)
             self._until(full + self._samples(wanted.settle), lambda: bar.at(self._since(full)))
+
+    def _trim(self, since: int) -> bool:
+        """Correct what the frequency is off by the measured drive; returns whether it was."""
+        hold, motion = self.hold, self.motion
+        measured_s = 0.0 if hold is None else hold.measured_s(self.wanted.settle)
+        if (
+            hold is None
+            or not measured_s
+            or not starts_softly(self.wanted)
+            or not isinstance(motion, Trimmed)
+        ):
+            return False
+        since += self._samples(ON_THEIR_WAY_S)
+        self._until(since)
+        hold.begin()
+        self._until(since + self._samples(measured_s))
+        found = hold.end()
+        if not found.correctable:
+            return False
+        motion.trim(found.off)
+        self.tell("info", "drive.trimmed", f"{found}; corrected")
+        return True
 
     def _start(self) -> None:
         self.motion.start(starts_softly(self.wanted))

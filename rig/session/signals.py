@@ -41,3 +41,6 @@ class StopRequest:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.wanted = True
+        outer = getattr(self._before.get(signal.Signals(number)), "__self__", None)
+        if isinstance(outer, StopRequest):
+            outer.wanted = True  # a series of runs is to end with the run

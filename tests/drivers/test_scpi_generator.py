@@ -15,9 +15,10 @@ import pyvisa
 
 from daq import SystemClock
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.emulator_process import EmulatedInstrument, GeneratorSetup, start_function_generator
+from drivers.emulator_process import EmulatedInstrument
 from drivers.protocols import DriveGenerator, DriveSettings
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.emulator import GeneratorSetup, start_function_generator
 
 DEADLINE_S = 5.0
 
@@ -128,6 +129,20 @@ def test_limit_holds_while_running(
     assert [s.amplitude_v for s in heard(outputs, 1)] == [3.0]
     generator.off()
     heard(outputs, 1)
+
+
+def test_a_running_sine_takes_a_step_of_frequency_to_a_microhertz_and_keeps_its_phase(
+    generator: DriveGenerator, outputs: tuple[tuple[str, ...], Connection]
+) -> None:
+    """Steps of a sweep are held to 2 parts in 10,000; the generator is told 10 digits and keeps 1 uHz."""
+    generator.arm_sine(19.5, 1.0, 0.0, triggered=False)
+    generator.start()
+    generator.set_frequency(19.557692307692307)
+    generator.off()
+    before, after, _ = heard(outputs, 3)
+    assert after.frequency_hz == pytest.approx(19.557692307692307, abs=1e-6)
+    turned = before.phase_rad + math.tau * before.frequency_hz * (after.started_s - before.started_s)
+    assert abs((after.phase_rad - turned + math.pi) % math.tau - math.pi) < 1e-9
 
 
 def test_frequency_beyond_the_instrument(generator: DriveGenerator) -> None:

@@ -24,7 +24,7 @@ SAMPLES = round(2.0 * 51_200)
 
 def blocks_of(log: LogReader) -> dict[tuple[Origin, str], list[SampleBlock]]:
     found: dict[tuple[Origin, str], list[SampleBlock]] = {}
-    for origin, block in log.blocks():
+    for origin, block in log.blocks(ORIGINS):
         found.setdefault((origin, block.channel), []).append(block)
     return found
 
@@ -56,7 +56,7 @@ def test_every_channel_is_measured_and_predicted_gap_free_over_the_same_samples(
 
 def test_all_timestamps_lie_on_one_base(settled_log: Path) -> None:
     with LogReader(settled_log) as log:
-        blocks = [block for _, block in log.blocks()]
+        blocks = [block for _, block in log.blocks(ORIGINS)]
         published = {message.publish_ns for message in log.messages({"/measured/drive.force"})}
     start_ns = {block.time_ns for block in blocks if block.first_sample == 0}
     assert len(start_ns) == 1

@@ -111,4 +111,13 @@ KIND: Final = RigKind(
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=lambda drive: drive.get("frequency"),
     drive_peak=drive_peak,
+    by_hand={
+        "clearance": "move the two stops: the clearance is half of the tip's free motion",
+        "rest_offset": "shift the yoke, so that the tip rests that far from the middle",
+        "drive_position": "clamp the shaker's rod there (fraction of the length from the pivot)",
+        "beam": "mount that beam",
+        "base": "mount the yoke on that base",
+        "cover": "mount that cover, or take it off",
+    },
+    contacts=("contact.force_upper", "contact.force_lower"),
 )

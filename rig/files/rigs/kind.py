@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rig.files.section import Check
@@ -18,7 +18,9 @@ class RigKind:
     between runs on one rig; another value of any other key is another rig. `channels` is what a bench or a
     limit may name, for messages; `channel_unit` gives a channel's unit or None. `drive_frequency` is the
     highest frequency in Hz that the drive holds, from the sound values of [drive], or None; `drive_peak` the
-    largest value that the drive asks of its actuator, in SI.
+    largest value that the drive asks of its actuator, in SI. `by_hand` are the keys of [model] that a person
+    changes on the rig between two points of a sweep, each with what to do; `contacts` the force channels on
+    which impacts show.
     """
 
     name: str
@@ -33,6 +35,8 @@ class RigKind:
     channel_unit: Callable[[str], str | None]
     drive_frequency: Callable[[Mapping[str, Any]], float | None]
     drive_peak: Callable[[Any], float]
+    by_hand: Mapping[str, str] = field(default_factory=dict)
+    contacts: tuple[str, ...] = ()
     extras: tuple[str, ...] = ()
 
 

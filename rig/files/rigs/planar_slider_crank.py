@@ -62,5 +62,10 @@ KIND: Final = RigKind(
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=revolutions_per_second,
     drive_peak=highest_speed,
+    by_hand={
+        "clearance_1": "fit the crank pin with that radial clearance",
+        "clearance_2": "fit the piston pin with that radial clearance",
+        "material": "mount the links of that material",
+    },
     extras=("encoder",),
 )

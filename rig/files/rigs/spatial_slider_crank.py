@@ -43,5 +43,11 @@ KIND: Final = RigKind(
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=revolutions_per_second,
     drive_peak=highest_speed,
+    by_hand={
+        "axis_angle": "turn the guide to that angle from the crank's axis",
+        "socket_clearance": "set the ball joint's clearance (half of the free motion)",
+        "guide_clearance": "set the guide's clearance (half of the free motion)",
+    },
+    contacts=tuple(f"slider.force_{number}" for number in range(1, 9)),
     extras=("encoder",),
 )

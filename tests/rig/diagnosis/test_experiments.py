@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
-from rig.diagnosis.experiments import Experiment, options, toml_of
+from rig.diagnosis.experiments import Experiment, options
 from rig.files.scenario import parse_scenario
+from rig.files.toml_text import toml_of
 from rig.twin.rigs import KINDS
 from rig.twin.scenario_twin import twin_of
 
-SCENARIOS = sorted(path for path in Path("scenarios").glob("*.toml") if "bench" not in path.stem)
+SCENARIOS = sorted(path for path in Path("scenarios").glob("*.toml") if "." not in path.stem)
 RATE = 25_600.0
 BEAM = """
 name = "beam"

@@ -23,9 +23,9 @@ def test_kind_is_told_by_the_tables(name: str, kind: str) -> None:
         ('rig = "impact_beam"\n', r"drive\.frequency = \(missing\)"),
         ("[daq_card]\n", r"signal_generator = \(missing\)"),
         ('[encoder]\ndriver = "canopen_cia406"\n', r"inverter = \(missing\): a table \[inverter\]"),
-        ("[sweep]\n", "sweeps are not in this version"),
-        ("colour = 3\n", "a scenario .* or a bench"),
-        ("", "a scenario .* or a bench"),
+        ("[sweep]\n", "a path behind sweep.scenario"),
+        ("colour = 3\n", "a scenario .*, a bench .* or a sweep"),
+        ("", "a scenario .*, a bench .* or a sweep"),
         ("[[[\n", "TOML"),
     ],
 )

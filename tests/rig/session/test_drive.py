@@ -103,3 +103,9 @@ def test_where_the_old_connection_fails_a_new_one_switches_off() -> None:
         drive_off_after(generator, lambda: spare, screen),
     ):
         pass
+
+
+def test_a_trim_corrects_the_frequency_by_what_it_was_measured_to_be_off() -> None:
+    generator = RecordingGenerator()
+    shaker(generator, []).trim(2e-4)
+    assert generator.told == [("set_frequency", pytest.approx(20.0 * (1 - 2e-4), rel=1e-7))]

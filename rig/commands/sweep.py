@@ -1,0 +1,118 @@
+"""`rattle sweep`: a series of runs over frequency, amplitude, speed, and what is set by hand."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import shutil
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from daq.clock import SystemClock
+from daq.errors import ConfigurationError, Problem, RattleError
+from rig.commands.arguments import BenchFile, bench_of
+from rig.files.bench import Bench
+from rig.files.scenario import Scenario
+from rig.files.sweep import Sweep, load_sweep, points_named
+from rig.session.devices import Devices
+from rig.session.progress import Screen
+from rig.session.sweep.execute import SweepRequest, begun, run_sweep
+from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments
+from rig.session.sweep.results import TABLE
+from rig.session.sweep.state import SweepState, held
+
+Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+_RUNS = Path("runs")
+
+SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="The sweep's folder; without: runs/NAME.")
+]
+Dry = Annotated[bool, typer.Option("--dry", help="List every move and limit, and end there.")]
+Yes = Annotated[bool, typer.Option("--yes", help="A rehearsal: take moves by hand as done. Emulated only.")]
+Again = Annotated[
+    list[int] | None,
+    typer.Option("--again", metavar="POINT", help="Record this point anew; may be given several times."),
+]
+SetAgain = Annotated[bool, typer.Option("--set-again", help="Confirm anew what is set by hand.")]
+
+
+def add_to(app: typer.Typer, connect: Connect) -> None:
+    """Add the command."""
+
+    @app.command()
+    def sweep(
+        sweep_file: SweepFile,
+        bench_file: BenchFile = None,
+        out: Out = None,
+        dry: Dry = False,
+        yes: Yes = False,
+        again: Again = None,
+        set_again: SetAgain = False,
+    ) -> None:
+        """Run a scenario point by point; the same call goes on where a sweep was stopped."""
+        screen = Screen(Console(stderr=False))
+        swept = load_sweep(sweep_file)
+        bench = bench_of(swept.rig, bench_file)
+        folder = _RUNS / _plain(swept.name) if out is None else out
+        asked = frozenset(again or [])
+        _check_again(asked, swept)
+        _check_rehearsal(yes, bench)
+        request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes)
+        state = _dry_check(request, screen)
+        if dry:
+            screen.say("nothing has moved")
+            return
+        with held(folder):
+            state = run_sweep(request, state, screen, SystemClock())
+        _sum_up(request, state, screen)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:60] or "sweep"
+
+
+def _check_again(again: frozenset[int], swept: Sweep) -> None:
+    unknown = sorted(again - {point.number for point in swept.points})
+    if unknown:
+        problem = Problem("--again", ", ".join(map(str, unknown)), f"points 1 to {len(swept.points)}")
+        raise ConfigurationError(swept.source, [problem])
+
+
+def _check_rehearsal(yes: bool, bench: Bench) -> None:
+    real = real_instruments(bench)
+    if yes and real:
+        allowed = "not with real instruments: what is set by hand has to be confirmed by who sets it"
+        raise ConfigurationError(bench.source, [Problem("--yes", ", ".join(real), allowed)])
+
+
+def _dry_check(request: SweepRequest, screen: Screen) -> SweepState:
+    """Refuse what no point may do, say all that would be done, and return how far it is already."""
+    swept, bench, folder = request.sweep, request.bench, request.folder
+    free = shutil.disk_usage(_there(folder)).free
+    check_points(swept, bench, datetime.datetime.now(datetime.UTC).date(), free)
+    state = begun(request)
+    ended = {number: point.outcome for number, point in state.points.items()}
+    for line in listing(swept, bench, state.by_hand, ended):
+        screen.say(line)
+    most = f"at most {bytes_of(swept, bench) / 1e6:.0f} MB in {folder}"
+    screen.say(f"disk       {most}; {free / 1e9:.1f} GB free")
+    return state
+
+
+def _there(folder: Path) -> Path:
+    """The nearest folder above that is there."""
+    return next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
+
+
+def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:
+    screen.say(f"table      {request.folder / TABLE}")
+    bad = state.ended("failed", "interlock")
+    if bad:
+        named, count = points_named(list(bad)), len(request.sweep.points)
+        raise RattleError(f"{named} of {count} not as asked for; see above")

@@ -1,0 +1,277 @@
+"""The sweep file: a scenario, the axes along which it is varied, and how each point is recorded."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic.dataclasses import dataclass
+
+from daq.errors import ConfigurationError, Problem
+from rig.files.faults import Faults, read_text, read_toml
+from rig.files.fields import Field, FieldError, Measured, Raw, Switch, Table, Text, Whole
+from rig.files.rigs import RIGS
+from rig.files.rigs.kind import RigKind
+from rig.files.scenario import Scenario, parse_scenario
+from rig.files.section import SECTION, Check, read_section, sound_values, unknown_keys
+from rig.files.sweep_axes import Axis, Value, read_axes, there_and_back, with_values
+from rig.files.toml_text import toml_of
+
+_KEYS: Final = ("sweep", "scenario", "axes", "acquisition")
+_MOST_POINTS: Final = 10_000
+_ONCE: Final = "each key of [axes] once"
+_LONGEST_NAME: Final = 200
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Names(Field):
+    """A list of texts."""
+
+    meaning: str
+
+    @property
+    def allowed(self) -> str:
+        """The meaning."""
+        return self.meaning
+
+    def read(self, value: object) -> tuple[str, ...]:
+        """Return them."""
+        if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+            raise FieldError(self.allowed)
+        return tuple(value)
+
+
+@dataclass(frozen=True, slots=True, config=SECTION)
+class _SweepSection:
+    name: Annotated[str, Text("a text of one line, up to 120 characters", longest=120)]
+    order: Annotated[tuple[str, ...] | None, _Names(f"{_ONCE}, the one that changes least often first")] = (
+        None
+    )
+    up_and_down: Annotated[tuple[str, ...], _Names("keys of [axes] that go there and back")] = ()
+    until: Annotated[dict[str, Any] | None, Table('such as { impacts = 15, longest = "60 s" }')] = None
+    centre: Annotated[bool, Switch()] = False
+
+
+@dataclass(frozen=True, slots=True, config=SECTION)
+class _UntilSection:
+    impacts: Annotated[int, Whole(1, 1_000_000)]
+    longest: Annotated[float | None, Measured("s", 0.01, 86_400)] = None
+    channels: Annotated[tuple[str, ...] | None, _Names("a list of force channels of the rig")] = None
+    above: Annotated[str | float | None, Raw("a quantity in the channels' unit")] = None
+
+
+@dataclass(frozen=True, slots=True, config=SECTION)
+class _PointAcquisition:
+    sample_rate: Annotated[float | None, Measured("Hz", 1000, 204_800)] = None
+    settle: Annotated[float | None, Measured("s", 0, 3600)] = None
+    duration: Annotated[float | None, Measured("s", 0.001, 86_400)] = None
+    cycles: Annotated[float | None, Measured("", 1, 1e7)] = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Until:
+    """A point's record ends with the `impacts`-th impact on `channels`, together, or after `longest` s.
+
+    `above` in the channels' unit is what an impact has to pass; None: a tenth of the largest.
+    """
+
+    impacts: int
+    longest: float
+    channels: tuple[str, ...]
+    above: float | None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Point:
+    """One run of a sweep: its number from 1, the axes' values as written, and the checked scenario."""
+
+    number: int
+    settings: Mapping[str, Value]
+    scenario: Scenario
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Sweep:
+    """A checked sweep; `axes` outermost first. `base` is the text of the scenario that it varies."""
+
+    name: str
+    rig: str
+    axes: tuple[Axis, ...]
+    points: tuple[Point, ...]
+    until: Until | None
+    centre: bool
+    source: str
+    text: str
+    base: str
+
+
+def load_sweep(path: str | Path) -> Sweep:
+    """Read a sweep file; raises ConfigurationError with every fault in it and in its points."""
+    return parse_sweep(read_text(path), str(path), Path(path).resolve().parent)
+
+
+def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
+    """Read a sweep's text; the path of its scenario starts from `folder`."""
+    faults = Faults(source)
+    table = read_toml(text, source)
+    unknown_keys(table, _KEYS, "", faults)
+    base, base_text = _base(table, folder, faults)
+    section = read_section(_SweepSection, _sweep_table(table), "sweep", faults)
+    acquisition = read_section(
+        _PointAcquisition, table.get("acquisition", {}), "acquisition", faults, (_ONE_LENGTH,)
+    )
+    kind = RIGS.get(str(base.get("rig")))
+    if kind is None:
+        faults.add("scenario.rig", base.get("rig", ""), " or ".join(RIGS))
+        raise faults.error()
+    axes = read_axes(table.get("axes"), kind, faults)
+    until = None if section is None else _until(section.until, base, kind, faults)
+    ordered = () if section is None else _ordered(axes, section, faults)
+    if section is not None and section.centre:
+        _check_centre(kind, axes, faults)
+    faults.raise_if_any()
+    if section is None or acquisition is None:
+        raise faults.error()
+    base = _with_acquisition(base, table.get("acquisition", {}), until)
+    points = tuple(_points(section.name, base, ordered, acquisition.cycles, kind, faults))
+    faults.raise_if_any()
+    return Sweep(section.name, kind.name, ordered, points, until, section.centre, source, text, base_text)
+
+
+def _one_length(acquisition: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if acquisition["cycles"] is not None and acquisition["duration"] is not None:
+        yield "cycles", "either cycles of the drive or a duration"
+
+
+_ONE_LENGTH: Final = Check(("cycles", "duration"), _one_length)
+
+
+def _sweep_table(table: Mapping[str, Any]) -> object:
+    """[sweep] without the scenario's path, which is no setting of the sweep itself."""
+    given = table.get("sweep", {})
+    return {k: v for k, v in given.items() if k != "scenario"} if isinstance(given, dict) else given
+
+
+def _base(table: Mapping[str, Any], folder: Path, faults: Faults) -> tuple[dict[str, Any], str]:
+    """Table and text of the scenario, from its file or from the table [scenario]."""
+    sweep = table.get("sweep")
+    path = sweep.get("scenario") if isinstance(sweep, dict) else None
+    inline = table.get("scenario")
+    if (path is None) == (inline is None):
+        allowed = "a path behind sweep.scenario or tables [scenario], one of the two"
+        faults.add("scenario", "(both)" if path is not None else "(none)", allowed)
+        raise faults.error()
+    if isinstance(path, str):
+        text = read_text(folder / path)
+        return read_toml(text, str(folder / path)), text
+    if not isinstance(inline, dict):
+        faults.add("sweep.scenario", path, "the path of a scenario, seen from the sweep file")
+        raise faults.error()
+    return inline, toml_of(inline)
+
+
+def _ordered(axes: Mapping[str, Axis], section: _SweepSection, faults: Faults) -> tuple[Axis, ...]:
+    order = tuple(axes) if section.order is None else section.order
+    if not faults and sorted(order) != sorted(axes):
+        faults.add("sweep.order", list(order), f"{_ONCE}: {', '.join(axes)}")
+    for key in section.up_and_down:
+        if not faults and key not in axes:
+            faults.add("sweep.up_and_down", list(section.up_and_down), f"keys of [axes]: {', '.join(axes)}")
+    if faults:
+        return ()
+    ordered = tuple(there_and_back(axes[k]) if k in section.up_and_down else axes[k] for k in order)
+    if math.prod(len(axis.values) for axis in ordered) > _MOST_POINTS:
+        faults.add("axes", {}, f"at most {_MOST_POINTS} points together")
+    return ordered
+
+
+def _until(given: object, base: Mapping[str, Any], kind: RigKind, faults: Faults) -> Until | None:
+    if given is None:
+        return None
+    section = read_section(_UntilSection, given, "sweep.until", faults)
+    if section is None:
+        return None
+    channels = kind.contacts if section.channels is None else section.channels
+    units = {channel: kind.channel_unit(channel) for channel in channels}
+    if not channels or None in units.values() or len(set(units.values())) > 1:
+        allowed = f"channels of the {kind.name} with one unit: {', '.join(kind.channels)}"
+        faults.add("sweep.until.channels", list(channels), allowed)
+        return None
+    above = _level(section.above, str(units[channels[0]]), faults)
+    longest = section.longest or sound_values(_PointAcquisition, base.get("acquisition")).get("duration")
+    if longest is None:
+        faults.missing("sweep.until.longest", "the longest that a point may take, such as 60 s")
+        return None
+    return Until(section.impacts, longest, channels, above)
+
+
+def _level(given: str | float | None, unit: str, faults: Faults) -> float | None:
+    try:
+        if given is None and unit == "N":
+            return None
+        return Measured(unit, 0, 1e6, above=True).read(given)
+    except FieldError as error:
+        faults.add("sweep.until.above", given or "(missing)", str(error))
+        return None
+
+
+def _check_centre(kind: RigKind, axes: Mapping[str, Axis], faults: Faults) -> None:
+    if kind.name != "impact_beam":
+        faults.add("sweep.centre", True, "false (only the impact beam rests between two stops)")
+    elif "drive.offset" in axes:
+        faults.add("sweep.centre", True, "false with the axis drive.offset, which centring sets")
+
+
+def _with_acquisition(
+    base: Mapping[str, Any], given: Mapping[str, Any], until: Until | None
+) -> dict[str, Any]:
+    before = base.get("acquisition", {})
+    if not isinstance(before, dict):
+        return dict(base)
+    acquisition = before | {key: value for key, value in given.items() if key != "cycles"}
+    if until is not None:
+        acquisition["duration"] = until.longest
+    return {**base, "acquisition": acquisition}
+
+
+def _points(
+    name: str,
+    base: Mapping[str, Any],
+    axes: tuple[Axis, ...],
+    cycles: float | None,
+    kind: RigKind,
+    faults: Faults,
+) -> Iterator[Point]:
+    """The last axis changes at every point; faults that several points share are told once."""
+    found: dict[Problem, list[int]] = {}
+    for number, values in enumerate(product(*(axis.values for axis in axes)), start=1):
+        settings = {axis.key: value for axis, value in zip(axes, values, strict=True)}
+        table = with_values(base, settings)
+        if cycles is not None and isinstance(table["acquisition"], dict):
+            frequency = kind.drive_frequency(sound_values(kind.drive, table.get("drive")))
+            table["acquisition"]["duration"] = cycles / frequency if frequency else 1.0
+        said = ", ".join(f"{key.partition('.')[2]} {value}" for key, value in settings.items())
+        table["name"] = f"{name}, point {number}: {said}"[:_LONGEST_NAME]
+        try:
+            yield Point(number, settings, parse_scenario(toml_of(table), f"point {number}"))
+        except ConfigurationError as error:
+            for problem in error.problems:
+                found.setdefault(problem, []).append(number)
+    for problem, numbers in found.items():
+        faults.note(dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}"))
+
+
+def points_named(numbers: list[int]) -> str:
+    """Numbers of points, growing, in a few words: "points 1-5, 8"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1] = [runs[-1][0], number]
+        else:
+            runs.append([number])
+    said = ", ".join("-".join(map(str, run)) for run in runs)
+    return f"point {said}" if len(numbers) == 1 else f"points {said}"

@@ -1,0 +1,156 @@
+"""The axes of a sweep file: which keys of the scenario take which values, in which order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from pydantic.dataclasses import dataclass as section_class
+
+from rig.files.faults import Faults, dotted
+from rig.files.fields import Field, FieldError, Raw, Whole, Word
+from rig.files.rigs.kind import RigKind
+from rig.files.section import SECTION, field_of, read_section
+
+Value = str | float | bool
+_MOST_VALUES: Final = 1000
+_DIGITS: Final = 9
+_QUANTITY: Final = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*")
+_SECTIONS: Final = ("drive", "model")
+_VALUES: Final = 'a list of values, or { from = "19.5 Hz", to = "21 Hz", steps = 27 }'
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A key of the scenario (`drive.frequency`) and its values as the operator writes them, in order.
+
+    `by_hand` says what a person does to set it; empty where the rig sets it by itself.
+    """
+
+    key: str
+    values: tuple[Value, ...]
+    by_hand: str
+
+
+@section_class(frozen=True, slots=True, config=SECTION)
+class _RangeSection:
+    """`steps` values from `from` to `to`, both among them."""
+
+    to: Annotated[str | float, Raw("a quantity")]
+    steps: Annotated[int, Whole(2, _MOST_VALUES)]
+    spacing: Annotated[Literal["linear", "log"], Word(("linear", "log"))] = "linear"
+
+
+def read_axes(table: object, kind: RigKind, faults: Faults) -> dict[str, Axis]:
+    """The axes of the table [axes] by their keys, as far as they are right."""
+    if not isinstance(table, dict) or not table:
+        faults.add("axes", table, f'a table [axes] with a line such as "drive.frequency" = {_VALUES}')
+        return {}
+    known = _known(kind)
+    axes: dict[str, Axis] = {}
+    for key, given in _flat(table):
+        full = dotted("axes", key)
+        if key not in known:
+            faults.unknown(full, given, key, known)
+            continue
+        values = _values(given, known[key], full, faults)
+        if values:
+            by_hand = kind.by_hand[key.partition(".")[2]] if key.startswith("model.") else ""
+            axes[key] = Axis(key, values, by_hand)
+    return axes
+
+
+def there_and_back(axis: Axis) -> Axis:
+    """The values up to the last and back to the first; the last comes once."""
+    return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand)
+
+
+def with_values(table: Mapping[str, Any], settings: Mapping[str, Value]) -> dict[str, Any]:
+    """A scenario's table with the values of `settings` (by key, such as drive.frequency) in it."""
+    changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    for key, value in settings.items():
+        section, _, name = key.partition(".")
+        if isinstance(held := changed.setdefault(section, {}), dict):  # anything else is told as a fault
+            held[name] = value
+    return changed
+
+
+def _known(kind: RigKind) -> dict[str, Field]:
+    drive = {f"drive.{name}": field_of(kind.drive, name) for name in kind.drive.__dataclass_fields__}
+    return drive | {f"model.{name}": field_of(kind.model, name) for name in kind.by_hand}
+
+
+def _flat(table: dict[str, Any]) -> Iterator[tuple[str, object]]:
+    """Keys and values; `drive.frequency = ...` without quotes is a table in a table to TOML."""
+    for key, given in table.items():
+        if key in _SECTIONS and isinstance(given, dict):
+            for name, inner in given.items():
+                yield f"{key}.{name}", inner
+        else:
+            yield key, given
+
+
+def _values(given: object, field: Field, key: str, faults: Faults) -> tuple[Value, ...]:
+    if isinstance(given, dict):
+        values: Sequence[object] = _in_range(given, field, key, faults)
+    elif isinstance(given, list) and 1 <= len(given) <= _MOST_VALUES:
+        values = given
+    else:
+        faults.add(key, given, f"{_VALUES}; 1 to {_MOST_VALUES} values")
+        return ()
+    sound = [
+        value for index, value in enumerate(values) if _is_sound(value, field, f"{key}[{index}]", faults)
+    ]
+    if len(sound) == len(values) and any(one == other for one, other in pairwise(sound)):
+        faults.add(key, given, "values of which no two neighbours are the same")
+        return ()
+    return tuple(sound) if len(sound) == len(values) else ()  # type: ignore[arg-type]
+
+
+def _is_sound(value: object, field: Field, key: str, faults: Faults) -> bool:
+    try:
+        field.read(value)
+    except FieldError as error:
+        faults.add(key, value, str(error))
+        return False
+    return True
+
+
+def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> list[Value]:
+    first = given.get("from")
+    section = read_section(
+        _RangeSection, {name: value for name, value in given.items() if name != "from"}, key, faults
+    )
+    if first is None:
+        faults.missing(f"{key}.from", "a quantity")
+    if section is None or first is None:
+        return []
+    ends = [("from", first), ("to", section.to)]
+    sound = [_is_sound(value, field, f"{key}.{name}", faults) for name, value in ends]
+    if not all(sound):
+        return []
+    return _steps(first, section, field, key, faults)
+
+
+def _steps(first: object, section: _RangeSection, field: Field, key: str, faults: Faults) -> list[Value]:
+    """In the unit of `from` where `to` has the same; in SI otherwise."""
+    (low, unit), (high, other) = _number(first), _number(section.to)
+    if unit != other:
+        low, high, unit = float(field.read(first)), float(field.read(section.to)), ""  # type: ignore[arg-type]
+    if section.spacing == "log" and low * high <= 0:
+        faults.add(f"{key}.spacing", "log", "linear (a range that holds 0 has no even ratios)")
+        return []
+    space = np.geomspace if section.spacing == "log" else np.linspace
+    numbers = [f"{number:.{_DIGITS}g}" for number in space(low, high, section.steps)]
+    return [f"{number} {unit}" if unit else float(number) for number in numbers]
+
+
+def _number(value: object) -> tuple[float, str]:
+    match = _QUANTITY.fullmatch(str(value))
+    if match is None:
+        raise ValueError(f"{value!r} has been read as a quantity and is none")
+    return float(match[1]), match[2]

@@ -1,0 +1,187 @@
+"""What a sweep would do: every move in order, what guards it, how long it takes and how much it writes."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import pi
+from typing import Final
+
+from daq.errors import ConfigurationError, Problem
+from rig.files.bench import Bench
+from rig.files.pairing import check_pair
+from rig.files.rigs import RIGS
+from rig.files.scenario import Limit, Scenario
+from rig.files.sweep import Point, Sweep, points_named
+from rig.files.sweep_axes import Value
+from rig.twin.scenario_twin import twin_of
+
+AROUND_S: Final = 10.0
+"""Of each point beside settling and recording: connecting, twin, ramps, closing the log; measured."""
+_BYTES_PER_SAMPLE: Final = 2 * 4.3
+"""Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
+_RESERVE_BYTES: Final = 1 << 30
+_HIGHEST: Final = (("maximum_amplitude", "N", 1.0), ("maximum_speed", "rpm", 30 / pi))
+"""What a bench may limit its actuator to: key, the operator's unit, and how many of it one SI unit is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A key that changes `before` (None: whatever it is now) to `after`; `by_hand`: what a person does."""
+
+    key: str
+    before: Value | None
+    after: Value
+    by_hand: str
+
+    def __str__(self) -> str:
+        way = f"-> {self.after}" if self.before is None else f"{self.before} -> {self.after}"
+        return f"{self.key} {way}"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A point and the moves that lead to it."""
+
+    point: Point
+    moves: tuple[Move, ...]
+
+
+def steps_of(sweep: Sweep) -> tuple[Step, ...]:
+    """Every point in order with the moves from the one before."""
+    now: dict[str, Value] = {}
+    steps = []
+    for point in sweep.points:
+        moves = tuple(
+            Move(axis.key, now.get(axis.key), point.settings[axis.key], axis.by_hand)
+            for axis in sweep.axes
+            if now.get(axis.key) != point.settings[axis.key]
+        )
+        now |= point.settings
+        steps.append(Step(point, moves))
+    return tuple(steps)
+
+
+def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: float = float("inf")) -> None:
+    """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once."""
+    found: dict[Problem, list[int]] = {}
+    for point in sweep.points:
+        for problem in _faults(point.scenario, bench, today):
+            found.setdefault(problem, []).append(point.number)
+    problems = [
+        dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
+        for problem, numbers in found.items()
+    ]
+    problems += _counting(sweep, bench)
+    needed = bytes_of(sweep, bench) + _RESERVE_BYTES
+    if needed > free_bytes:
+        allowed = f"{needed / 1e9:.1f} GB with 1 GiB to spare; make room or choose another --out"
+        problems.append(Problem("free disk space", f"{free_bytes / 1e9:.1f} GB", allowed))
+    if problems:
+        raise ConfigurationError(f"{sweep.source} on {bench.source}", problems)
+
+
+def _faults(scenario: Scenario, bench: Bench, today: datetime.date) -> Iterator[Problem]:
+    for check in (lambda: check_pair(scenario, bench, today), lambda: twin_of(scenario)):
+        try:
+            check()
+        except ConfigurationError as error:
+            yield from error.problems
+
+
+def _counting(sweep: Sweep, bench: Bench) -> list[Problem]:
+    """Impacts are counted on channels that the bench has, from a level within their range."""
+    if sweep.until is None:
+        return []
+    ranges = {channel.name: channel.range for channel in bench.daq_card.channels}
+    missing = [channel for channel in sweep.until.channels if channel not in ranges]
+    if missing:
+        allowed = f"channels of the bench: {', '.join(ranges)}"
+        return [Problem("sweep.until.channels", ", ".join(missing), allowed)]
+    least = min(ranges[channel] for channel in sweep.until.channels)
+    if sweep.until.above is not None and sweep.until.above >= least:
+        allowed = f"below {least:g}, the channel's range"
+        return [Problem("sweep.until.above", f"{sweep.until.above:g}", allowed)]
+    return []
+
+
+def seconds_of(points: Iterable[Point]) -> float:
+    """The longest that points take, without what moves by hand take."""
+    wanted = (point.scenario.acquisition for point in points)
+    return sum(AROUND_S + each.settle + each.duration for each in wanted)
+
+
+def bytes_of(sweep: Sweep, bench: Bench) -> float:
+    """The most that its logs take."""
+    wanted = [point.scenario.acquisition for point in sweep.points]
+    samples = sum(each.sample_rate * each.duration for each in wanted)
+    return samples * len(bench.daq_card.channels) * _BYTES_PER_SAMPLE
+
+
+def real_instruments(bench: Bench) -> tuple[str, ...]:
+    """Tables of the bench that stand for real instruments."""
+    return tuple(table for table in bench.instruments if table not in bench.emulated)
+
+
+def listing(
+    sweep: Sweep, bench: Bench, set_by_hand: Mapping[str, Value], ended: Mapping[int, str]
+) -> Iterator[str]:
+    """The plan in lines; `set_by_hand` is how the rig stands already, `ended` how points ended before."""
+    steps = steps_of(sweep)
+    hands = sum(bool(move.by_hand) for step in steps for move in step.moves)
+    yield f"sweep      {sweep.name}: {len(steps)} points, {hands} moves by hand"
+    yield from _guards(sweep, bench)
+    width = len(str(len(steps)))
+    for step in steps:
+        number = str(step.point.number).rjust(width)
+        said = [_said(move, set_by_hand if step is steps[0] else {}) for move in step.moves]
+        outcome = ended.get(step.point.number)
+        yield f"{number}  {'; '.join(said) or 'the same again'}{f' [{outcome}]' if outcome else ''}"
+    if sweep.centre:
+        yield "centring   before the first point and after each move by hand"
+    at_most = "at most " if sweep.until is not None else "about "
+    left = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
+    lasts = f"{at_most}{in_words(seconds_of(left))} for {len(left)} points"
+    yield f"time       {lasts}, and what moves by hand take"
+
+
+def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
+    if not move.by_hand:
+        return str(move)
+    if set_by_hand.get(move.key) == move.after:
+        return f"{move.key} {move.after} (set by hand already)"
+    return f"BY HAND {move}: {move.by_hand}"
+
+
+def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
+    kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
+    highest = max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
+    for name, unit, scale in _HIGHEST:
+        if hasattr(bench.actuator, name):
+            allowed = f"{getattr(bench.actuator, name) * scale:g} {unit} ({kind.actuator}.{name})"
+            yield f"guard      drive at most {highest * scale:g} of {allowed}"
+    for limit in scenario.limits:
+        yield f"guard      {_limit(limit)}"
+    if not any(limit.abort is not None for limit in scenario.limits):
+        yield "guard      no abort limit on any channel ([limits] in the scenario)"
+
+
+def _limit(limit: Limit) -> str:
+    levels = [
+        f"{name} {level:g} {limit.unit}"
+        for name, level in (("warning", limit.warning), ("abort", limit.abort))
+        if level is not None
+    ]
+    held = f" held for {limit.hold:g} s" if limit.hold else ""
+    return f"{limit.channel}: {', '.join(levels)}{held}"
+
+
+def in_words(seconds: float) -> str:
+    """A time as a person reads it."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
