@@ -15,17 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.emulator_process import (
-    DriveLink,
-    EmulatedInstrument,
-    InverterWiring,
-    start_daq_card,
-    start_encoder,
-    start_inverter,
-)
+from drivers.canopen_cia406.emulator import start_encoder
+from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.mitsubishi_fr import InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup, LineFaults, Trip
+from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, Trip, start_inverter
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
 from drivers.protocols import InverterOutput
 from rig.twin.shaft import EmulatedMotor, ShaftCourse, ShaftFactory

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulator_process import DriveLink, InverterWiring, start_inverter
+from drivers.emulator_process import DriveLink
 from drivers.mitsubishi_fr import InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup
+from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, start_inverter
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
 from drivers.protocols import InverterOutput
 
