@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from drivers.canopen_cia406.emulator import start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.mitsubishi_fr import InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, Trip, start_inverter
+from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, start_inverter
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
 from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
@@ -175,9 +175,6 @@ class SpiedCrank:
 
     def spoil_line(self, faults: LineFaults) -> None:
         self.rehearsal.send(faults)
-
-    def trip(self, code: int) -> None:
-        self.rehearsal.send(Trip(code))
 
 
 @contextmanager

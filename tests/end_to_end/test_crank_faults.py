@@ -15,9 +15,8 @@ from drivers.protocols import InverterOutput
 from tests.end_to_end.command import Command, Ended, await_gone, command
 from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, SpiedCrank, spied_crank
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}
-OVERCURRENT = 0x10
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +30,6 @@ def crank(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SpiedCrank]:
 def mortal_crank(tmp_path: Path) -> Iterator[SpiedCrank]:
     with spied_crank(tmp_path) as crank:
         yield crank
-
-
-def started(crank: SpiedCrank, folder: Path) -> Command:
-    crank.spy.heard.clear()
-    return command("run", crank.scenario, "--bench", crank.file, "--out", folder)  # type: ignore[return-value]
 
 
 def stopped(run: Command, crank: SpiedCrank) -> Ended:
