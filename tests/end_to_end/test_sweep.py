@@ -92,7 +92,7 @@ def test_a_sweep_goes_on_at_the_first_point_that_is_not_done(
     stopped, again = swept
     assert (stopped.code, again.code) == (130, 0), stopped.err + again.err
     assert "point 2: stopped: stopped by a person; comes again" in again.out
-    assert "point 1 of 2" not in again.out
+    assert "\npoint 1 of 2" not in again.out
     points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
     assert [points[number]["outcome"] for number in "12"] == ["done"] * 2
     assert len(list((folder / "swept").glob("point-0001/*.mcap"))) == 1
