@@ -11,7 +11,7 @@ from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import RecorderFailed
-from daq.log.records import ClockRecord, Event, Gap
+from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 8192
@@ -67,6 +67,11 @@ class Recorder:
         """Record why samples are missing, before the block that follows them."""
         host_ns = self._clock.unix_ns()
         self._put(lambda: self._writer.add_gap(gap, host_ns))
+
+    def impact(self, impact: Impact) -> None:
+        """Record an impact, stamped with the time at which it was found: now."""
+        host_ns = self._clock.unix_ns()
+        self._put(lambda: self._writer.add_impact(impact, host_ns))
 
     def clock_record(self, record: ClockRecord) -> None:
         """Record how a device's clock lies."""

@@ -10,13 +10,10 @@ from multiprocessing.connection import Connection
 from typing import Any, Final
 
 from daq.clock import SystemClock
-from drivers.emulator_process import (
-    EmulatedInstrument,
-    InverterWiring,
-    start_function_generator,
-    start_inverter,
-)
+from drivers.emulator_process import EmulatedInstrument
+from drivers.mitsubishi_fr.emulator import InverterWiring, start_inverter
 from drivers.protocols import ActuatorOutput, DriveSettings, InverterOutput, Plant
+from drivers.scpi.emulator import start_function_generator
 from rig.files.bench import Bench
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario

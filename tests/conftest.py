@@ -22,7 +22,20 @@ RESOURCE_TRACKER = "multiprocessing.resource_tracker"
 _KEPT = ("pipe:", "/dev/", "/proc/", "anon_inode:")
 
 
-_WITHOUT_TWIN = tuple(Path(__file__).parent / folder for folder in ("daq", "drivers"))
+_TESTS = Path(__file__).parent
+_WITHOUT_TWIN = _TESTS / "drivers"
+_ALONE = (
+    "drivers",
+    "end_to_end",
+    "rig/session",
+    "rig/live",
+    "rig/ensembles",
+    "rig/commands/test_diagnose.py",
+    "rig/commands/test_ensemble.py",
+    "rig/diagnosis/test_workers.py",
+    "benchmarks_blind/test_three_campaigns.py",
+    "own_rigs",
+)
 
 
 def pytest_configure() -> None:
@@ -32,7 +45,10 @@ def pytest_configure() -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What needs no twin comes first: `scripts/test` compiles the twins meanwhile."""
-    items.sort(key=lambda item: not any(item.path.is_relative_to(folder) for folder in _WITHOUT_TWIN))
+    items.sort(key=lambda item: not item.path.is_relative_to(_WITHOUT_TWIN))
+    for item in items:
+        if any(item.path.is_relative_to(_TESTS / place) for place in _ALONE):
+            item.add_marker(pytest.mark.alone)
 
 
 class _Held:

@@ -1,7 +1,7 @@
 """The log file: one MCAP file a run, readable by any MCAP program through its embedded schemas."""
 
 from daq.log.reader import LogReader, Origin
-from daq.log.records import ClockRecord, Event, Gap
+from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 
@@ -9,6 +9,7 @@ __all__ = [
     "ClockRecord",
     "Event",
     "Gap",
+    "Impact",
     "LogReader",
     "LogWriter",
     "Origin",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from dataclasses import dataclass
 from io import BytesIO
+from typing import NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message
+from mcap.records import Channel, Chunk
 
 MAXIMUM_CHUNK_BYTES = 64 << 20
 """A quarter of a second of 1 000 channels at 51.2 kHz, measured and predicted, fits in."""
@@ -18,28 +19,47 @@ _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 
 
-def chunk_records(chunk: Chunk) -> Iterator[Channel | Message]:
-    """Channels and messages of a chunk in their order; raises ValueError or ZstdError if it is damaged."""
+class Place(NamedTuple):
+    """A message in an opened chunk: its channel, and where its data lies."""
+
+    channel_id: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedChunk:
+    """A chunk's content with its channels and messages, in their order."""
+
+    data: bytes
+    channels: tuple[Channel, ...]
+    places: tuple[Place, ...]
+
+
+def open_chunk(chunk: Chunk) -> OpenedChunk:
+    """Decompress and verify a chunk; raises ValueError, struct.error or ZstdError if it is damaged."""
     data = _content(chunk)
-    position = 0
-    while position < len(data):
+    channels: list[Channel] = []
+    places: list[Place] = []
+    position, end = 0, len(data)
+    while position < end:
         opcode, length = _RECORD.unpack_from(data, position)
         position += _RECORD.size
-        if opcode == 0 or position + length > len(data):
+        if opcode == 0 or position + length > end:
             raise ValueError(f"no record {opcode} of {length} bytes fits at byte {position}")
         if opcode == Opcode.MESSAGE:
-            yield _message(data, position, length)
+            if length < _MESSAGE.size:
+                raise ValueError(f"a message of {length} bytes")
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
+            start = position + _MESSAGE.size
+            places.append(Place(channel, sequence, log_ns, publish_ns, start, position + length))
         elif opcode == Opcode.CHANNEL:
-            yield Channel.read(ReadDataStream(BytesIO(data[position : position + length])))
+            channels.append(Channel.read(ReadDataStream(BytesIO(data[position : position + length]))))
         position += length
-
-
-def _message(data: bytes, position: int, length: int) -> Message:
-    if length < _MESSAGE.size:
-        raise ValueError(f"a message of {length} bytes")
-    channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
-    body = data[position + _MESSAGE.size : position + length]
-    return Message(channel, log_ns, body, publish_ns, sequence)
+    return OpenedChunk(data, tuple(channels), tuple(places))
 
 
 def _content(chunk: Chunk) -> bytes:
@@ -57,8 +77,10 @@ def _content(chunk: Chunk) -> bytes:
 def _decompressed(chunk: Chunk, size: int) -> bytes:
     """At most one byte more than `size`, so that a longer content shows and takes no memory."""
     if chunk.compression == "":
-        return chunk.data
+        return bytes(chunk.data)
     if chunk.compression == "zstd":
+        if zstandard.frame_content_size(chunk.data) == size:
+            return zstandard.ZstdDecompressor().decompress(chunk.data)
         with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
             return stream.read(size + 1)
     raise ValueError(f"its compression is {chunk.compression!r}, not zstd")

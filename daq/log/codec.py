@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.errors import LogError
 from daq.log import schema
-from daq.log.records import ClockRecord, Event, Gap
+from daq.log.records import ClockRecord, Event, Gap, Impact
+
+_NOT_WIDE = np.empty(0)
 
 
 def encode_block(block: SampleBlock) -> bytes:
@@ -38,7 +40,7 @@ def decode_block(channel: str, data: bytes) -> SampleBlock:
     message = _parsed(schema.FastSampleBlockMessage, data)
     if message.ByteSize() == len(data) and not _has_unknown_fields(message):
         values = _array(message.values, "<f4")
-        wide = _array(message.wide, "<f8")
+        wide = _array(message.wide, "<f8") if message.wide else _NOT_WIDE
     else:
         # Unpacked or split arrays are legal protobuf, which the `bytes` declaration cannot see.
         message = _parsed(schema.SampleBlockMessage, data)
@@ -99,6 +101,21 @@ def decode_clock(data: bytes) -> ClockRecord:
     return ClockRecord(
         _time_ns(message), message.device, message.offset_s, message.rate_ppm, message.uncertainty_s
     )
+
+
+def encode_impact(impact: Impact) -> bytes:
+    """Encode an impact."""
+    fields = {name: getattr(impact, name) for name in _IMPACT_FIELDS}
+    return _finish(schema.ImpactMessage(**fields), impact.time_ns)
+
+
+def decode_impact(data: bytes) -> Impact:
+    """Decode an impact."""
+    message = _parsed(schema.ImpactMessage, data)
+    return Impact(_time_ns(message), *(getattr(message, name) for name in _IMPACT_FIELDS))
+
+
+_IMPACT_FIELDS = tuple(name for name, _, kind in schema.MESSAGES["Impact"] if kind != "Timestamp")
 
 
 def _parsed(kind: Any, data: bytes) -> Any:

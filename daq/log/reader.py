@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Literal, NamedTuple, get_args
@@ -13,8 +14,7 @@ import zstandard
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
-from mcap.records import Channel as ChannelRecord
-from mcap.records import Chunk, ChunkIndex, Message, Metadata
+from mcap.records import Chunk, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
@@ -22,11 +22,13 @@ from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
-from daq.log.chunk import chunk_records
-from daq.log.records import ClockRecord, Event, Gap
+from daq.log.chunk import OpenedChunk, open_chunk
+from daq.log.chunks import IndexedChunks
+from daq.log.records import ClockRecord, Event, Gap, Impact
 
-Origin = Literal["measured", "nominal", "predicted"]
-"""`nominal` is the twin without the effects that `predicted` has, only where it has any."""
+Origin = Literal["measured", "nominal", "predicted", "derived"]
+"""`nominal` is the twin without the effects that `predicted` has, only where it has any; `derived` is what
+was computed from the samples of the others while they were recorded."""
 _FOREIGN_ERRORS = (
     McapError,
     DecodeError,
@@ -83,6 +85,8 @@ class LogReader:
         """Open the file and read what describes it; raises LogError if it is no MCAP file at all."""
         try:
             self._file: IO[bytes] = self.path.open("rb")
+        except IsADirectoryError as error:
+            raise LogError(f"{self.path}: a folder; name a log in it") from error
         except OSError as error:
             raise LogError(f"{self.path}: {error.strerror}") from error
         try:
@@ -99,6 +103,8 @@ class LogReader:
 
     def close(self) -> None:
         """Close the file."""
+        if self._summary is not None:
+            self._indexed.close()
         self._file.close()
 
     @property
@@ -131,30 +137,25 @@ class LogReader:
         Raises LogError at a damaged chunk, or passes over it and notes it in `damage` with `skip_damaged`.
         """
         names: dict[int, str] = {}
-        for chunk in self._chunks(start_ns, end_ns):
+        for opening in self._openings(topics, start_ns, end_ns):
             try:
-                yield from self._messages_in(chunk, names, topics)
+                chunk = self._opened(opening)
             except LogError as error:
                 if not skip_damaged:
                     raise
                 self.damage = str(error)
-
-    def _messages_in(
-        self, chunk: Chunk, names: dict[int, str], topics: Collection[str] | None
-    ) -> Iterator[LoggedMessage]:
-        for record in _records(chunk, self.path):
-            if isinstance(record, ChannelRecord):
-                names[record.id] = record.topic
                 continue
-            topic = names.get(record.channel_id) or self._topic_of(record.channel_id)
-            if topics is None or topic in topics:
-                yield LoggedMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
+            names.update((channel.id, channel.topic) for channel in chunk.channels)
+            for number, sequence, log_ns, publish_ns, start, end in chunk.places:
+                topic = names.get(number) or self._topic_of(number)
+                if topics is None or topic in topics:
+                    yield LoggedMessage(topic, log_ns, publish_ns, sequence, chunk.data[start:end])
 
     def blocks(
-        self, origin: Origin | None = None, channels: Collection[str] | None = None
+        self, origins: Origin | tuple[Origin, ...] | None = None, channels: Collection[str] | None = None
     ) -> Iterator[tuple[Origin, SampleBlock]]:
-        """Sample blocks with their origin, in file order (as they were recorded)."""
-        wanted = self._sample_topics(origin, channels)
+        """Sample blocks with their origin (default: of all), in file order (as they were recorded)."""
+        wanted = self._sample_topics(origins, channels)
         for message in self.messages(set(wanted)):
             found_origin, name = wanted[message.topic]
             yield found_origin, codec.decode_block(name, message.data)
@@ -198,15 +199,22 @@ class LogReader:
         """The clock records."""
         return [codec.decode_clock(message.data) for message in self.messages({"/clock"})]
 
+    def impacts(self) -> list[Impact]:
+        """The impacts that were found in the samples while they were recorded."""
+        return [codec.decode_impact(message.data) for message in self.messages({"/impact"})]
+
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
         for _ in self._chunks_from_the_front():
             pass
 
     def _sample_topics(
-        self, origin: Origin | None, channels: Collection[str] | None
+        self, origins: Origin | tuple[Origin, ...] | None, channels: Collection[str] | None
     ) -> dict[str, tuple[Origin, str]]:
-        origins: tuple[Origin, ...] = get_args(Origin) if origin is None else (origin,)
+        if origins is None:
+            origins = get_args(Origin)
+        elif isinstance(origins, str):
+            origins = (origins,)
         return {
             f"/{each}/{name}": (each, name)
             for each in origins
@@ -222,6 +230,7 @@ class LogReader:
         self.library = reader.get_header().library
         self._topics = {channel.topic: channel.metadata for channel in summary.channels.values()}
         self.metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        self._indexed = IndexedChunks(self._file.fileno(), summary.chunk_indexes)
         self._summary, self.complete = summary, True
 
     def _scan(self) -> None:
@@ -235,28 +244,40 @@ class LogReader:
                 elif isinstance(record, Chunk):
                     self._note_channels(record)
         except _FOREIGN_ERRORS as error:
-            self.damage = f"{type(error).__name__}: {error}"
+            self.damage = f"{type(error).__name__}: {error}".removesuffix(": ")
         if not self._topics and not self.metadata:
             raise LogError(f"{self.path}: not a log ({self.damage or 'it holds nothing'})")
 
     def _note_channels(self, chunk: Chunk) -> None:
-        for record in _records(chunk, self.path):
-            if isinstance(record, ChannelRecord):
-                self._topics.setdefault(record.topic, record.metadata)
-                self._channel_names[record.id] = record.topic
+        for channel in self._opened(partial(open_chunk, chunk)).channels:
+            self._topics.setdefault(channel.topic, channel.metadata)
+            self._channel_names[channel.id] = channel.topic
 
     def _topic_of(self, channel_id: int) -> str:
         if self._summary is not None and channel_id in self._summary.channels:
             return str(self._summary.channels[channel_id].topic)
         return self._channel_names.get(channel_id, "")
 
-    def _chunks(self, start_ns: int | None, end_ns: int | None) -> Iterator[Chunk]:
-        if self._summary is not None:
-            for index in sorted(self._summary.chunk_indexes, key=lambda each: each.chunk_start_offset):
-                if _overlaps(index, start_ns, end_ns):
-                    yield self._chunk_at(index)
+    def _openings(
+        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[Callable[[], OpenedChunk]]:
+        """Chunks in file order, each to be opened by a call; without index all of them."""
+        if self._summary is None:
+            for chunk in self._chunks_from_the_front():
+                yield partial(open_chunk, chunk)
             return
-        yield from self._chunks_from_the_front()
+        numbers = None
+        if topics is not None:
+            found = self._summary.channels.items()
+            numbers = frozenset(number for number, channel in found if channel.topic in topics)
+        for _, opening in self._indexed.passing(numbers, start_ns, end_ns):
+            yield opening.result
+
+    def _opened(self, opening: Callable[[], OpenedChunk]) -> OpenedChunk:
+        try:
+            return opening()
+        except _FOREIGN_ERRORS as error:
+            raise LogError(f"{self.path}: a chunk is damaged ({type(error).__name__}: {error})") from error
 
     def _chunks_from_the_front(self) -> Iterator[Chunk]:
         """Each pass keeps its own place in the file, for several passes may run at once."""
@@ -274,32 +295,9 @@ class LogReader:
             if isinstance(record, Chunk):
                 yield record
 
-    def _chunk_at(self, index: ChunkIndex) -> Chunk:
-        self._file.seek(index.chunk_start_offset)
-        try:
-            record = next(StreamReader(self._file, skip_magic=True, emit_chunks=True).records)
-        except (*_FOREIGN_ERRORS, StopIteration) as error:
-            raise LogError(f"{self.path}: chunk at byte {index.chunk_start_offset} is damaged") from error
-        if not isinstance(record, Chunk):
-            raise LogError(f"{self.path}: no chunk at byte {index.chunk_start_offset}")
-        return record
-
 
 def _says_it_is_empty(summary: Summary) -> bool:
     return summary.statistics is not None and summary.statistics.channel_count == 0
-
-
-def _overlaps(index: ChunkIndex, start_ns: int | None, end_ns: int | None) -> bool:
-    return (start_ns is None or index.message_end_time >= start_ns) and (
-        end_ns is None or index.message_start_time <= end_ns
-    )
-
-
-def _records(chunk: Chunk, path: Path) -> Iterator[ChannelRecord | Message]:
-    try:
-        yield from chunk_records(chunk)
-    except _FOREIGN_ERRORS as error:
-        raise LogError(f"{path}: a chunk is damaged ({type(error).__name__}: {error})") from error
 
 
 def _join(

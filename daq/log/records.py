@@ -28,6 +28,31 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
+class Impact:
+    """An impact with its bounces on `channel` of `origin`, computed from the samples of the log.
+
+    `time_ns` and `first_sample` are where its first contact begins, `end_sample` (excluded) where its last
+    one ends, `peak_sample` is its largest sample. `peak` and `first_peak` (of the first contact) are in the
+    channel's unit, `impulse` in that unit times s, added up over its contacts as is `contact_s`. `turns` of
+    the drive or crank at `first_sample`: the whole part counts cycles, the rest is the phase; NaN where
+    nothing tells. Of a channel that vibrates all is of its magnitude.
+    """
+
+    time_ns: int
+    origin: str
+    channel: str
+    first_sample: int
+    end_sample: int
+    peak_sample: int
+    peak: float
+    first_peak: float
+    impulse: float
+    contact_s: float
+    bounces: int
+    turns: float
+
+
+@dataclass(frozen=True, slots=True)
 class ClockRecord:
     """How a device's clock lay against the run's time base at `time_ns`.
 

@@ -17,7 +17,7 @@ from daq.log.schema import embedded_schema
 from daq.log.writer import MAXIMUM_CHUNK_AGE_S
 
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
-_SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock"}
+_SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock", "/impact": "Impact"}
 
 
 @dataclass(frozen=True, slots=True)

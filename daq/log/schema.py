@@ -54,6 +54,20 @@ MESSAGES: dict[str, tuple[tuple[str, int, str], ...]] = {
         ("rate_ppm", 4, "double"),
         ("uncertainty_s", 5, "double"),
     ),
+    "Impact": (
+        ("timestamp", 1, "Timestamp"),
+        ("origin", 2, "string"),
+        ("channel", 3, "string"),
+        ("first_sample", 4, "uint64"),
+        ("end_sample", 5, "uint64"),
+        ("peak_sample", 6, "uint64"),
+        ("peak", 7, "double"),
+        ("first_peak", 8, "double"),
+        ("impulse", 9, "double"),
+        ("contact_s", 10, "double"),
+        ("bounces", 11, "uint32"),
+        ("turns", 12, "double"),
+    ),
 }
 
 
@@ -106,6 +120,7 @@ FastSampleBlockMessage = _message_class(
 EventMessage = _message_class(_true_pool["Event"], "Event")
 GapMessage = _message_class(_true_pool["Gap"], "Gap")
 ClockMessage = _message_class(_true_pool["Clock"], "Clock")
+ImpactMessage = _message_class(_true_pool["Impact"], "Impact")
 
 
 def embedded_schema(name: str) -> bytes:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.impacts import Impacts, Levels, chosen, contacts_above, joined, no_impacts
+from daq.signals.contact_scan import ContactScanner
+from daq.signals.impacts import Impacts, Levels, chosen, impacts_in, joined, no_impacts
 
 LONGEST_S = 1.0
-"""A contact that lasts longer is no impact; it also bounds what a detector has to remember."""
+"""A contact that lasts longer is no impact; it also bounds what has to wait for its end."""
 
 
 class ImpactDetector:
@@ -21,35 +22,26 @@ class ImpactDetector:
 
     def __init__(self, levels: Levels, sample_rate: float, longest_s: float = LONGEST_S) -> None:
         self._levels, self._sample_rate, self._longest_s = levels, sample_rate, longest_s
-        self._open: NDArray[np.floating] = np.empty(0, dtype=np.float32)  # samples of a contact that lasts
-        self._end = 0
+        self._scanner = ContactScanner(levels.released_below_n)
 
     @property
     def settled(self) -> int:
         """All contacts that begin before this sample are out."""
-        return self._end - len(self._open)
+        end, since = self._scanner.count, self._scanner.open_since
+        if since is None:
+            return end
+        return max(since, end - int(self._longest_s * self._sample_rate) - 1)
 
     def add(self, force: NDArray[np.floating]) -> Impacts:
         """Take the next samples (N, shape (n,)); return the contacts that ended."""
-        first = self.settled
-        samples = np.concatenate((self._open, force))
-        apart = np.flatnonzero(~(samples > self._levels.released_below_n))
-        cut = int(apart[-1]) + 1 if len(apart) else 0
-        self._end += len(force)
-        # Of a contact that is too long already its end is enough.
-        self._open = samples[max(cut, len(samples) - int(self._longest_s * self._sample_rate) - 1) :].copy()
-        return self._found(samples[:cut], first)
+        return self._impacts(self._scanner.add(force))
 
     def finish(self) -> Impacts:
         """The contact that the end of the record cuts."""
-        samples, first = self._open, self.settled
-        self._open = samples[:0]
-        return self._found(samples, first)
+        return self._impacts(self._scanner.finish())
 
-    def _found(self, samples: NDArray[np.floating], first: int) -> Impacts:
-        found = contacts_above(self._levels, samples, self._sample_rate, self._longest_s)
-        shifted = found.index + first, found.start + first, found.end + first
-        return Impacts(*shifted, found.peak_n, found.impulse_ns, found.contact_s)
+    def _impacts(self, contacts: NDArray[np.float64]) -> Impacts:
+        return impacts_in(contacts, self._levels, self._sample_rate, self._longest_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +69,10 @@ class ImpactEvents:
 
     def __len__(self) -> int:
         return len(self.index)
+
+
+_NO_INDEX, _NO_NUMBER = np.empty(0, np.intp), np.empty(0)
+_NONE = ImpactEvents(*(_NO_INDEX,) * 3, *(_NO_NUMBER,) * 4, _NO_INDEX)
 
 
 def impact_events(impacts: Impacts, sample_rate: float, within_s: float) -> ImpactEvents:
@@ -115,11 +111,16 @@ class BounceGrouper:
 
     def add(self, impacts: Impacts, settled: int) -> ImpactEvents:
         """Take what `ImpactDetector.add` returned and its `settled` then; return the events that are over."""
+        if not len(impacts) and not len(self._waiting):
+            return _NONE
         waiting = joined((self._waiting, impacts))
         begins = _begins(waiting, self._sample_rate, self._within_s)
         over = len(waiting)
         if over and settled - int(waiting.end[-1]) <= self._within_s * self._sample_rate:
             over = int(begins[-1])
+            if not over:
+                self._waiting = waiting
+                return _NONE
         self._waiting = chosen(waiting, slice(over, None))
         return impact_events(chosen(waiting, slice(over)), self._sample_rate, self._within_s)
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.signals.contact_scan import END, INDEX, PEAK, START, SUM, ContactScanner
+
 COUNTS_FROM = 0.1
 """Share of the run's largest force from which a contact counts."""
 
@@ -95,13 +97,21 @@ def contacts_above(
 
     What lasts long is no impact but a preload, a stuck sensor or an offset. The unit need not be N.
     """
-    touching = np.concatenate(([False], force > levels.released_below_n, [False]))
-    edges = np.flatnonzero(touching[1:] != touching[:-1])
-    if not len(edges):
+    scanner = ContactScanner(levels.released_below_n)
+    rows = np.concatenate((scanner.add(force), scanner.finish()))
+    return impacts_in(rows, levels, sample_rate, longest_s)
+
+
+def impacts_in(
+    rows: NDArray[np.float64], levels: Levels, sample_rate: float, longest_s: float = np.inf
+) -> Impacts:
+    """Those of the contacts that a `ContactScanner` found, shape (m, 5), that are impacts by `levels`."""
+    if not len(rows):
         return no_impacts()
-    found = _contacts(force, edges[::2], edges[1::2], sample_rate)
-    lasts = found.end - found.start
-    return chosen(found, (found.peak_n > levels.counts_from_n) & (lasts <= longest_s * sample_rate))
+    lasts = rows[:, END] - rows[:, START]
+    kept = rows[(rows[:, PEAK] > levels.counts_from_n) & (lasts <= longest_s * sample_rate)]
+    index, start, end = (kept[:, column].astype(np.intp) for column in (INDEX, START, END))
+    return Impacts(index, start, end, kept[:, PEAK], kept[:, SUM] / sample_rate, (end - start) / sample_rate)
 
 
 def chosen(impacts: Impacts, which: NDArray[np.bool_] | slice) -> Impacts:
@@ -113,26 +123,6 @@ def joined(parts: Sequence[Impacts]) -> Impacts:
     """Impacts one after the other."""
     columns = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Impacts))
     return Impacts(*columns)
-
-
-def _contacts(
-    force: NDArray[np.floating], start: NDArray[np.intp], end: NDArray[np.intp], sample_rate: float
-) -> Impacts:
-    lengths = end - start
-    offsets = np.cumsum(lengths) - lengths
-    samples = np.arange(lengths.sum()) + np.repeat(start - offsets, lengths)
-    values = force[samples].astype(np.float64)
-    peaks = np.maximum.reduceat(values, offsets)
-    at_peak = values == np.repeat(peaks, lengths)
-    _, first = np.unique(np.repeat(np.arange(len(start)), lengths)[at_peak], return_index=True)
-    return Impacts(
-        index=samples[at_peak][first],
-        start=start,
-        end=end,
-        peak_n=peaks,
-        impulse_ns=np.add.reduceat(values, offsets) / sample_rate,
-        contact_s=lengths / sample_rate,
-    )
 
 
 def half_cycles(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,9 +43,17 @@ class Segmenting:
 
     def weights(self) -> NDArray[np.float64]:
         """The window, shape (samples,)."""
-        window = self.window
-        weights = signal.get_window(window, self.samples) if isinstance(window, str | tuple) else window
-        return np.asarray(weights, dtype=np.float64)
+        if isinstance(self.window, str | tuple):
+            return _named_window(self.window, self.samples)
+        return np.asarray(self.window, dtype=np.float64)
+
+
+@lru_cache(maxsize=16)
+def _named_window(name: str | tuple[str, float], samples: int) -> NDArray[np.float64]:
+    """Weights by name, read-only: a live view asks for the same ones a hundred times a second."""
+    weights = np.asarray(signal.get_window(name, samples), dtype=np.float64)
+    weights.flags.writeable = False
+    return weights
 
 
 class SegmentCutter:

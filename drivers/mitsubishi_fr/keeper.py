@@ -38,7 +38,7 @@ class Keeper:
         self._clock, self._diary = clock, diary
         self._watch: asyncio.Task[None] | None = None
         self._looked_s = self.attended_s = clock.monotonic_s()
-        self._was_degraded = False
+        self._was_degraded = self._closing = False
         self.error: InstrumentError | None = None
 
     async def check_in(self) -> None:
@@ -73,12 +73,14 @@ class Keeper:
                 await self._motor.stop()
                 await self._motor.hand_back()
         if self._watch is not None:
+            # Before Python 3.12 wait_for swallows a cancellation that comes together with an answer.
+            self._closing = True
             self._watch.cancel()
             with suppress(asyncio.CancelledError):
                 await self._watch
 
     async def _keep(self) -> None:
-        while True:
+        while not self._closing:
             began_s = self._clock.monotonic_s()
             try:
                 await self._look_after(began_s)

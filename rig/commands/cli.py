@@ -14,6 +14,7 @@ from rig.commands import (
     centre,
     check,
     diagnose,
+    effects,
     emulate,
     ensemble,
     exchange,
@@ -66,6 +67,7 @@ def build(connect: Connect) -> Callable[[], None]:
         overlay,
         replay,
         diagnose,
+        effects,
         check,
         logs,
         exchange,
@@ -84,5 +86,6 @@ def _guarded(app: typer.Typer) -> int:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
         return next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
-        print(f"rattle: {error}", file=sys.stderr)
+        told = error.format_message() if isinstance(error, typer.BadParameter) else error
+        print(f"rattle: {told}", file=sys.stderr)
         return WRONG_USE

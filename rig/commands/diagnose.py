@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, print_json
 from rig.diagnosis.diagnose import diagnose_runs
 from rig.diagnosis.gap import measured_gap
@@ -36,7 +35,7 @@ def add_to(app: typer.Typer) -> None:
     ) -> None:
         """Say where rig and twin differ, which effect causes it, and how far the gap shrinks with it in."""
         if out.exists() and not out.is_dir():
-            raise RattleError(f"{out}: is a file; name a folder")
+            raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
         screen = Screen(Console(stderr=machine))
         written = diagnose_runs(runs, model, out, seed, budget, screen)
         if machine:
@@ -46,6 +45,8 @@ def add_to(app: typer.Typer) -> None:
         screen.say(f"diagnosis  {written.diagnosis}")
         screen.say(f"effects    {written.effects}")
         screen.say(f"report     {written.report}")
+        if written.next_experiment is not None:
+            screen.say(f"next run   {written.next_experiment}")
 
     @app.command()
     def gap(
@@ -76,5 +77,8 @@ def _show(findings: Findings, screen: Screen) -> None:
         if share >= _WORTH_LISTING:
             screen.say(f"{share:6.1%}  {text}")
     known = findings.selected and findings.gap.after is not None
-    after = f" -> {findings.gap.after:.2f} with it in the twin" if known else ""
+    names = " and ".join(cause.name for cause in findings.selected)
+    after = f" -> {findings.gap.after:.2f} with {names} in the twin" if known else ""
+    if findings.selected and not known:
+        after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")

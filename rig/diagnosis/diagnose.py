@@ -49,6 +49,7 @@ class Written:
     diagnosis: Path
     effects: Path
     report: Path
+    next_experiment: Path | None
 
 
 def diagnose_runs(
@@ -91,11 +92,12 @@ def diagnose_runs(
     )
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
-    if experiment is not None:
-        (out / "next_experiment.toml").write_text(experiment.scenario, encoding="utf-8")
+    following = None if experiment is None else out / "next_experiment.toml"
+    if experiment is not None and following is not None:
+        following.write_text(experiment.scenario, encoding="utf-8")
     report = out / "report.html"
     write_report(report, findings, content, _facts(data, runs), remarks, forces)
-    return Written(findings, out / "diagnosis.json", out / "effects.json", report)
+    return Written(findings, out / "diagnosis.json", out / "effects.json", report, following)
 
 
 def _make(folder: Path) -> None:

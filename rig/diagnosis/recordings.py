@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,7 @@ def recorded(paths: Sequence[Path]) -> Recorded:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used."""
     _each_once(paths)
     runs = [_read(path) for path in paths]
+    _none_copied(runs)
     _of_one_rig(runs)
     common = [name for name in runs[0].twin.channels if all(name in run.records for run in runs)]
     settings = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
@@ -109,6 +111,15 @@ def _each_once(paths: Sequence[Path]) -> None:
         raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
 
 
+def _none_copied(runs: Sequence[_Run]) -> None:
+    """A copy under another name would count as a second run."""
+    for first, second in combinations(runs, 2):
+        shared = first.records.keys() & second.records.keys()
+        if shared and all(np.array_equal(first.records[name], second.records[name]) for name in shared):
+            same = f"{first.path} and {second.path} hold the same samples"
+            raise ConfigurationError("campaign", [Problem("runs", same, "each run once")])
+
+
 def _of_one_rig(runs: Sequence[_Run]) -> None:
     rigs = {model_of(run.twin).name: run.path.name for run in runs}
     if len(rigs) > 1:
@@ -141,6 +152,7 @@ def _read(path: Path) -> _Run:
         wanted = [name for name in twin.channels if name in channels]
         _check_units(path, channels, twin, wanted)
         lost = lost_of(log, log.table("measured", wanted))
+        unfinished = _unfinished(log)
     table, sound, losses = usable(path, lost, model.reference)
     step, records, kept = _resampled(path, table, sound, twin)
     rate = table[model.reference].sample_rate / step
@@ -149,10 +161,17 @@ def _read(path: Path) -> _Run:
     whole = _whole(cycles, kept)
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
-    remarks = (*losses, *_remarks(twin, channels, table, records))
+    remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
     return _Run(
         path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario
     )
+
+
+def _unfinished(log: LogReader) -> tuple[str, ...]:
+    if log.complete:
+        return ()
+    reason = f" ({log.damage})" if log.damage else ""
+    return (f"the log was never finished, or cut{reason}; its whole blocks are used",)
 
 
 def _too_few(path: Path, whole: int) -> LogError:

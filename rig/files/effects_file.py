@@ -92,8 +92,11 @@ def _effect(
     for unknown in entry.keys() - {"name", "parameters"}:
         faults.unknown(f"{key}.{unknown}", entry[unknown], unknown, ("name", "parameters"))
     name, given = entry.get("name"), entry.get("parameters", {})
-    if not isinstance(name, str) or name not in catalogue:
+    if not isinstance(name, str):
         faults.add(f"{key}.name", name, f"an effect of this rig: {', '.join(catalogue)}")
+        return None
+    if name not in catalogue:
+        faults.unknown(f"{key}.name", name, name, catalogue, "effect")
         return None
     if not isinstance(given, dict):
         faults.add(f"{key}.parameters", given, "an object")

@@ -44,12 +44,12 @@ class Faults:
         """Note that `key` has to be there."""
         self._problems.append(Problem(key, "(missing)", allowed))
 
-    def unknown(self, key: str, value: object, name: str, known: Iterable[str]) -> None:
+    def unknown(self, key: str, value: object, name: str, known: Iterable[str], kind: str = "key") -> None:
         """Note that nobody knows `name`, and which known one it may be meant for."""
         names = list(known)
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
-        self.add(key, value, f"unknown key; {hint}")
+        self.add(key, value, f"unknown {kind}; {hint}")
 
     def error(self) -> ConfigurationError:
         """The error that tells all of them."""

@@ -1,33 +1,30 @@
-"""How the views are arranged, from nothing but the layout's channels."""
+"""How the views are arranged: traces and spectra of all channels, and what the rig's picture adds."""
 
 from __future__ import annotations
 
 import math
 
-import rerun as rr
 import rerun.blueprint as rrb
 
 from daq.log.reader import Origin
 from rig.live import paths, spectrum_picture
-from rig.live.beam_picture import BeamPicture
-from rig.live.half_cycle_peaks import LOWER, UPPER
 from rig.live.layout import Layout
+from rig.live.picture import OwnViews
+from rig.live.series import newest, newest_axis
 
 _FEW_CHANNELS = 8
 """Up to here every channel has its spectrum beside it; beyond, the spectra have a tab of their own."""
 
-_QUERIED = 8
-"""A view queries this many times the stretch that it shows. Rerun 0.41 draws with the last frame's axis,
-which without a graphics card is seconds old; the range of the force axis is steadier for it, too."""
-
-_PEAKS_SHOWN = 10
-"""The peaks' plot reaches this many times further back than the traces."""
+_PLAIN_SHARE = 0.55
+"""Height of the trace of a channel that tells how the rig moves, against that of the others."""
 
 
 def blueprint(layout: Layout) -> rrb.Blueprint:
-    """Arrange traces and spectra on the left; beam, peaks, events and status on the right."""
+    """Arrange traces and spectra on the left; the rig's picture, events and status on the right."""
+    own = layout.picture.views(layout) if layout.picture else OwnViews(())
+    side = 1.8 if own.beside else 1.15
     return rrb.Blueprint(
-        rrb.Horizontal(_channels(layout), _side(layout), column_shares=[3, 1.15]),
+        rrb.Horizontal(_channels(layout, own), _side(own), column_shares=[3, side]),
         rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="following"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -43,74 +40,48 @@ def channel_view(layout: Layout, channel: str) -> rrb.TimeSeriesView:
         contents=[f"+ {paths.trace(origin, channel)}" for origin in _drawing_order(layout, channel)],
         name=f"{channel} [{layout.units[channel] or '-'}]",
         plot_legend=rrb.PlotLegend(visible=channel == next(iter(layout.units))),
-        time_ranges=_newest(layout.window_s),
-        axis_x=_axis(layout.window_s),
+        time_ranges=newest(layout.window_s),
+        axis_x=newest_axis(layout.window_s),
     )
 
 
-def _channels(layout: Layout) -> rrb.Container:
+def _channels(layout: Layout, own: OwnViews) -> rrb.Container:
     traces = [channel_view(layout, channel) for channel in layout.units]
-    spectra = [_spectrum_view(channel, unit) for channel, unit in layout.units.items()]
+    spectra = [
+        _spectrum_view(channel, unit) for channel, unit in layout.units.items() if channel not in own.plain
+    ]
     if len(traces) <= _FEW_CHANNELS:
-        return rrb.Horizontal(
-            rrb.Vertical(*traces, name="Traces"), rrb.Vertical(*spectra, name="Spectra"), column_shares=[2, 1]
-        )
-    columns = math.ceil(math.sqrt(len(traces)))
-    return rrb.Tabs(
+        shares = [_PLAIN_SHARE if channel in own.plain else 1.0 for channel in layout.units]
+        beside: rrb.Container = rrb.Vertical(*spectra, name="Spectra")
+        if own.beside:
+            beside = rrb.Tabs(rrb.Vertical(*own.beside, name="Orders"), beside)
+        upright = rrb.Vertical(*traces, name="Traces", row_shares=shares)
+        return rrb.Horizontal(upright, beside, column_shares=[2, 1.3 if own.beside else 1])
+    columns = math.ceil(math.sqrt(len(traces))) - bool(own.beside)
+    tabs = rrb.Tabs(
         rrb.Grid(*traces, grid_columns=columns, name="Traces"),
         rrb.Grid(*spectra, grid_columns=columns, name="Spectra"),
     )
+    if not own.beside:
+        return tabs
+    return rrb.Horizontal(tabs, rrb.Vertical(*own.beside, name="Orders"), column_shares=[2.4, 1])
 
 
-def _side(layout: Layout) -> rrb.Container:
-    views: list[rrb.View | rrb.Container] = []
-    shares = []
-    if layout.beam is not None:
-        views.append(_beam_view(layout.beam))
-        shares.append(3.0)
-    if UPPER in layout.units and LOWER in layout.units:
-        views.append(_peaks_view(layout))
-        shares.append(2.5)
-    views += [
+def _side(own: OwnViews) -> rrb.Container:
+    told = rrb.Horizontal(
         rrb.TextLogView(origin=paths.EVENTS, name="Events"),
         rrb.TextDocumentView(origin=paths.STATUS, name="Status"),
-    ]
-    return rrb.Vertical(*views, row_shares=[*shares, 2.0, 1.0])
-
-
-def _peaks_view(layout: Layout) -> rrb.TimeSeriesView:
-    window_s = None if layout.window_s is None else _PEAKS_SHOWN * layout.window_s
-    return rrb.TimeSeriesView(
-        origin=paths.PEAKS,
-        name="Largest force of each half cycle [N]",
-        plot_legend=rrb.PlotLegend(visible=True),
-        time_ranges=_newest(window_s),
-        axis_x=_axis(window_s),
+        column_shares=[1.6, 1],
     )
-
-
-def _beam_view(beam: BeamPicture) -> rrb.Spatial3DView:
-    length = beam.length_m
-    return rrb.Spatial3DView(
-        origin=paths.BEAM,
-        name=f"Predicted beam, stops ±{1000 * beam.clearance_m:.3f} mm, drawn {beam.magnification:.0f} x",
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=(0.42 * length, -0.95 * length, 0.3 * length),
-            look_target=(0.52 * length, 0.0, 0.0),
-            eye_up=(0.0, 0.0, 1.0),
-        ),
-    )
+    views = [*(view for view, _ in own.side), told]
+    return rrb.Vertical(*views, row_shares=[*(share for _, share in own.side), 1.5])
 
 
 def _spectrum_view(channel: str, unit: str) -> rrb.Spatial2DView:
-    picture = spectrum_picture
     return rrb.Spatial2DView(
         origin=paths.spectrum(channel),
         name=f"{channel} [{_squared(unit)}/Hz]",
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=(-picture.LEFT, picture.WIDTH + 0.5), y_range=(-0.3, picture.HEIGHT + picture.BOTTOM)
-        ),
+        visual_bounds=spectrum_picture.FRAME.bounds(),
     )
 
 
@@ -120,20 +91,3 @@ def _squared(unit: str) -> str:
 
 def _drawing_order(layout: Layout, channel: str) -> list[Origin]:
     return [origin for origin, names in layout.origins.items() if channel in names]
-
-
-def _newest(seconds: float | None) -> list[rr.VisibleTimeRange]:
-    """What a view of the last `seconds` queries."""
-    if seconds is None:
-        start, end = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()
-    else:
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_QUERIED * seconds)
-        end = rr.TimeRangeBoundary.cursor_relative()
-    return [rr.VisibleTimeRange(paths.TIMELINE, start=start, end=end)]
-
-
-def _axis(seconds: float | None) -> rrb.TimeAxis | None:
-    if seconds is None:
-        return None
-    start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
-    return rrb.TimeAxis(view_range=rr.TimeRange(start, rr.TimeRangeBoundary.cursor_relative()))

@@ -7,27 +7,27 @@ from pathlib import Path
 import rerun as rr
 
 from daq.log.reader import LogReader
-from rig.live.beam_picture import BeamPicture
 from rig.live.blueprint import blueprint
 from rig.live.layout import layout_of
+from rig.live.picture import Picture
 from rig.live.scene import Scene
 
 _SPECTRUM_PERIOD_S = 2.0
 
 
-def rrd_from_log(log: Path, rrd: Path, beam: BeamPicture | None = None) -> None:
+def rrd_from_log(log: Path, rrd: Path, picture: Picture | None = None) -> None:
     """Write what the live view of the run in `log` showed to `rrd`, all of it; raises LogError."""
     with LogReader(log) as reader:
         measured, predicted, nominal = (
             list(reader.channels(origin).values()) for origin in ("measured", "predicted", "nominal")
         )
-        layout = layout_of(log.stem, measured, predicted, beam, nominal=nominal)
+        layout = layout_of(log.stem, measured, predicted, picture, nominal=nominal)
         recording = rr.RecordingStream("rattle", send_properties=False)
         recording.set_sinks(rr.FileSink(rrd), default_blueprint=blueprint(layout))
         scene = Scene(recording, layout, _SPECTRUM_PERIOD_S)
         scene.open()
         scene.show_dropped(0)
-        for origin, block in reader.blocks():
+        for origin, block in reader.blocks(("measured", "nominal", "predicted")):
             scene.add_block(origin, block)
         for event in reader.events():
             scene.add_event(event)

@@ -1,4 +1,4 @@
-"""What goes from the acquisition process to the view process: a header of names and a run of float32."""
+"""What goes from the acquisition process to the view process: a header of names and a run of numbers."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from daq.log.reader import Origin
 from daq.log.records import Event
 
 _LENGTHS = struct.Struct("<II")
+_SINGLE = np.dtype(np.float32).itemsize
 
 
 class BlockFrame(NamedTuple):
@@ -25,11 +26,10 @@ class BlockFrame(NamedTuple):
 
 
 class ShapeFrame(NamedTuple):
-    """The beam at one time (s): positions along it and deflections, both in m, shape (n,)."""
+    """The twin's rig at one time (s): what `Truth.shape` tells of it, in m."""
 
     time_s: float
-    positions_m: NDArray[np.float32]
-    deflection_m: NDArray[np.float32]
+    points_m: NDArray[np.float32]
 
 
 class DroppedFrame(NamedTuple):
@@ -42,7 +42,8 @@ Frame = BlockFrame | ShapeFrame | DroppedFrame | Event
 
 
 def encode_block(origin: Origin, block: SampleBlock) -> bytes:
-    """Return the frame of a block; its values are copied."""
+    """Return the frame of a block; its values are copied, as single unless they are double."""
+    kind = "<f8" if block.values.dtype.itemsize > _SINGLE else "<f4"
     header = {
         "kind": "block",
         "origin": origin,
@@ -51,16 +52,15 @@ def encode_block(origin: Origin, block: SampleBlock) -> bytes:
         "time": block.time_ns,
         "rate": block.sample_rate,
         "flags": int(block.flags),
+        "type": kind,
     }
-    return _frame(header, block.values.astype("<f4", copy=False).tobytes())
+    return _frame(header, block.values.astype(kind, copy=False).tobytes())
 
 
-def encode_shape(
-    time_s: float, positions_m: NDArray[np.floating], deflection_m: NDArray[np.floating]
-) -> bytes:
-    """Return the frame of a deflected beam."""
-    values = np.concatenate((positions_m, deflection_m)).astype("<f4")
-    return _frame({"kind": "shape", "time": time_s}, values.tobytes())
+def encode_shape(time_s: float, points_m: NDArray[np.floating]) -> bytes:
+    """Return the frame of the twin's shape, points of any number of axes."""
+    header = {"kind": "shape", "time": time_s, "dimensions": points_m.shape}
+    return _frame(header, points_m.astype("<f4").tobytes())
 
 
 def encode_event(event: Event) -> bytes:
@@ -89,15 +89,15 @@ def read_frames(stream: IO[bytes]) -> Iterator[Frame]:
         body = stream.read(value_bytes + header_bytes)
         if len(body) < value_bytes + header_bytes:
             return
-        yield _decode(json.loads(body[value_bytes:]), np.frombuffer(body, "<f4", count=value_bytes // 4))
+        yield _decode(json.loads(body[value_bytes:]), body[:value_bytes])
 
 
-def _frame(header: dict[str, str | int | float], values: bytes = b"") -> bytes:
+def _frame(header: dict[str, Any], values: bytes = b"") -> bytes:
     text = json.dumps(header).encode()
     return _LENGTHS.pack(len(values), len(text)) + values + text
 
 
-def _decode(header: dict[str, Any], values: NDArray[np.float32]) -> Frame:
+def _decode(header: dict[str, Any], values: bytes) -> Frame:
     match header["kind"]:
         case "block":
             block = SampleBlock(
@@ -105,13 +105,13 @@ def _decode(header: dict[str, Any], values: NDArray[np.float32]) -> Frame:
                 header["first"],
                 header["time"],
                 header["rate"],
-                values,
+                np.frombuffer(values, header["type"]),
                 Flag(header["flags"]),
             )
             return BlockFrame(header["origin"], block)
         case "shape":
-            half = len(values) // 2
-            return ShapeFrame(header["time"], values[:half], values[half:])
+            points = np.frombuffer(values, "<f4").reshape(header["dimensions"])
+            return ShapeFrame(header["time"], points)
         case "event":
             return Event(header["time"], header["level"], header["source"], header["code"], header["text"])
         case _:

@@ -1,61 +1,42 @@
-"""What a view shows: channels, beam, stretch of time; it travels to the view process as JSON."""
+"""All that a view process has to know of a run; it travels there as JSON."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from daq.channel import Channel
-from daq.log.reader import Origin
-from rig.live.beam_picture import BeamPicture
-
-_POINTS_PER_S = 12_000
-_FEWEST, _MOST = 800, 2_500
+from rig.live.picture import Picture
+from rig.live.rigs import PICTURES
+from rig.live.shown import Shown
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
-    """Channels of all origins, drawn in their order, and how they are shown.
+class Layout(Shown):
+    """What is shown, and the rig's picture where it has one."""
 
-    `units` has the unit of every channel, in the order of the views. `window_s` is how much of the newest
-    data the plots show, None for everything.
-    """
-
-    title: str
-    units: Mapping[str, str]
-    origins: Mapping[Origin, Sequence[str]]
-    beam: BeamPicture | None = None
-    window_s: float | None = None
-
-    def whose(self, origin: Origin) -> str:
-        """The origin as the view names it: beside a nominal twin, the prediction is the repaired one."""
-        return "repaired" if origin == "predicted" and self.origins.get("nominal") else origin
-
-    @property
-    def points_per_s(self) -> float:
-        """Points per second and trace, so that a browser keeps up with all of them together."""
-        traces = sum(len(names) for names in self.origins.values())
-        return min(max(_POINTS_PER_S / max(traces, 1), _FEWEST), _MOST)
+    picture: Picture | None = None
 
     def to_json(self) -> str:
         """Return the layout as text."""
-        return json.dumps(dataclasses.asdict(self))
+        name = self.picture.rig if self.picture else None
+        return json.dumps(dataclasses.asdict(self) | {"rig": name})
 
     @classmethod
     def from_json(cls, text: str) -> Layout:
         """Rebuild a layout from `to_json`."""
         fields = json.loads(text)
-        beam = fields.pop("beam")
-        return cls(**fields, beam=BeamPicture(**beam) if beam else None)
+        name, values = fields.pop("rig"), fields.pop("picture")
+        return cls(**fields, picture=PICTURES[name](**values) if name else None)
 
 
 def layout_of(
     title: str,
     measured: Sequence[Channel],
     predicted: Sequence[Channel],
-    beam: BeamPicture | None = None,
+    picture: Picture | None = None,
     window_s: float | None = None,
     nominal: Sequence[Channel] = (),
 ) -> Layout:
@@ -68,6 +49,6 @@ def layout_of(
             "nominal": [channel.name for channel in nominal],
             "predicted": [channel.name for channel in predicted],
         },
-        beam=beam,
+        picture=picture,
         window_s=window_s,
     )

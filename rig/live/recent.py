@@ -36,9 +36,10 @@ class Recent:
         """Index after the newest sample; 0 where there is none."""
         return self._blocks[-1].end_sample if self._blocks else 0
 
-    def between(self, first: int, end: int) -> NDArray[np.float32]:
+    def between(self, first: int, end: int) -> NDArray[np.floating]:
         """Samples `first` up to `end` (excluded), shape (end - first,); NaN where none is kept."""
-        values = np.full(max(end - first, 0), np.nan, dtype=np.float32)
+        wide = self._blocks[-1].values.dtype if self._blocks else np.float32
+        values = np.full(max(end - first, 0), np.nan, dtype=wide)
         for block in self._blocks:
             low, high = max(block.first_sample, first), min(block.end_sample, end)
             if low < high:

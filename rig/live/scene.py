@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 import rerun as rr
-from rerun.components import AggregationPolicy, MarkerShape
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.log.reader import Origin
@@ -12,19 +10,16 @@ from daq.log.records import Event
 from daq.signals import autospectrum
 from rig.live import paths
 from rig.live.frames import ShapeFrame
-from rig.live.half_cycle_peaks import HalfCyclePeaks
 from rig.live.layout import Layout
+from rig.live.picture import OwnViews, Stage
 from rig.live.recent import Recent
+from rig.live.series import line_style
 from rig.live.spectrum_picture import SpectrumPicture
 from rig.live.trace import Trace
 
 _SPECTRUM_OVER_S = 1.0
-_MARKERS = {
-    "measured": MarkerShape.Circle,
-    "nominal": MarkerShape.Cross,
-    "predicted": MarkerShape.Diamond,
-    "repaired": MarkerShape.Diamond,
-}
+_SPECTRA_PER_S = 32
+"""Those of 16 channels, measured and predicted; with more channels each is renewed less often."""
 _LEVELS = {
     "info": rr.TextLogLevel.INFO,
     "warning": rr.TextLogLevel.WARN,
@@ -39,46 +34,47 @@ class Scene:
     """
 
     def __init__(self, recording: rr.RecordingStream, layout: Layout, spectrum_period_s: float = 1.0) -> None:
+        self._stage = Stage(recording, layout)
         self._recording = recording
         self._layout = layout
-        self._spectrum_period_s = spectrum_period_s
+        traces = sum(len(names) for names in layout.origins.values())
+        self._spectrum_period_s = max(spectrum_period_s, traces / _SPECTRA_PER_S)
         self._start_ns: int | None = None
-        self._peaks: dict[Origin, HalfCyclePeaks] = {origin: HalfCyclePeaks() for origin in layout.origins}
+        self._play = layout.picture.play(self._stage) if layout.picture else None
         self._traces: dict[tuple[Origin, str], Trace] = {}
         self._recent: dict[tuple[Origin, str], Recent] = {}
         self._spectrum_due_s: dict[tuple[Origin, str], float] = {}
-        self._spectra = {name: SpectrumPicture(recording, name, unit) for name, unit in layout.units.items()}
-        self._dropped = 0
+        own = layout.picture.views(layout) if layout.picture else OwnViews(())
+        heard = [name for name in layout.units if name not in own.plain]
+        self._spectra = {name: SpectrumPicture(recording, name) for name in heard}
 
     def open(self) -> None:
-        """Log what stays: names, colours, the beam's stops."""
+        """Log what stays: names, colours, what of the rig does not move."""
         for origin, names in self._layout.origins.items():
             for name in names:
-                self._recording.log(paths.trace(origin, name), _line(self._layout.whose(origin)), static=True)
-            if names:
-                self._recording.log(paths.peaks(origin), _points(self._layout.whose(origin)), static=True)
-        if self._layout.beam is not None:
-            self._layout.beam.draw_fixed(self._recording)
+                style = line_style(self._layout.whose(origin))
+                self._recording.log(paths.trace(origin, name), style, static=True)
+        if self._play is not None:
+            self._play.open()
 
     def add_block(self, origin: Origin, block: SampleBlock) -> None:
         """Show a block's envelope, and what is computed from the blocks so far."""
         if self._start_ns is None:
             self._start_ns = block.time_ns - round(block.first_sample * NS_PER_S / block.sample_rate)
         self._trace(origin, block.channel).add(block)
-        for peak in self._peaks[origin].add(block):
-            self._at(peak.time_s)
-            self._recording.log(paths.peaks(origin), rr.Scalars(peak.force_n))
-        self._renew_spectrum(origin, block)
+        if self._play is not None:
+            self._play.add_block(origin, block)
+        if block.channel in self._spectra:
+            self._renew_spectrum(origin, block)
 
     def add_shape(self, shape: ShapeFrame) -> None:
-        """Show the beam, where the layout has one."""
-        if self._layout.beam is not None:
-            self._at(shape.time_s)
-            self._layout.beam.draw(self._recording, shape.positions_m, shape.deflection_m)
+        """Show where the twin's rig is, where it has a picture."""
+        if self._play is not None:
+            self._play.add_shape(shape)
 
     def add_event(self, event: Event) -> None:
         """Show an event."""
-        self._at(self.time_of(event))
+        self._stage.at(self.time_of(event))
         level = _LEVELS.get(event.level, rr.TextLogLevel.INFO)
         self._recording.log(paths.EVENTS, rr.TextLog(f"{event.source}: {event.text}", level=level))
 
@@ -114,27 +110,6 @@ class Scene:
         self._spectrum_due_s[key] = end_s + self._spectrum_period_s
         count = round(_SPECTRUM_OVER_S * block.sample_rate)
         values = recent.between(recent.end_sample - count, recent.end_sample)
-        self._at(end_s)
-        picture = self._spectra.get(block.channel)
-        if picture is not None:
-            picture.draw(
-                self._layout.whose(origin), autospectrum(values, block.sample_rate), block.sample_rate
-            )
-
-    def _at(self, time_s: float) -> None:
-        self._recording.set_time(paths.TIMELINE, duration=np.timedelta64(round(time_s * NS_PER_S), "ns"))
-
-
-def _line(whose: str) -> rr.SeriesLines:
-    return rr.SeriesLines(
-        colors=[paths.COLOURS[whose]],
-        names=[whose],
-        widths=[paths.WIDTHS[whose]],
-        aggregation_policy=AggregationPolicy.MinMax,  # the viewer's default averages, and peaks shrink
-    )
-
-
-def _points(whose: str) -> rr.SeriesPoints:
-    return rr.SeriesPoints(
-        colors=[paths.COLOURS[whose]], names=[whose], markers=[_MARKERS[whose]], marker_sizes=[3.0]
-    )
+        self._stage.at(end_s)
+        spectrum = autospectrum(values, block.sample_rate)
+        self._spectra[block.channel].draw(self._layout.whose(origin), spectrum, block.sample_rate)

@@ -1,85 +1,57 @@
-"""Autospectra drawn on logarithmic axes, which Rerun's own plots do not have: lines in a plane."""
+"""Autospectra over decades of frequency and of density."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from daq.signals import Autospectrum, log_bands
 from rig.live import paths
+from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades
 
-WIDTH, HEIGHT = 16.0, 5.4
-"""The picture's frame: x to the right, y downward."""
-
-LEFT, BOTTOM = 2.2, 1.3
-"""Room for the labels."""
-
+FRAME = Frame()
 BANDS = 240
-_DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0}
-_DECADES = 12
+_DECADES, _LABELLED = 12, 3
 _LOWEST_HZ = 1.0
 
 
 class SpectrumPicture:
-    """One channel's measured and predicted autospectrum over decades of frequency and of density.
+    """One channel's measured and predicted autospectrum.
 
     The axes are drawn once, from the first spectrum, and again where the density outgrows them.
     """
 
-    def __init__(self, recording: rr.RecordingStream, channel: str, unit: str) -> None:
+    def __init__(self, recording: rr.RecordingStream, channel: str) -> None:
         self._recording = recording
         self._channel = channel
-        self._unit = unit
-        self._top_decade = -math.inf
-        self._frequency_decades = 1.0
+        self._axes = AxesPicture(recording, paths.spectrum(channel), FRAME)
+        self._top = 0.0
 
     def draw(self, whose: str, spectrum: Autospectrum, sample_rate: float) -> None:
         """Log the line of `spectrum` at the recording's current time."""
-        positive = spectrum.density > 0
-        if not positive.any():
+        seen = (spectrum.density > 0) & (spectrum.frequency_hz >= _LOWEST_HZ)
+        if not seen.any():
             return
-        self._fit_axes(float(spectrum.density[positive].max()), sample_rate)
-        heard = Autospectrum(spectrum.frequency_hz[positive], spectrum.density[positive])
-        points = self._points(log_bands(heard, BANDS))
+        largest = float(spectrum.density[seen].max())
+        if largest > self._top:
+            density = decades(10 * largest, _DECADES, _LABELLED)
+            self._top = density.high
+            self._axes.fit(_frequencies(sample_rate / 2), density)
+        heard = log_bands(Autospectrum(spectrum.frequency_hz[seen], spectrum.density[seen]), BANDS)
         line = rr.LineStrips2D(
-            [points],
+            [self._axes.places(heard.frequency_hz, heard.density)],
             colors=[paths.COLOURS[whose]],
             radii=rr.Radius.ui_points(paths.WIDTHS[whose] / 2),
-            draw_order=_DRAW_ORDER[whose],
+            draw_order=DRAW_ORDER[whose],
         )
         self._recording.log(paths.spectrum(self._channel, whose), line)
 
-    def _points(self, spectrum: Autospectrum) -> NDArray[np.float64]:
-        x = np.log10(spectrum.frequency_hz / _LOWEST_HZ) / self._frequency_decades * WIDTH
-        y = (self._top_decade - np.log10(spectrum.density)) / _DECADES * HEIGHT
-        return np.column_stack((x, np.minimum(y, HEIGHT)))[x >= 0]
 
-    def _fit_axes(self, largest: float, sample_rate: float) -> None:
-        if math.log10(largest) <= self._top_decade:
-            return
-        self._top_decade = math.ceil(math.log10(largest)) + 1
-        self._frequency_decades = math.log10(sample_rate / 2 / _LOWEST_HZ)
-        self._draw_axes()
-
-    def _draw_axes(self) -> None:
-        columns = range(math.floor(self._frequency_decades) + 1)
-        x = [decade / self._frequency_decades * WIDTH for decade in columns]
-        rows = range(0, _DECADES + 1, 3)
-        y = [row / _DECADES * HEIGHT for row in rows]
-        grid = [[(each, 0.0), (each, HEIGHT)] for each in x] + [[(0.0, each), (WIDTH, each)] for each in y]
-        grid.append([(WIDTH, 0.0), (WIDTH, HEIGHT)])
-        lines = rr.LineStrips2D(grid, colors=[paths.DIM], radii=rr.Radius.ui_points(0.4), draw_order=1.0)
-        self._recording.log(paths.spectrum(self._channel, "axes"), lines)
-        texts = [_hertz(10**decade) for decade in columns]
-        texts += [f"1e{self._top_decade - row:.0f}" for row in rows]
-        places = [(each, HEIGHT + 0.55) for each in x] + [(-1.1, each) for each in y]
-        labels = rr.Points2D(
-            places, labels=texts, show_labels=True, colors=[paths.DIM], radii=rr.Radius.ui_points(0.0)
-        )
-        self._recording.log(paths.spectrum(self._channel, "labels"), labels)
+def _frequencies(highest_hz: float) -> Axis:
+    count = math.floor(math.log10(highest_hz / _LOWEST_HZ)) + 1
+    each = [_LOWEST_HZ * 10.0**at for at in range(count)]
+    return Axis(_LOWEST_HZ, highest_hz, tuple((at, _hertz(at)) for at in each), logarithmic=True)
 
 
 def _hertz(frequency: float) -> str:

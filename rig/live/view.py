@@ -22,9 +22,9 @@ from daq.channel import Channel
 from daq.errors import InstrumentAbsent
 from daq.log.reader import Origin
 from daq.log.records import Event
-from rig.live.beam_picture import BeamPicture
 from rig.live.frames import encode_block, encode_event, encode_shape
 from rig.live.layout import layout_of
+from rig.live.picture import Picture
 from rig.live.sender import FrameSender
 
 _START_TIMEOUT_S = 30.0
@@ -45,7 +45,7 @@ class LiveView:
         title: str,
         measured: Sequence[Channel],
         predicted: Sequence[Channel],
-        beam: BeamPicture | None = None,
+        picture: Picture | None = None,
         window_s: float = 3.0,
         patience_s: float = 3.0,
         memory_limit: str = "64MB",
@@ -53,7 +53,7 @@ class LiveView:
     ) -> None:
         self.url = ""
         self.sink_url = ""
-        self._layout = layout_of(title, measured, predicted, beam, window_s, nominal)
+        self._layout = layout_of(title, measured, predicted, picture, window_s, nominal)
         self._patience_s = patience_s
         self._memory_limit = memory_limit
         self._server: psutil.Process | None = None
@@ -102,12 +102,10 @@ class LiveView:
         if self._open:
             self._sender.offer(encode_block(origin, block))
 
-    def offer_shape(
-        self, time_s: float, positions_m: NDArray[np.floating], deflection_m: NDArray[np.floating]
-    ) -> None:
-        """Show the beam at `time_s` (s since sample 0): deflections at positions, shapes (n,)."""
+    def offer_shape(self, time_s: float, points_m: NDArray[np.floating]) -> None:
+        """Show where the twin's rig is at `time_s` (s since sample 0), points as its `shape` gives them."""
         if self._open:
-            self._sender.offer(encode_shape(time_s, positions_m, deflection_m))
+            self._sender.offer(encode_shape(time_s, points_m))
 
     def offer_event(self, event: Event) -> None:
         """Show an event."""

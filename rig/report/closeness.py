@@ -34,7 +34,7 @@ class Closeness:
 
 
 def closeness(run: RunRecord) -> list[Closeness]:
-    """One for each channel that was measured and that both twins have; none without a nominal twin."""
+    """One for each channel that was measured and that moves in either twin; none without a nominal twin."""
     return [each for name in run.channels if (each := _of(run, name)) is not None]
 
 
@@ -54,6 +54,8 @@ def _of(run: RunRecord, name: str) -> Closeness | None:
     measured, nominal = run.traces.get(("measured", name)), run.traces.get(("nominal", name))
     repaired = run.traces.get(("predicted", name))
     if measured is None or nominal is None or repaired is None:
+        return None
+    if not (nominal.values.any() or repaired.values.any()):  # a place that stands still in both twins
         return None
     spectrum = _banded(measured.values, measured)
     if not (spectrum.density > 0).any():

@@ -121,7 +121,7 @@ def read_run(log: Path) -> RunRecord:
         declared = {origin: reader.channels(origin) for origin in ORIGINS}
         keys: list[tuple[Origin, str]] = [(origin, name) for origin in ORIGINS for name in declared[origin]]
         collector = _Collector({key: _limit(key[1], len(keys)) for key in keys})
-        for origin, block in reader.blocks():
+        for origin, block in reader.blocks(ORIGINS):
             collector.add(origin, block)
         return RunRecord(
             path=log,

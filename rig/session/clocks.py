@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ _FIRST_FIT_S, _FIT_AGAIN = 1.0, 1.3
 """When a model is fitted first, and again whenever its pairs span so much more: a fit takes 30 to 70 ms."""
 
 
+_CRYSTAL = 50e-6
+"""Standard deviation of one clock's rate from another's, before anything is known of them."""
 _STEP_S = 1e-3
 """What of a step is worth telling: less than any crank angle here could show."""
 
@@ -57,27 +59,27 @@ class _Fitted:
 class CardClock:
     """The run's time base: card sample i lies at `start_ns` + i / rate, whatever the host's clock does.
 
-    Arrivals of blocks tell how the host's clock lies against it; the offset holds the shortest way of a block
-    to this program, which no arrival can tell from it.
+    The host's clock is joined to it where the card starts, for its sample 0 is taken while `start` is being
+    answered; from there on it goes by the rate that the arrivals of blocks show. Their delay is no part of
+    it: a card that is read over a network hands on its blocks tens of milliseconds late. Until arrivals say
+    it better the two clocks are taken to agree as crystals do.
     """
 
     def __init__(self, clock: Clock, sample_rate: float) -> None:
         self._clock, self._rate = clock, sample_rate
         self._fitted = _Fitted()
-        self.start_ns, self._start_s = 0, 0.0
+        self.start_ns, self._start_s, self._start_uncertainty_s = 0, 0.0, 0.0
 
-    def start(self) -> None:
-        """The card's sample 0 is taken now."""
+    def start(self, start: Callable[[], None]) -> None:
+        """Call what starts the card: it takes its sample 0 before it returns."""
+        before_s = self._clock.monotonic_s()
+        start()
         self.start_ns, self._start_s = self._clock.unix_ns(), self._clock.monotonic_s()
+        self._start_uncertainty_s = self._start_s - before_s
 
     def arrived(self, end_sample: int) -> None:
         """A block that ends before `end_sample` is there."""
         self._fitted.add(end_sample / self._rate, self._clock.monotonic_s() - self._start_s)
-
-    @property
-    def model(self) -> ClockModel | None:
-        """The host's clock at card times, so far."""
-        return self._fitted.model
 
     def host_s(self, monotonic_s: ArrayLike) -> Array:
         """Host times as seconds since the card's start by the host's clock."""
@@ -85,8 +87,16 @@ class CardClock:
 
     def card_s(self, host_s: ArrayLike) -> Array:
         """Where host times since the start lie on the time base, in s since sample 0; shape as given."""
-        at = np.asarray(host_s, np.float64)
-        return at if self.model is None else self.model.device_s(np.ravel(at)).reshape(at.shape)
+        return np.asarray(host_s, np.float64) / (1.0 + self._host_rate()[0])
+
+    def uncertainty_s(self, card_s: float) -> float:
+        """95 % half width of where a host time lies on the time base."""
+        return float(np.hypot(self._start_uncertainty_s, 2.0 * self._host_rate()[1] * card_s))
+
+    @property
+    def rate_ppm(self) -> float:
+        """Host's clock against the card's, less one."""
+        return self._host_rate()[0] * 1e6
 
     def unix_ns(self, card_s: float) -> int:
         """A time on the time base as the log has it."""
@@ -94,18 +104,26 @@ class CardClock:
 
     def refit(self, at_last: bool = False) -> list[ClockRecord]:
         """How the host's clock lies, where there is news of it."""
-        if not self._fitted.refit(at_last) or self.model is None:
+        if not self._fitted.refit(at_last):
             return []
-        device_s, _ = self._fitted.last
-        offset, rate = -float(self.model.offset_s([device_s])[0]), self.model.rate_ppm
-        uncertainty = float(self.model.uncertainty_s([device_s])[0])
-        against = -rate / (1.0 + rate * 1e-6)
-        return [ClockRecord(self.unix_ns(device_s), "host", offset, against, uncertainty)]
+        card_s, rate = self._fitted.last[0], self._host_rate()[0]
+        against_ppm = -rate / (1.0 + rate) * 1e6
+        uncertainty_s = self.uncertainty_s(card_s)
+        return [ClockRecord(self.unix_ns(card_s), "host", -rate * card_s, against_ppm, uncertainty_s)]
 
     def polled(self, device: str, request_s: ArrayLike, reply_s: ArrayLike) -> ClockRecord:
         """How the replies of a polled device lie; times of the monotonic clock, shape (n,), n at least 1."""
         request, reply = (self.card_s(self.host_s(each)) for each in (request_s, reply_s))
         return polled_clock(device, request, reply, self.unix_ns(float(reply[-1])))
+
+    def _host_rate(self) -> tuple[float, float]:
+        """Host's clock against the card's, less one, and its standard deviation: arrivals and crystals."""
+        model = self._fitted.model
+        if model is None:
+            return 0.0, _CRYSTAL
+        seen = model.rate_uncertainty_ppm * 0.5e-6
+        weight = _CRYSTAL**2 / (_CRYSTAL**2 + seen**2)
+        return model.line.slope * weight, _CRYSTAL * seen / float(np.hypot(_CRYSTAL, seen))
 
 
 class DeviceClock:
@@ -129,9 +147,9 @@ class DeviceClock:
 
     @property
     def locked(self) -> bool:
-        """Whether stamps can be placed by models of both clocks."""
+        """Whether stamps can be placed by a model of the clock that made them."""
         model = self._fitted.model
-        return model is not None and model.locked and self._base.model is not None
+        return model is not None and model.locked
 
     def card_s(self, stamp_s: Array, arrival_s: Array) -> Array:
         """Where stamps lie on the time base, s since the card's sample 0; by arrival without a model."""
@@ -144,14 +162,14 @@ class DeviceClock:
         """How the clock lies, where there is news of it, and steps that it made since."""
         if not self._fitted.refit(at_last):
             return [], []
-        model, host = self._fitted.model, self._base.model
-        if model is None or host is None or self._origin_s is None:
+        model = self._fitted.model
+        if model is None or self._origin_s is None:
             return [], []
         device_s = self._fitted.last[0]
         card_s = float(self._base.card_s(model.time_s([device_s]))[0])
         origin_s = self._base.start_ns / NS_PER_S - self._origin_s
-        rate = (1.0 + model.rate_ppm * 1e-6) / (1.0 + host.rate_ppm * 1e-6) - 1.0
-        uncertainty = np.hypot(model.uncertainty_s([device_s])[0], host.uncertainty_s([card_s])[0])
+        rate = (1.0 + model.rate_ppm * 1e-6) / (1.0 + self._base.rate_ppm * 1e-6) - 1.0
+        uncertainty = np.hypot(model.uncertainty_s([device_s])[0], self._base.uncertainty_s(card_s))
         record = ClockRecord(
             self._base.unix_ns(card_s),
             self._device,

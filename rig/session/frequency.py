@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from daq.signals import SineFit, fit_sine
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 
@@ -215,6 +215,9 @@ class FrequencySink:
             self._meter = DriveMeter(self._nominal_hz, self._rate)
         self._end = block.end_sample
         self._meter.add(block.values)
+
+    def impact(self, impact: Impact) -> None:
+        """Impacts say nothing of it."""
 
     def event(self, event: Event) -> None:
         """Nothing to do."""

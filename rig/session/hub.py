@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 
 
 class Sink(Protocol):
@@ -24,8 +24,12 @@ class Sink(Protocol):
         """Take an event."""
         ...
 
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        """Take the predicted deflection of the beam (m) at a time (s since sample 0)."""
+    def impact(self, impact: Impact) -> None:
+        """Take an impact that was found in the blocks."""
+        ...
+
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
+        """Take where the twin's rig is (points in m) at a time (s since sample 0)."""
         ...
 
 
@@ -45,7 +49,12 @@ class Hub:
         for sink in self._sinks:
             sink.event(event)
 
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
+    def impact(self, impact: Impact) -> None:
+        """Pass an impact on."""
+        for sink in self._sinks:
+            sink.impact(impact)
+
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Pass a shape on."""
         for sink in self._sinks:
-            sink.shape(time_s, deflection)
+            sink.shape(time_s, points)

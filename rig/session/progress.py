@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -50,23 +50,32 @@ class Screen:
 
     @contextmanager
     def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Bar]:
-        """A progress bar up to `total` seconds, or what `unit` says."""
+        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter."""
         if not self.console.is_terminal:
             self.say(f"{text} ({total:g} {unit}) ...")
-            yield Bar(None, 0)
+            yield Bar(lambda done: None) if unit == "s" else Bar(_Quarters(self.say, text, total).at)
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         with Progress(*columns, console=self.console, transient=True) as progress:
-            yield Bar(progress, progress.add_task(text, total=total))
+            task = progress.add_task(text, total=total)
+            yield Bar(lambda done: progress.update(task, completed=done))
 
 
 class Bar:
-    """One progress bar."""
+    """One progress bar; `at` shows how far it is, in the unit of the total."""
 
-    def __init__(self, progress: Progress | None, task: int) -> None:
-        self._progress, self._task = progress, task
+    def __init__(self, at: Callable[[float], None]) -> None:
+        self.at = at
+
+
+class _Quarters:
+    """Says when another quarter of a count is done."""
+
+    def __init__(self, say: Callable[[str], None], text: str, total: float) -> None:
+        self._say, self._text, self._total, self._said = say, text, total, 0
 
     def at(self, done: float) -> None:
-        """Show how far it is, in the unit of the total."""
-        if self._progress is not None:
-            self._progress.update(self._task, completed=done)  # type: ignore[arg-type]
+        quarters = min(3, int(4 * done / self._total)) if self._total else 3
+        if quarters > self._said:
+            self._said = quarters
+            self._say(f"{self._text} {25 * quarters} %")

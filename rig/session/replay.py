@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import heapq
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.clock import Clock
 from daq.errors import LogError
-from daq.log import Event, LogReader, Origin
+from daq.log import Event, Impact, LogReader, Origin
 from rig.live import LiveView
+from rig.session.deriving import derive_again
 from rig.session.hub import Hub, Sink
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
@@ -30,7 +35,8 @@ def replay_log(
 ) -> int:
     """Play every block and event in the order of their times; returns the number of blocks.
 
-    `speed` is in times real time, 0 as fast as possible. `sinks` get everything beside the view.
+    `speed` is in times real time, 0 as fast as possible. `sinks` get everything beside the view. What the log
+    has of derived channels and impacts is not played: they are derived from its samples once more.
     """
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
@@ -41,13 +47,40 @@ def replay_log(
         if live:
             view = stack.enter_context(_view(log))
             screen.say(f"live view  {view.url}")
-            sink = ViewSink(view, picture_of(twin_of(scenario_of(log))))
+            sink = ViewSink(view)
             sinks = (*sinks, sink)
             follow = _ShapeFollower(log, sink)
-        count = _Player(Hub(sinks), speed, clock, stop).play(log, follow, screen)
+        found = _Found()
+        derived = derive_again(log, Hub((*sinks, found)))
+        count = _Player(Hub((*sinks, derived)), speed, clock, stop).play(log, follow, screen)
+        derived.finish()
+        screen.say(f"derived    {found}")
         if live:
             screen.hold("the live view stays open; Enter closes it ")
         return count
+
+
+class _Found:
+    """Counts what was derived."""
+
+    def __init__(self) -> None:
+        self._samples: Counter[str] = Counter()
+        self._impacts = 0
+
+    def __str__(self) -> str:
+        return f"{len(self._samples)} channels, {self._samples.total()} values, {self._impacts} impacts"
+
+    def block(self, origin: Origin, block: SampleBlock) -> None:
+        self._samples[block.channel] += len(block)
+
+    def impact(self, impact: Impact) -> None:
+        self._impacts += 1
+
+    def event(self, event: Event) -> None:
+        """Events are not derived."""
+
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
+        """Shapes are not derived."""
 
 
 class _Player:
@@ -96,7 +129,7 @@ def _blocks_of(log: LogReader, origin: Origin) -> Iterator[Item]:
 
 
 class _ShapeFollower:
-    """Runs the twin beside a replay, so that the beam moves as it did."""
+    """Runs the twin beside a replay, so that its picture moves as it did."""
 
     def __init__(self, log: LogReader, sink: Sink) -> None:
         scenario = scenario_of(log)

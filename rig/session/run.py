@@ -12,6 +12,7 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from daq.log import LogWriter
+from daq.log.reader import Origin
 from daq.recorder import Recorder
 from daq.time_base import RunClock
 from drivers.protocols import CardReading
@@ -20,6 +21,7 @@ from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
 from rig.live import LiveView
 from rig.session.acquisition import Acquisition, Recorded
+from rig.session.deriving import derive_live
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_check import encoder_at_marks
@@ -111,6 +113,7 @@ class _Run:
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None
         self._hold, self._frequency = self._frequency_watched()
+        self._view: LiveView | None = None
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
@@ -135,6 +138,9 @@ class _Run:
         self._move_and_record(motion)
         with self._screen.busy("finishing the prediction"):
             self._feed.finish(self._stop.check)
+        self._derived.finish()
+        if self._view is not None:
+            self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
         if self._request.live:
             self._screen.hold("the live view stays open; Enter closes it ")
@@ -262,8 +268,13 @@ class _Run:
             channels = (self._devices.card.channels, self._predicted(twin))
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
             self._screen.say(f"live view  {view.url}")
-            sinks.append(ViewSink(view, picture))
-        return sinks
+            self._view = view
+            sinks.append(ViewSink(view))
+        origins: dict[Origin, list[Channel]] = {"measured": list(self._devices.card.channels)}
+        origins["predicted"] = self._predicted(twin)
+        derived = derive_live(sinks, origins, self._scenario, self._recorder, self._clock)
+        self._derived = stack.enter_context(derived)
+        return [*sinks, derived]
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from daq.recorder import Recorder
-from rig.live import BeamPicture, LiveView
+from rig.live import LiveView
 
 
 class LogSink:
@@ -26,27 +26,32 @@ class LogSink:
         """Record an event."""
         self._recorder.event(event)
 
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
+    def impact(self, impact: Impact) -> None:
+        """Record an impact."""
+        self._recorder.impact(impact)
+
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Not recorded: the log holds what was measured and its prediction."""
 
 
 class ViewSink:
-    """Everything is offered to the view, which may drop it; `picture` is what it draws in space."""
+    """Everything is offered to the view, which may drop it."""
 
-    def __init__(self, view: LiveView, picture: BeamPicture | None) -> None:
-        self._view, self._picture = view, picture
+    def __init__(self, view: LiveView) -> None:
+        self._view = view
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Offer a block."""
-        self._view.offer(origin, block)
+        """Offer a block; the view has no place yet for what is derived."""
+        if origin != "derived":
+            self._view.offer(origin, block)
 
     def event(self, event: Event) -> None:
         """Offer an event."""
         self._view.offer_event(event)
 
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        """Offer the beam's shape."""
-        if self._picture is None:
-            return
-        positions = np.linspace(0.0, self._picture.length_m, len(deflection))
-        self._view.offer_shape(time_s, positions, deflection)
+    def impact(self, impact: Impact) -> None:
+        """Not shown."""
+
+    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
+        """Offer where the twin's rig is."""
+        self._view.offer_shape(time_s, points)

@@ -67,7 +67,7 @@ class TwinFeed:
             if message.channel in self._names:
                 self.hub.block("predicted", message)
         elif isinstance(message, Shape):
-            self.hub.shape(message.time_s, message.deflection)
+            self.hub.shape(message.time_s, message.points)
         elif isinstance(message, Alignment):
             self._note_alignment(message)
 

@@ -70,9 +70,9 @@ def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Ali
 
 
 def _copy(log: LogReader, copy: LogWriter) -> None:
-    """Everything but an earlier prediction, message by message as it was."""
+    """Everything but an earlier prediction and what was derived, message by message as it was."""
     for name, record in log.metadata.items():
-        if name != "twin":
+        if name not in ("twin", "derived"):
             copy.add_metadata(name, record)
     for channel in log.channels("measured").values():
         copy.declare("measured", channel)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from rig.live import BeamPicture
-from sim_twin.rigs.impact_beam.model import ImpactBeam
+from rig.live import PICTURES, Picture
+from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
 
 
-def picture_of(twin: AnyTwin) -> BeamPicture | None:
-    """The beam in space; None for a rig that has no picture."""
-    rig = twin.rig
-    if not isinstance(rig, ImpactBeam):
-        return None
-    return BeamPicture(rig.beam.length, rig.beam.width, rig.clearance, rig.rest_offset)
+def picture_of(twin: AnyTwin) -> Picture | None:
+    """The rig in space and its own plots; None for a rig that has no picture."""
+    kind = PICTURES.get(model_of(twin).name)
+    return None if kind is None else kind.of(twin)

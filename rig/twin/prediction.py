@@ -73,5 +73,5 @@ class AlignedTwin:
                 yield SampleBlock(name, first, time_ns, self.sample_rate, as_logged(name, row))
 
     def shape(self) -> NDArray[np.float64]:
-        """Deflection of the beam now, in m, at equal steps from pivot to tip."""
+        """What a picture of the rig needs of it now, in m: see its `Truth.shape`."""
         return self._stream.shape()[1]

@@ -43,10 +43,10 @@ class TwinFailed(RattleError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Deflection of the predicted beam (m) at `time_s` since sample 0."""
+    """Where the twin's rig is at `time_s` since sample 0: points in m, as `Truth.shape` gives them."""
 
     time_s: float
-    deflection: NDArray[np.float64]
+    points: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

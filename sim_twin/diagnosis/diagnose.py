@@ -14,7 +14,15 @@ from sim_twin.diagnosis.effort import Effort
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
-from sim_twin.diagnosis.judging import gap_between, halves, leads_away, repaired_twins, rigs_with
+from sim_twin.diagnosis.judging import (
+    gap_after,
+    gap_between,
+    halves,
+    leads_away,
+    repaired_twins,
+    rigs_with,
+    without_idle_partner,
+)
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
@@ -47,11 +55,14 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     judging = effort.judge - effort.judge // _CONFIRMING
     repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
+    if chosen is not None:
+        chosen = without_idle_partner(chosen, candidates, repaired, measure, judged_on)
     twins = repaired.get(chosen.hypothesis) if chosen else None
     if twins is not None and leads_away(measure, judged_on, twins):
         chosen, twins, belief = None, None, belief.refuted()
     distances = separability(attribution, ranked, rng)
-    judged = _judged(measure, judged_on, ranked, repaired, belief)
+    gap = gap_between(measure, judged_on, measured, twins, rng, selected=chosen is not None)
+    judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
     return Findings(
         layout=subject.layout,
         none=belief.none,
@@ -60,7 +71,7 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         judged=tuple(inseparable(judged, distances)),
         selected=chosen.hypothesis if chosen else (),
         effects=named(chosen.hypothesis, chosen.best()) if chosen else (),
-        gap=gap_between(measure, judged_on, measured, twins, rng, selected=chosen is not None),
+        gap=gap,
         by_location=_by_location(subject, ranked, attribution),
         separability=distances,
         measured=np.mean(measured, axis=0, dtype=np.float64),
@@ -94,28 +105,30 @@ def _judged(
     ranked: Sequence[Ranked],
     repaired: Mapping[Hypothesis, Array],
     belief: Belief,
+    chosen: Ranked | None,
+    left: float | None,
 ) -> list[Judged]:
     """Every effect once, on its most probable channel, as the most probable hypothesis with it says.
 
-    The gaps after it are with it alone.
+    The gaps after it are with it alone. Those of `chosen` are as it says; where it leaves more of the gap
+    than 1, `left`, their intervals are wider by as much, since its model holds no better than that.
     """
     before = measure.total(measure.cells(judged_on))
     found: dict[str, Judged] = {}
     for each in ranked:
         if len(each.hypothesis) != 1 or each.hypothesis[0].name in found:
             continue
-        twins, after = repaired.get(each.hypothesis), None
-        if twins is not None:
-            mended = measure.of_repaired(twins)
-            after = mended.total(mended.cells(judged_on))
+        twins = repaired.get(each.hypothesis)
+        after = None if twins is None else gap_after(measure, judged_on, twins)
         name = each.hypothesis[0].name
-        told_by = _most_probable_with(name, ranked)
+        is_chosen = chosen is not None and any(one.name == name for one in chosen.hypothesis)
+        told_by = chosen if chosen is not None and is_chosen else _most_probable_with(name, ranked)
         at = next(k for k, one in enumerate(told_by.hypothesis) if one.name == name)
         cause = told_by.hypothesis[at]
         found[name] = Judged(
             cause,
             belief.of_effects.get(name, 0.0),
-            _estimates(told_by, cause),
+            _estimates(told_by, cause, max(1.0, left or 1.0) if is_chosen else 1.0),
             named(told_by.hypothesis, told_by.best())[at],
             after,
             None if after is None else shrink_of(before, after),
@@ -127,9 +140,12 @@ def _most_probable_with(name: str, ranked: Sequence[Ranked]) -> Ranked:
     return next(each for each in ranked if any(cause.name == name for cause in each.hypothesis))
 
 
-def _estimates(ranked: Ranked, cause: Cause) -> dict[str, Estimate]:
+def _estimates(ranked: Ranked, cause: Cause, wider: float) -> dict[str, Estimate]:
     at = parts_of(ranked.hypothesis)[ranked.hypothesis.index(cause)]
-    return {p.name: estimate for p, estimate in zip(cause.parameters, ranked.estimates()[at], strict=True)}
+    return {
+        parameter.name: estimate.widened(wider, parameter.intervals[0][0], parameter.intervals[-1][1])
+        for parameter, estimate in zip(cause.parameters, ranked.estimates()[at], strict=True)
+    }
 
 
 def _by_location(subject: Subject, ranked: Sequence[Ranked], attribution: Attribution) -> dict[str, float]:

@@ -22,6 +22,8 @@ _FEWEST_JUDGED = 6
 _RESAMPLED = 400
 _FEWEST_TWINS = 4
 _CLEARLY = 1.2
+_CLOSED = 1.1
+"""A gap below which a second effect has nothing to close: a few rigs tell gaps to a tenth."""
 
 
 def halves(measured: Blocks) -> tuple[Blocks, Blocks]:
@@ -62,6 +64,32 @@ def rigs_with(
         blocks = [one[0] for _ in range(len(order)) for one in next(shown) if one is not None]
         rigs[hypothesis] = np.array(blocks, dtype=np.float64)
     return {hypothesis: found for hypothesis, found in rigs.items() if len(found) >= _FEWEST_TWINS}
+
+
+def without_idle_partner(
+    pair: Ranked,
+    candidates: Sequence[Ranked],
+    repaired: Mapping[Hypothesis, Array],
+    measure: GapMeasure,
+    judged_on: Blocks,
+) -> Ranked:
+    """The best of a pair's effects alone, where on data that were not fitted the other mends nothing."""
+    left = {
+        each.hypothesis: gap_after(measure, judged_on, repaired[each.hypothesis])
+        for each in candidates
+        if each.hypothesis in repaired and set(each.hypothesis) <= set(pair.hypothesis)
+    }
+    alone = [each for each in candidates if len(each.hypothesis) == 1 and each.hypothesis in left]
+    if len(pair.hypothesis) == 1 or pair.hypothesis not in left or not alone:
+        return pair
+    best = min(alone, key=lambda each: left[each.hypothesis])
+    return best if left[best.hypothesis] <= max(_CLOSED, left[pair.hypothesis]) else pair
+
+
+def gap_after(measure: GapMeasure, judged_on: Blocks, twins: Array) -> float:
+    """Gap of the blocks `judged_on` from repaired rigs' fingerprints (n, numbers)."""
+    mended = measure.of_repaired(twins)
+    return mended.total(mended.cells(judged_on))
 
 
 def leads_away(measure: GapMeasure, judged_on: Blocks, repaired: Array) -> bool:

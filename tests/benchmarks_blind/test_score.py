@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from benchmarks.blind import runner
+from benchmarks.blind import score as scoring
 from benchmarks.blind.campaigns import Campaign
 from benchmarks.blind.cases import Case
 from benchmarks.blind.catalogue import BEAM, CATALOGUE
@@ -35,7 +36,9 @@ def _diagnosis(none: float, unknown: float, clearance: float) -> dict[str, Any]:
     return {"verdict_probability": {"none": none, "unknown": unknown}, "effects": effects, "selected": []}
 
 
-def _write(folder: Path, name: str, diagnosis: dict[str, Any], exit_code: int = 0) -> None:
+def _write(
+    folder: Path, name: str, diagnosis: dict[str, Any], exit_code: int = 0, program: str = "a"
+) -> None:
     file = runner.diagnosis_file(folder, name)
     file.parent.mkdir(parents=True)
     file.write_text(json.dumps(diagnosis))
@@ -45,7 +48,7 @@ def _write(folder: Path, name: str, diagnosis: dict[str, Any], exit_code: int = 
         "budget_s": 60.0,
         "seed": 0,
         "runs": 1,
-        "program_sha256": "a",
+        "program_sha256": program,
     }
     (file.parent / "cost.json").write_text(json.dumps(cost))
 
@@ -88,6 +91,25 @@ def test_score_of_three_campaigns_of_which_one_failed(
     assert printed == (tmp_path / "score.txt").read_text() + "\n"
     assert "1 failed: c002" in printed
     assert "MISSED" in printed
+
+
+@pytest.mark.parametrize(("second", "said"), [("a", "1 version "), ("b", "2 versions ")])
+def test_diagnoses_of_two_programs_do_not_pass_though_every_bar_is_met(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    second: str,
+    said: str,
+) -> None:
+    false_alarms = [figure for figure in JUDGED if figure.what == "false alarms when nothing is missing"]
+    monkeypatch.setattr(scoring, "JUDGED", false_alarms)
+    seal(tmp_path, CAMPAIGNS)
+    _write(tmp_path, "c000", _diagnosis(1.0, 0.0, 0.0))
+    _write(tmp_path, "c002", _diagnosis(1.0, 0.0, 0.0), program=second)
+    assert score(tmp_path) == (second == "a")
+    printed = capsys.readouterr().out
+    assert f"diagnosed by {said}of the program" in printed
+    assert "MISSED" not in printed
 
 
 def test_what_is_not_diagnosed_yet_is_left_out_and_said(

@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 
+import psutil
 import pytest
 
-from drivers.emulator_process import EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.emulator_process import EmulatedInstrument
 from drivers.ni_daq import CardChannel, CardSettings
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.scpi.emulator import start_function_generator
 from tests.drivers.plants import SinePlant
 
 # A 20 mV/N force chain and a 10 mV per m/s2 accelerometer: both stay within 5 V for what is used here.
@@ -56,6 +60,8 @@ def freeze() -> Iterator[Callable[[int], None]]:
     def stop(pid: int) -> None:
         os.kill(pid, signal.SIGSTOP)
         frozen.append(pid)
+        while psutil.Process(pid).status() != psutil.STATUS_STOPPED:  # the signal may still be on its way
+            time.sleep(0.001)
 
     yield stop
     for pid in frozen:

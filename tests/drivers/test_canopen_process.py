@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from daq import Flag
+from drivers.canopen_cia406.emulator import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
-from drivers.emulator_process import start_encoder
 from tests.drivers.encoders import CALM_MS, opened, slow_shaft, socketcand
 
 FRAMES = 2500

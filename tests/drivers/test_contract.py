@@ -14,19 +14,16 @@ import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentSilent
 from drivers.canopen_cia406 import CanopenEncoder
+from drivers.canopen_cia406.emulator import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
-from drivers.emulator_process import (
-    EmulatedInstrument,
-    start_daq_card,
-    start_encoder,
-    start_function_generator,
-    start_inverter,
-)
+from drivers.emulator_process import EmulatedInstrument
 from drivers.mitsubishi_fr import FrInverter, InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup
+from drivers.mitsubishi_fr.emulator import InverterSetup, start_inverter
 from drivers.ni_daq import NiDaqCard
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.protocols import AcquisitionCard, DriveGenerator, PositionEncoder, SpeedDrive
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.emulator import start_function_generator
 from tests.drivers.conftest import WIRING, card_settings
 from tests.drivers.encoders import CALM_MS, slow_shaft, socketcand
 from tests.drivers.plants import SinePlant
@@ -96,8 +93,8 @@ def _run_inverter(driver: Driver) -> None:
 
 def _use_encoder(driver: Driver) -> None:
     assert isinstance(driver, CanopenEncoder)
-    began = time.monotonic()
-    while driver.read(5).arrival_s[-1] < began:  # what had come before is read first
+    began = time.time()
+    while driver.read(5).timestamp_s[-1] < began:  # what was sent before, come or not, is read first
         pass
 
 

@@ -13,17 +13,21 @@ import psutil
 import pytest
 
 from daq.errors import ConfigurationError, InstrumentAbsent
-from drivers.emulator_process import start_daq_card, start_encoder, start_function_generator
+from drivers.canopen_cia406.emulator import start_encoder
 from drivers.ni_daq import NiDaqCard
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.emulator import start_function_generator
 from tests.drivers.conftest import WIRING, card_settings
 from tests.drivers.encoders import slow_shaft
 from tests.drivers.plants import SinePlant, UnbuildablePlant
 
 DEADLINE_S = 10.0
 PARENT = """
-from drivers.emulator_process import DriveLink, start_daq_card, start_function_generator
+from drivers.emulator_process import DriveLink
+from drivers.ni_daq.emulator import start_daq_card
+from drivers.scpi.emulator import start_function_generator
 from tests.drivers.conftest import WIRING
 from tests.drivers.plants import SinePlant
 if __name__ == "__main__":

@@ -17,9 +17,9 @@ import psutil
 import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
-from drivers.emulator_process import EmulatedInstrument, InverterWiring, start_inverter
+from drivers.emulator_process import EmulatedInstrument
 from drivers.mitsubishi_fr import FrInverter, InverterMisconfigured, InverterSettings, reset_tripped
-from drivers.mitsubishi_fr.emulator import InverterSetup, LineFaults, Trip
+from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, Trip, start_inverter
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK

@@ -9,6 +9,7 @@ import pytest
 
 from daq.errors import InstrumentRefused
 from drivers.mitsubishi_fr import registers as fr
+from drivers.mitsubishi_fr.frames import Answer, Request
 from drivers.mitsubishi_fr.orders import OvertakenOrder
 from drivers.mitsubishi_fr.registers import Status
 from drivers.mitsubishi_fr.settings import InverterMisconfigured
@@ -181,6 +182,33 @@ def test_closing_stops_the_motor_and_hands_the_drive_back() -> None:
         await bench.wait(5.0)
         assert bench.load.at(bench.loop.time()) == 0.0
         assert bench.drive.access(fr.FAULTS[0].number, 1, None) == [0]
+
+    on_bench(work)
+
+
+def test_closing_ends_the_poll_although_an_answer_swallows_the_cancellation() -> None:
+    """As `wait_for` of Python 3.11 does where both come at once."""
+
+    async def work(bench: Bench) -> None:
+        await bench.keeper.check_in()
+        ask, asking = bench.line.ask, asyncio.Event()
+
+        async def deaf(request: Request) -> Answer:
+            asking.set()
+            answer = asyncio.ensure_future(ask(request))
+            try:
+                return await asyncio.shield(answer)
+            except asyncio.CancelledError:
+                return await answer
+
+        bench.line.ask = deaf  # type: ignore[method-assign]
+        await asking.wait()
+        closing = asyncio.ensure_future(bench.keeper.close())
+        await asyncio.wait([closing], timeout=1.0)
+        assert closing.done()
+        sent = len(bench.line.sent)
+        await asyncio.sleep(1.0)
+        assert len(bench.line.sent) == sent
 
     on_bench(work)
 

@@ -25,11 +25,13 @@ from daq.errors import (
     InstrumentRefused,
     RecorderFailed,
 )
-from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
 from drivers.protocols import DriveSettings
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.emulator import start_function_generator
 from tests.drivers.conftest import ACCELERATION, CONSTANT, FORCE, OPEN, WIRING, card_settings
 from tests.drivers.plants import BrokenPlant, NotFinitePlant, RampPlant, SinePlant
 

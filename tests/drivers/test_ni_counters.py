@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from daq import Flag
 from daq.errors import ConfigurationError, InstrumentRefused, InstrumentSilent, RecorderFailed
-from drivers.emulator_process import start_daq_card
 from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard, Pulses
 from drivers.ni_daq.counting import COUNTER_STATES, MarkPulses, UnwrappedCount
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.acquisition import CounterRun
 from drivers.ni_daq.emulator.counters import AngleCount
 from drivers.ni_daq.emulator.servicer import CardServicer

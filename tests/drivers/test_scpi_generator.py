@@ -15,9 +15,10 @@ import pyvisa
 
 from daq import SystemClock
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.emulator_process import EmulatedInstrument, GeneratorSetup, start_function_generator
+from drivers.emulator_process import EmulatedInstrument
 from drivers.protocols import DriveGenerator, DriveSettings
 from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.emulator import GeneratorSetup, start_function_generator
 
 DEADLINE_S = 5.0
 

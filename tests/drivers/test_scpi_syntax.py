@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.protocols import DriveSettings
 from drivers.scpi import answers
-from drivers.scpi.emulated_33220a import Emulated33220A
+from drivers.scpi.emulator.agilent_33220a import Emulated33220A
 
 WORDS = st.sampled_from(
     """*IDN? *RST *CLS *TRG *OPC? SYST:ERR? FREQ FREQ? VOLT VOLT:OFFS VOLT:UNIT PHAS OUTP OUTP:LOAD BURS:MODE

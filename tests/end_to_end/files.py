@@ -6,7 +6,9 @@ import re
 from pathlib import Path
 
 from rig.files.benches.impact_beam import BENCH
+from rig.files.benches.planar_slider_crank import BENCH as PLANAR_BENCH
 
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 CHANNELS = ("drive.force", "contact.force_upper", "contact.force_lower", "yoke.force", "base.acceleration")
 
 
@@ -50,4 +52,23 @@ def write_bench(
     # Nobody calibrates a sensor that is an emulated one in truth; a real bench is held to its dates.
     text = re.sub(r"valid_until = 2036", "valid_until = 2096", text)
     path.write_text(f"{text}\n{emulation}\n")
+    return path
+
+
+def write_crank(path: Path, rig: str, duration_s: float = 1.0) -> Path:
+    """The scenario of a slider-crank that rattle brings, made short."""
+    text = (SCENARIOS / f"{rig}.toml").read_text()
+    path.write_text(re.sub(r'duration = ".*"', f'duration = "{duration_s:g} s"', text))
+    return path
+
+
+def write_crank_bench(path: Path, inverter: str, card: str, encoder: str) -> Path:
+    """The planar crank's embedded bench with a CAN encoder, all of it real and at these addresses."""
+    host, _, port = encoder.rpartition(":")
+    text = PLANAR_BENCH.replace("emulated = true", f'port = "{inverter}"', 1)
+    text = text.replace("emulated = true", f'grpc = "{card}"', 1).replace(
+        "valid_until = 2036", "valid_until = 2096"
+    )
+    bus = f'interface = "socketcand"\nhost = "{host}"\nport = {port}\nchannel = "can0"\nnode = 7\n'
+    path.write_text(f"{text}\n[encoder]\n{bus}")
     return path

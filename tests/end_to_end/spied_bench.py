@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
-from drivers.emulator_process import DriveLink, EmulatedInstrument, start_daq_card, start_function_generator
+from drivers.emulator_process import DriveLink, EmulatedInstrument
+from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
 from drivers.protocols import DriveSettings
+from drivers.scpi.emulator import start_function_generator
 from rig.files.bench import embedded_bench
 from tests.drivers.plants import SinePlant
 from tests.end_to_end.command import await_true

@@ -29,7 +29,7 @@ def write_report(
     `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings,
     `forces` what the joints' forces lack.
     """
-    page = render(Reported(findings, diagnosis, runs, remarks, forces))
+    page = render(Reported(findings, diagnosis, runs, remarks, forces, path.parent))
     path.write_text(page, encoding="utf-8")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ class RunFacts:
 class Reported:
     """Findings with the diagnosis as its file holds it (interface.md), and what is known of the runs.
 
-    `forces` are what the joints' forces lack, the largest first; none where nobody asked.
+    `forces` are what the joints' forces lack, the largest first; none where nobody asked. `folder` holds the
+    diagnosis.
     """
 
     findings: Findings
@@ -36,6 +38,7 @@ class Reported:
     runs: Sequence[RunFacts]
     remarks: Sequence[str]
     forces: Sequence[LatentForce] = ()
+    folder: Path = Path()
 
     @property
     def verdict(self) -> str:

@@ -14,9 +14,11 @@ from rig.diagnosis.report.words import (
     span,
     what_and_where,
 )
-from sim_twin.diagnosis.findings import Judged
+from sim_twin.diagnosis.findings import Gap, Judged
 
 _SURE, _LIKELY = 0.9, 0.6
+_LEFT_OPEN = 1.5
+"""A gap that is left from which on the repaired twin is not the rig."""
 
 
 def sentences(reported: Reported) -> tuple[str, str]:
@@ -68,7 +70,7 @@ def _shrinks(reported: Reported, count: int) -> str:
     if not reported.repaired:
         return (
             f"The gap is {floors(gap.before)}, where 1.0 is a healthy rig; how far it shrinks is not known, "
-            "for there was no time to simulate the repaired twin."
+            "for there was no time to simulate the repaired twin: give it more --budget, or an idle machine."
         )
     within = "With it" if count == 1 else "With both" if count == 2 else "With all of them"
     if gap.shrink is None:
@@ -76,12 +78,26 @@ def _shrinks(reported: Reported, count: int) -> str:
             f"The gap is {floors(gap.before)}, no larger than a healthy rig's (1.0); "
             f"{within[0].lower()}{within[1:]} in the twin {floors(gap.after)} is left."
         )
-    low, high = gap.shrink_ci95 or (None, None)
-    interval = "" if low is None or high is None else f", 95 % interval {100 * low:.0f} to {100 * high:.0f} %"
-    return (
+    between = f", {interval(gap)}" if interval(gap) else ""
+    told = (
         f"{within} in the twin the gap falls from {floors(gap.before)} to {floors(gap.after)}, where 1.0 is "
-        f"a healthy rig: {100 * gap.shrink:.0f} % of it is gone{interval}."
+        f"a healthy rig: {100 * gap.shrink:.0f} % of it is gone{between}."
     )
+    return told if gap.after is None or gap.after < _LEFT_OPEN else f"{told} {_LEFT}"
+
+
+_LEFT = (
+    "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
+    "(their intervals are wider by as much); more --budget may find a nearer one."
+)
+
+
+def interval(gap: Gap) -> str:
+    """The shrink's interval in words; nothing where it has none, or none to be seen."""
+    if gap.shrink_ci95 is None:
+        return ""
+    low, high = (f"{100 * end:.0f}" for end in gap.shrink_ci95)
+    return "" if low == high else f"95 % interval {low} to {high} %"
 
 
 def _none(reported: Reported) -> tuple[str, str]:

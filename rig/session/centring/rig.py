@@ -14,7 +14,7 @@ from daq.block import SampleBlock
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -64,6 +64,9 @@ class _Warnings:
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
         """Nothing is recorded."""
+
+    def impact(self, impact: Impact) -> None:
+        """Impacts are counted by the search itself."""
 
     def event(self, event: Event) -> None:
         """Say what wants attention."""

@@ -16,7 +16,17 @@ from mcap.stream_reader import StreamReader
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError, RecorderFailed
-from daq.log import ClockRecord, Event, Gap, LogReader, LogWriter, codec, verify_log
+from daq.log import (
+    ClockRecord,
+    Event,
+    Gap,
+    Impact,
+    LogReader,
+    LogWriter,
+    codec,
+    recover_log,
+    verify_log,
+)
 from tests.daq.log.logs import BLOCK, RATE, START_NS, block, host_ns, write_ramp
 
 
@@ -48,6 +58,42 @@ def test_events_gaps_and_clocks_survive(tmp_path: Path) -> None:
         log.add_clock(clock)
     with LogReader(tmp_path / "log.mcap") as reader:
         assert (reader.events(), reader.gaps(), reader.clocks()) == ([event], [gap], [clock])
+
+
+def test_impacts_and_what_is_derived_survive_and_are_recovered(tmp_path: Path) -> None:
+    impact = Impact(START_NS + 1, "measured", "a", 7, 90, 40, 33.25, 30.5, 1e-3, 2e-3, 3, 12.375)
+    unknown = Impact(START_NS, "predicted", "b", 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 0, float("nan"))
+    with LogWriter(tmp_path / "log.mcap") as log:
+        log.declare("derived", Channel("a.cycle_rms", "N"))
+        log.add_impact(impact, START_NS + 5)
+        log.add_block("derived", block(0, "a.cycle_rms"), START_NS + 6)
+        log.add_impact(unknown, START_NS + 7)
+    assert recover_log(tmp_path / "log.mcap", tmp_path / "recovered.mcap").sound
+    for name in ("log", "recovered"):
+        with LogReader(tmp_path / f"{name}.mcap") as reader:
+            assert [repr(each) for each in reader.impacts()] == [repr(impact), repr(unknown)]
+            assert list(reader.channels("derived")) == ["a.cycle_rms"]
+            assert [origin for origin, _ in reader.blocks(("derived", "measured"))] == ["derived"]
+            assert list(reader.blocks(("measured", "predicted"))) == []
+
+
+def test_only_chunks_with_the_asked_topics_are_opened(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        for name in ("a", "b"):
+            log.declare("measured", Channel(name, "N"))
+        for number in range(40):  # 4 s of b after 4 s of a: chunks end after a quarter of a second
+            each = block(number, "a" if number < 20 else "b")
+            log.add_block("measured", each, host_ns(each))
+    content = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+    content[content.index(chunks[0].data) + 20] ^= 0xFF
+    path.write_bytes(content)
+    with LogReader(path) as reader:
+        assert len([each for _, each in reader.blocks("measured", ["b"])]) == 20
+        with pytest.raises(LogError, match="a chunk is damaged"):
+            list(reader.blocks("measured", ["a"]))
 
 
 def test_a_channel_keeps_its_metadata_even_without_a_sample(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 from rig.commands.cli import FAILED, WRONG_USE
 from rig.diagnosis import diagnose as diagnosing
 from rig.files.effects_file import load_effects
-from rig.files.scenario import parse_scenario
+from rig.files.scenario import load_scenario, parse_scenario
 from rig.twin.scenario_twin import catalogue_of
 from sim_twin.rigs.impact_beam.rig import MODEL
 from tests.rig.commands.cli import Answer, Call
@@ -133,6 +133,8 @@ def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -
     assert set(experiment["separates"]) <= set(MODEL.effects)
     assert len(experiment["separates"]) == 2
     assert 0.5 <= experiment["expected_probability"] <= 1
+    # its text is one of its fields
+    assert load_scenario(campaign.out / "next_experiment.toml") == scenario
 
 
 @pytest.mark.slow
@@ -228,6 +230,20 @@ def test_an_output_that_is_a_file_is_refused(call: Call, run: Path, tmp_path: Pa
     assert answer.code == FAILED
     assert "is a file; name a folder" in answer.err
     assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_simulated(
+    call: Call, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def simulated(_count: int) -> None:
+        raise AssertionError("simulated before the folder was tried")
+
+    monkeypatch.setattr(diagnosing, "worker_processes", simulated)
+    (tmp_path / "file").write_text("mine")
+    out = tmp_path / "file" / "out"
+    answer = call("diagnose", run, "--out", out)
+    assert answer.code == FAILED
+    assert answer.err == f"rattle: cannot write to {out}: Not a directory\n"
 
 
 def test_effects_that_the_rig_does_not_have_are_wrong_use(call: Call, run: Path, tmp_path: Path) -> None:

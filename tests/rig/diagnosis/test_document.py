@@ -26,7 +26,7 @@ from sim_twin.rigs.impact_beam.rig import MODEL
 UPPER, DRIVE = "contact.force_upper", "drive.force"
 COLUMNS = Columns((UPPER, DRIVE), (UPPER,), 20.0, 25_600.0)
 LAYOUT = Layout((*COLUMNS.cells(0), *COLUMNS.cells(1)))
-UNIT = 1.25
+UNIT_BEFORE, UNIT_AFTER = 1.25, 1.6
 GAIN = Cause("sensor_gain", "sensor", MODEL.effects["sensor_gain"].parameters, UPPER, sensing=True)
 BASE = Cause("base_flexibility", "base", MODEL.effects["base_flexibility"].parameters)
 KEYS = {
@@ -40,7 +40,8 @@ def floors() -> np.ndarray:
 
 
 def gap(before: float = 3.0, after: float = 1.1) -> Gap:
-    return Gap(before, after, 0.95, (0.9, 1.0), floors(), np.ones(len(LAYOUT.cells)), UNIT, UNIT, 0.9)
+    left = np.ones(len(LAYOUT.cells))
+    return Gap(before, after, 0.95, (0.9, 1.0), floors(), left, UNIT_BEFORE, UNIT_AFTER, 0.9)
 
 
 @cache
@@ -100,7 +101,7 @@ def test_parameters_have_values_and_intervals_and_a_channel_is_one_of_them() -> 
 
 def test_gaps_by_channel_and_run_are_parts_of_the_whole() -> None:
     block = gap_block(LAYOUT, gap(), {"base": 1.0})
-    whole = np.sqrt(np.mean(floors() ** 2)) / UNIT
+    whole = np.sqrt(np.mean(floors() ** 2)) / UNIT_BEFORE
     assert (block["before"], block["after"], block["shrink"]) == (3.0, 1.1, 0.95)
     # cells are as many in one run as in the other
     assert np.sqrt(np.mean(np.square(block["by_run"]))) == pytest.approx(whole)
@@ -124,7 +125,7 @@ def test_gaps_by_band_and_phase_are_once_a_channel_and_place_over_all_runs() -> 
         for cell, floor in zip(LAYOUT.cells, floors(), strict=True)
         if cell.what == "energy" and cell.channel == UPPER and cell.band is not None and cell.band[0] == 20
     ]
-    assert lowest["gap"] == pytest.approx(np.sqrt(np.mean(np.square(chosen))) / UNIT)
+    assert lowest["gap"] == pytest.approx(np.sqrt(np.mean(np.square(chosen))) / UNIT_BEFORE)
     assert len(chosen) == 2
 
 

@@ -149,10 +149,21 @@ def test_another_missing_channel_is_remarked_and_its_effects_are_no_candidates(l
     assert [cause for cause in found.campaign.causes if cause.channel == UPPER]
 
 
+def turned(found: Recording) -> Recording:
+    """Another run: the same samples from the middle of its cycles on."""
+    return found[0], np.roll(found[1], found[1].shape[1] // 2, axis=1)
+
+
+def test_a_copy_of_a_run_is_no_second_run(tmp_path: Path) -> None:
+    paths = [write(tmp_path / name, beam(), BEAM) for name in ("run.mcap", "copy.mcap")]
+    with pytest.raises(ConfigurationError, match=r"copy\.mcap hold the same samples: each run once"):
+        recorded(paths)
+
+
 def test_a_channel_that_one_of_two_runs_lacks_is_used_in_neither(tmp_path: Path) -> None:
     paths = [
         write(tmp_path / "all.mcap", beam(), BEAM),
-        write(tmp_path / "fewer.mcap", beam(), BEAM, without={YOKE}),
+        write(tmp_path / "fewer.mcap", turned(beam()), BEAM, without={YOKE}),
     ]
     found = recorded(paths)
     assert found.remarks == (f"fewer.mcap: no {YOKE}: what only it shows cannot be found",)
@@ -260,6 +271,16 @@ def test_what_is_no_log_or_not_there_is_refused(tmp_path: Path) -> None:
         recorded([tmp_path / "text.mcap"])
     with pytest.raises(LogError, match=r"absent\.mcap: No such file"):
         recorded([tmp_path / "absent.mcap"])
+
+
+def test_a_log_that_was_cut_is_used_as_far_as_it_goes_and_said(log: Path) -> None:
+    whole = recorded([write(log, beam(), BEAM)])
+    content = log.read_bytes()
+    log.write_bytes(content[: len(content) * 3 // 4])
+    found = recorded([log])
+    assert found.records[0][YOKE].size < whole.records[0][YOKE].size
+    assert any("never finished, or cut" in remark for remark in found.remarks)
+    assert not any("never finished" in remark for remark in whole.remarks)
 
 
 def test_a_run_at_twice_the_rate_gives_the_same_numbers(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from tests.rig.browser import browser_page, needs_chromium
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 COLUMNS = Columns((UPPER, LOWER, "drive.force"), (UPPER, LOWER), 20.0, 25_600.0)
 LAYOUT = Layout((*COLUMNS.cells(0), *COLUMNS.cells(1)))
-UNIT = 1.2
+UNIT_BEFORE, UNIT_AFTER = 1.2, 1.6
 FLOOR = np.full(len(LAYOUT.cells), 0.1)
 RUNS = [RunFacts(f"run{k}.mcap", "impact_beam, 20 Hz, 9 N", {UPPER: "N", LOWER: "N"}) for k in (1, 2)]
 SCENARIO = 'name = "slower"\nrig = "impact_beam"\n[drive]\nfrequency = "7 Hz"\n'
@@ -62,7 +62,7 @@ def gap(before: float, after: float, shrink: float | None) -> Gap:
         if cell.channel == UPPER and cell.run == 1:
             cells[k] = 3.0 if cell.band is None or not cell.band[0] <= 400.0 < cell.band[1] else 30.0
     interval = None if shrink is None else (0.91, 0.99)
-    return Gap(before, after, shrink, interval, cells, np.ones_like(cells), UNIT, UNIT, 0.9)
+    return Gap(before, after, shrink, interval, cells, np.ones_like(cells), UNIT_BEFORE, UNIT_AFTER, 0.9)
 
 
 def findings(none: float, effect: float, unknown: float, selected: tuple[Cause, ...] = (BASE,)) -> Findings:
@@ -199,8 +199,9 @@ def test_the_map_shows_each_cell_in_units_of_a_healthy_rigs_gap() -> None:
     spectra = maps[1].traces[0]
     row = spectra["y"].index(UPPER)
     column = next(k for k, low in enumerate(spectra["x"]) if low == 400.0)
-    assert spectra["customdata"][row][column] == pytest.approx(30.0 / UNIT)
-    assert spectra["customdata"][spectra["y"].index(LOWER)][column] == pytest.approx(1.0 / UNIT, abs=1e-3)
+    assert spectra["customdata"][row][column] == pytest.approx(30.0 / UNIT_BEFORE)
+    lower = spectra["customdata"][spectra["y"].index(LOWER)]
+    assert lower[column] == pytest.approx(1.0 / UNIT_BEFORE, abs=1e-3)
     assert len(spectra["x"]) == len(spectra["customdata"][row]) + 1
 
 
@@ -210,7 +211,20 @@ def test_channels_gaps_are_root_mean_squares_of_their_cells() -> None:
     cells = found.gap.cells_before[[cell.channel == UPPER for cell in LAYOUT.cells]]
     shown = {row[0]: float(row[1]) for row in table.rows}
     # Two decimals are shown.
-    assert shown[UPPER] == pytest.approx(np.sqrt(np.mean(cells**2)) / UNIT, abs=0.005)
+    assert shown[UPPER] == pytest.approx(np.sqrt(np.mean(cells**2)) / UNIT_BEFORE, abs=0.005)
+
+
+def test_what_is_left_is_in_units_of_a_healthy_rigs_gap_to_the_repaired_twin() -> None:
+    parts = gap_map(reported(findings(0.01, 0.96, 0.03)))
+    maps = [part for part in parts if isinstance(part, Figure)]
+    channels, largest = (part for part in parts if isinstance(part, Table))
+    # the second state below the first, in the same views
+    after = [trace["customdata"] for trace in maps[1].traces[len(maps[1].traces) // 2 :]]
+    drawn = np.concatenate([np.ravel(np.array(rows, float)) for rows in after])
+    # a cell is left white where a channel has no such view; the page has three digits
+    assert np.unique(drawn[np.isfinite(drawn)]) == pytest.approx([1.0 / UNIT_AFTER], abs=1e-3)
+    assert {row[-1] for row in (*channels.rows, *largest.rows)} == {f"{1.0 / UNIT_AFTER:.2f}"}
+    assert largest.rows[0][-2] == f"{30.0 / UNIT_BEFORE:.2f}"
 
 
 def text_of(path: Path) -> str:

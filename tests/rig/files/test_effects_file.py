@@ -59,7 +59,7 @@ def test_empty_list_is_no_effect(tmp_path: Path) -> None:
     [
         ({}, "effects", "a list such as"),
         ([3], "[1]", "an object"),
-        ([{"name": "clearence", "parameters": {"scale": 1.5}}], "[1].name", "clearance, base_flexibility"),
+        ([{"name": "clearence", "parameters": {"scale": 1.5}}], "[1].name", "did you mean clearance?"),
         ([{"name": ["clearance"], "parameters": {}}], "[1].name", "an effect of this rig"),
         ([{"name": "clearance", "parameters": []}], "[1].parameters", "an object"),
         ([{"name": "clearance", "parameters": {}}], "[1].clearance.scale", "0.5 to 0.9 or 1.1 to 2"),

@@ -27,19 +27,19 @@ def test_a_block_arrives_as_it_was_sent() -> None:
         assert getattr(frame.block, field) == getattr(block, field)
 
 
-def test_double_precision_is_sent_as_single() -> None:
-    block = SampleBlock("crank.angle", 0, 0, 1.0, np.array([1.0 + 1e-12, 2.0]))
+def test_an_unwrapped_angle_keeps_its_double_precision() -> None:
+    block = SampleBlock("crank.angle", 0, 0, 1.0, np.array([1e5 + 1e-9, 2e5]))
     (frame,) = read(frames.encode_block("measured", block))
     assert isinstance(frame, frames.BlockFrame)
-    assert frame.block.values.tolist() == [1.0, 2.0]
+    assert frame.block.values.tolist() == [1e5 + 1e-9, 2e5]
 
 
 def test_frames_follow_each_other() -> None:
     event = Event(5, "warning", "daq_card", "overload", "über dem Bereich\n")
-    shape = frames.encode_shape(0.25, np.array([0.0, 0.28]), np.array([0.0, 1e-4]))
+    shape = frames.encode_shape(0.25, np.array([[0.0, 0.28], [0.0, 1e-4], [1.0, 2.0]]))
     found = read(shape + frames.encode_event(event) + frames.encode_dropped(7))
     assert isinstance(found[0], frames.ShapeFrame)
-    assert found[0].deflection_m.tolist() == pytest.approx([0.0, 1e-4])
+    assert found[0].points_m == pytest.approx(np.array([[0.0, 0.28], [0.0, 1e-4], [1.0, 2.0]]))
     assert found[1:] == [event, frames.DroppedFrame(7)]
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import io
-import socket
-import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +14,12 @@ from rerun.experimental import ViewerClient
 
 from daq.log.records import Event
 from rig.live import BeamPicture, LiveView, rrd_from_log
-from rig.live.paths import COLOURS
-from rig.live.viewer_server import viewer_environment, viewer_executable
 from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.live.native_viewer import needs_vulkan, shows_both, viewer
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks, write_log
 
 BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 NAMES = {channel.name for channel in CHANNELS}
-DRAWN_PIXELS = 60
-"""A line across a plot has hundreds of pixels of its own colour, a legend's dot under forty."""
-
-has_vulkan = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
-needs_vulkan = pytest.mark.skipif(not has_vulkan, reason="no Vulkan driver (mesa-vulkan-drivers)")
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
@@ -40,53 +31,9 @@ def live() -> Iterator[LiveView]:
         for index, (first, second) in enumerate(zip(measured, predicted, strict=True)):
             view.offer("measured", first)
             view.offer("predicted", second)
-            positions = np.linspace(0.0, BEAM.length_m, 20)
-            view.offer_shape(index * 0.02, positions, 1e-4 * np.sin(index) * positions / BEAM.length_m)
+            view.offer_shape(index * 0.02, 1e-4 * np.sin(index) * np.linspace(0.0, 1.0, 20))
         view.offer_event(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
         yield view
-
-
-@contextmanager
-def viewer(*arguments: str | Path) -> Iterator[ViewerClient]:
-    """Rerun's viewer without a screen, itself reachable on loopback only."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    options = ["--headless", "--bind=127.0.0.1", f"--port={port}", "--window-size=1600x1000"]
-    process = subprocess.Popen(  # noqa: S603
-        [viewer_executable(), *options, *arguments],
-        env=viewer_environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield connected(f"rerun+http://127.0.0.1:{port}/proxy")
-    finally:
-        process.kill()
-        process.wait()
-
-
-def connected(url: str) -> ViewerClient:
-    deadline = time.monotonic() + 30.0
-    while True:
-        try:
-            client = ViewerClient.connect(url)
-            client.get_state()
-        except (RuntimeError, ConnectionError):
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.1)
-        else:
-            return client
-
-
-def pixels(picture: Image.Image, colour: tuple[int, int, int]) -> int:
-    """How many pixels have the colour, up to the smoothing of edges."""
-    distance = np.abs(np.asarray(picture.convert("RGB"), dtype=int) - colour).max(axis=2)
-    return int((distance < 40).sum())
-
-
-def shows_both(picture: Image.Image) -> bool:
-    return all(pixels(picture, COLOURS[origin]) > DRAWN_PIXELS for origin in ("measured", "predicted"))
 
 
 def views_without_both(client: ViewerClient, folder: Path, names: set[str]) -> set[str]:

@@ -124,7 +124,7 @@ def test_an_interrupt_at_the_terminal_does_not_reach_the_view(view: LiveView) ->
 def test_a_view_that_works_closes_early_and_leaves_nothing_behind(view: LiveView) -> None:
     offer(view, 0.5)
     view.offer_event(Event(START_NS, "info", "sequencer", "recording", "recording started"))
-    view.offer_shape(0.1, np.linspace(0, 0.28, 5), np.zeros(5))
+    view.offer_shape(0.1, np.zeros(5))
     processes = view.processes
     assert closed_within_its_deadline(view)
     assert wait_until(lambda: all(gone(process) for process in processes))

@@ -13,7 +13,7 @@ from rich.console import Console
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import InstrumentSilent
-from daq.log import Event, Origin
+from daq.log import Event, Impact, Origin
 from drivers.protocols import CardReading
 from rig.session.progress import Screen
 
@@ -109,6 +109,7 @@ class ListSink:
 
     def __init__(self, fails_on: type | None = None) -> None:
         self.items: list[tuple[Origin | None, SampleBlock | Event]] = []
+        self.impacts: list[Impact] = []
         self._fails_on = fails_on
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
@@ -116,6 +117,9 @@ class ListSink:
 
     def event(self, event: Event) -> None:
         self._keep(None, event)
+
+    def impact(self, impact: Impact) -> None:
+        self.impacts.append(impact)
 
     def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
         pass

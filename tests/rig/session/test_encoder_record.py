@@ -76,7 +76,7 @@ class Lab:
     def __init__(self, missing: frozenset[int] = frozenset()) -> None:
         self.clock, self.sink, self.gaps = SteppedClock(), ListSink(), list[Gap]()
         self.base = CardClock(self.clock, 25_600.0)
-        self.base.start()
+        self.base.start(lambda: None)
         zero_s = self.clock.now_s
         for number in range(1, 40):  # 4 s of blocks: the host's clock is known
             self.clock.now_s = zero_s + number * 0.1 + 1e-3
@@ -119,9 +119,9 @@ def test_the_record_is_every_position_between_its_start_and_its_end() -> None:
     values = np.concatenate([block.values for block in blocks])
     assert values.dtype == np.float64
     assert [block.first_sample for block in blocks] == np.cumsum([0, *map(len, blocks)])[:-1].tolist()
-    # The card's shortest delay (1 ms) is taken off, the encoder's (2 ms) is in: placed 1 ms late.
+    # What its frames are late, 2 ms, cannot be told from a skew: they are placed so much late.
     assert len(values) == pytest.approx(900, abs=2)
-    begun = round(OMEGA * 0.349 / math.tau * COUNTS) / COUNTS * math.tau
+    begun = round(OMEGA * 0.348 / math.tau * COUNTS) / COUNTS * math.tau
     assert values[0] == pytest.approx(begun % math.tau, abs=OMEGA * 3e-3)
     assert np.diff(values) == pytest.approx(OMEGA * PERIOD_S, abs=math.tau / COUNTS * 1.01)
 
@@ -153,7 +153,7 @@ def test_positions_that_are_missing_are_a_gap_with_its_cause_and_cost_no_turn() 
     lab = Lab(missing=frozenset({*range(730, 760), 900}))
     blocks = lab.recorded(0.35, 1.25, 12)
     first = blocks[0]
-    begin = round((first.time_ns - lab.base.start_ns) / 1e9 / PERIOD_S - 1)  # the frame at which it begins
+    begin = round((first.time_ns - lab.base.start_ns) / 1e9 / PERIOD_S - 2)  # the frame at which it begins
     assert sum(gap.count for gap in lab.gaps) == 31
     assert {gap.cause for gap in lab.gaps} == {"lost on the bus"}
     assert lab.gaps[0].first_sample == pytest.approx(730 - begin, abs=1)
@@ -180,7 +180,6 @@ def test_an_emergency_is_an_interlock_and_notices_are_events() -> None:
             lab.record.check()
         (event,) = lab.record.events()
         assert (event.code, event.level) == ("encoder.emergency", "error")
-        # 3.9 s of card have arrived 1 ms late when it was told.
         assert event.time_ns - lab.base.start_ns == pytest.approx(3.9e9, abs=2e6)
         lab.end()
     assert lab.encoder.stopped

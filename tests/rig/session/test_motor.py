@@ -119,7 +119,7 @@ def test_what_the_inverter_found_ends_the_run() -> None:
 def test_polls_tell_how_long_an_answer_takes_on_the_time_base() -> None:
     drive = FakeDrive(SteppedClock())
     base = CardClock(drive.clock, 25_600.0)
-    base.start()
+    base.start(lambda: None)
     moved = started(drive)
     (record,) = moved.clocks(base)
     assert record.device == "inverter"

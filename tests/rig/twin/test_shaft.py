@@ -14,8 +14,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from drivers.canopen_cia406 import CanopenEncoder, EncoderSettings
+from drivers.canopen_cia406.emulator import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
-from drivers.emulator_process import start_encoder
 from drivers.protocols import InverterOutput
 from rig.twin.shaft import COAST_RAD_S2, STEP_S, EmulatedMotor, ShaftCourse, ShaftFactory, drawn_motor
 from sim_twin.rigs.crank_drive import SpeedDrive

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,13 +12,19 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief
-from sim_twin.diagnosis.draw import Draw, Observed
+from sim_twin.diagnosis.draw import Draw, Named, Observed
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
-from sim_twin.diagnosis.judging import gap_between, halves, leads_away, repaired_twins
+from sim_twin.diagnosis.judging import (
+    gap_between,
+    halves,
+    leads_away,
+    repaired_twins,
+    without_idle_partner,
+)
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.unexplained import Unexplained
-from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Toy, recording
 
 TOY = Toy()
 RIG = 10**6
@@ -39,6 +46,14 @@ def measure() -> GapMeasure:
 def twins(size: float, count: int = 24) -> NDArray[np.float64]:
     shown = [recording((("left", {"size": size}),), 500 + k, 1) for k in range(count)]
     return np.concatenate(shown).astype(np.float64)
+
+
+def both(left: float, right: float) -> tuple[Named, ...]:
+    return (("left", {"size": left}), ("right", {"size": right}))
+
+
+def twins_of(effects: Sequence[Named]) -> NDArray[np.float64]:
+    return np.concatenate([recording(effects, 900 + k, 1) for k in range(24)]).astype(np.float64)
 
 
 @pytest.mark.parametrize(("blocks", "fitted"), [(2, 1), (3, 2), (6, 3)])
@@ -135,6 +150,18 @@ def test_a_recording_s_own_blocks_lie_apart_as_blocks_of_one_rig() -> None:
     ]
     # four blocks scatter by 1 about their mean, less a quarter of it; a healthy rig's by 1 and its own half
     assert np.mean(values) == pytest.approx(np.sqrt(0.75 / 1.25), abs=0.03)
+
+
+def test_a_second_effect_that_mends_nothing_is_not_selected() -> None:
+    _, ranked, _ = searched()
+    single = next(each for each in ranked if each.hypothesis == (LEFT,))
+    pair = replace(single, hypothesis=(LEFT, RIGHT))
+    repaired = {(LEFT,): twins(2.0), (LEFT, RIGHT): twins_of(both(2.0, 3.0))}
+    for measured, expected in ((LEFT_2, single), (both(2.0, 3.0), pair)):
+        judged_on = recording(measured, RIG, 2)
+        found = without_idle_partner(pair, [pair, single], repaired, measure(), judged_on)
+        assert found is expected
+    assert without_idle_partner(single, [single], repaired, measure(), recording(LEFT_2, RIG, 2)) is single
 
 
 def test_a_repair_that_leads_away_is_refuted_and_one_that_closes_the_gap_is_not() -> None:

@@ -25,8 +25,9 @@ def _trust(reported: Reported) -> list[Part]:
     cost = reported.diagnosis.get("cost") or {}
     seconds = f" in {number(cost['seconds'])} s" if cost.get("seconds") is not None else ""
     steady = Sentence(
-        f"The recordings' own parts lie {floors(found.gap.recording)} from their mean, where those of "
-        "healthy rigs lie 1.0 from the twin; if much more, the rig changed, or what is missing scatters."
+        f"The recordings' own blocks of cycles lie {floors(found.gap.recording)} from their mean, in the "
+        "same measure. What is missing may scatter the motion more than a healthy rig does; a rig that "
+        "changed while it was recorded would show here too."
     )
     misfit = Sentence(
         f"From rigs simulated as the best explanation says, the recordings lie {number(found.left.gap)} "
@@ -43,6 +44,7 @@ def _trust(reported: Reported) -> list[Part]:
 def _again(reported: Reported) -> list[Part]:
     runs = [quote(path) for path in reported.diagnosis.get("runs", [])] or ["RUN.mcap"]
     model = reported.diagnosis.get("provenance", {}).get("model")
-    given = "--effects effects.json" + (f" --model {quote(model)}" if model else "")
+    effects = quote(str(reported.folder / "effects.json"))
+    given = f"--effects {effects}" + (f" --model {quote(model)}" if model else "")
     text = f"rattle gap {' '.join(runs)} {given}\nrattle overlay {runs[0]} {given}"
     return [Sentence("To repeat it with these effects, or with others of your own:"), Listing(text)]

@@ -43,7 +43,7 @@ _COULD_HIDE = "Nothing is selected. The most probable effects, each as it would 
 
 def _table(reported: Reported, judged: Sequence[Judged], caption: str) -> Table:
     written = dict(reported.findings.effects)
-    headings = ["effect", "parameter", "value", "95 % interval", "plausible range", "probability"]
+    headings = ["effect", "parameter", "value", "95 % interval", "plausible range", "largest cause"]
     headings += ["in effects.json"] if any(each.cause.name in written for each in judged) else []
     rows = []
     for each in judged:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rig.diagnosis.report.content import Lead, Part
 from rig.diagnosis.report.reported import Reported
-from rig.diagnosis.report.verdict import sentences
+from rig.diagnosis.report.verdict import interval, sentences
 from rig.diagnosis.report.words import floors, listed, number, percent, plain
 from rig.report.content import BigNumber, BigNumbers, Sentence
 
@@ -41,6 +41,4 @@ def _shrink(reported: Reported) -> BigNumber:
     gap = reported.findings.gap
     if gap.shrink is None:
         return BigNumber("Shrink", "–", "no gap to shrink")
-    low, high = gap.shrink_ci95 or (None, None)
-    interval = "" if low is None or high is None else f"95 % interval {100 * low:.0f} to {100 * high:.0f} %"
-    return BigNumber("Shrink", f"{100 * gap.shrink:.0f} %", interval)
+    return BigNumber("Shrink", f"{100 * gap.shrink:.0f} %", interval(gap))

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.protocols import DriveSettings
-from drivers.scpi.command_tree import (
+from drivers.scpi.emulator.command_tree import (
     Command,
     CommandError,
     CommandTree,

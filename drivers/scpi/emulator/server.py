@@ -11,8 +11,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from drivers.scpi.command_tree import CommandError
-from drivers.scpi.emulated_33220a import Emulated33220A
+from drivers.scpi.emulator.agilent_33220a import Emulated33220A
+from drivers.scpi.emulator.command_tree import CommandError
 
 INPUT_BUFFER = 65536
 OUTPUT_BUFFER = 65536

@@ -1,0 +1,51 @@
+"""The emulated inverter in a process of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing.connection import Connection
+
+from daq import SystemClock
+from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
+from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, EmulatedDrive, InverterSetup
+from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
+from drivers.mitsubishi_fr.emulator.load import OutputSink, RemoteLoad
+from drivers.mitsubishi_fr.emulator.server import InverterServer
+
+STATION_PARAMETER = 117
+
+
+@dataclass(frozen=True, slots=True)
+class InverterWiring:
+    """What an emulated inverter is joined to, by connections to other processes.
+
+    Every change of its output (`InverterOutput`) goes to `outputs`; `currents` brings the motor current in A
+    as floats; `rehearsal` brings what is to go wrong (`LineFaults`, `DriveFaults`, `Trip`).
+    """
+
+    outputs: OutputSink | None = None
+    currents: Connection | None = None
+    rehearsal: Connection | None = None
+
+
+def start_inverter(
+    wiring: InverterWiring | None = None,
+    setup: InverterSetup | None = None,
+    line: LineFaults | None = None,
+    name: str = "emulated inverter",
+    deadline_s: float = START_DEADLINE_S,
+) -> EmulatedInstrument:
+    """Start an emulated FR-D700; its addresses are ports for pyserial, TCP first, then the pty.
+
+    On the pty only parity N can be chosen. Raises `InstrumentAbsent` where it does not start in time.
+    """
+    make = partial(_server, wiring or InverterWiring(), setup or InverterSetup(), line or LineFaults())
+    return start(make, name, deadline_s)
+
+
+def _server(wiring: InverterWiring, setup: InverterSetup, line: LineFaults) -> InverterServer:
+    load = RemoteLoad(wiring.outputs, wiring.currents)
+    drive = EmulatedDrive(setup, load, SystemClock().monotonic_s)
+    station = {**PARAMETERS, **setup.parameters}[STATION_PARAMETER]
+    return InverterServer(drive, station, line, wiring.rehearsal)

@@ -1,0 +1,85 @@
+"""Rms and peak of each cycle of a channel as two derived channels."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.angle.begins import Cycles
+from daq.block import Flag, SampleBlock
+from daq.signals.running_figures import CycleScanner
+from rig.derived.series import Emit, Series
+
+RMS, PEAK = "cycle_rms", "cycle_peak"
+_BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
+_BLOCK_S = 1.0
+_NO_SAMPLES = np.empty(0, np.float32)
+_UNKNOWN = (nan, nan)
+
+
+class CycleFigures:
+    """Figures of the cycles of one channel; sample 0 of the series is the first whole cycle of the record.
+
+    A cycle with a block that is overloaded, open or not finite, or with samples missing, is NaN. Blocks
+    wait here until it is known where cycles begin in them. `start_ns` is the time of sample 0.
+    """
+
+    def __init__(self, name: str, cycles: Cycles, cycle_hz: float, sample_rate: float, start_ns: int) -> None:
+        self._begins = cycles.begins
+        per_block = max(round(_BLOCK_S * cycle_hz), 1)
+        names = f"{name}.{RMS}", f"{name}.{PEAK}"
+        self._series = Series(names, cycle_hz, per_block, sample_rate, start_ns)
+        self._scanner = CycleScanner()
+        self._waiting: deque[SampleBlock] = deque()
+        self._next = 0
+        self._running: tuple[int, int] | None = None
+
+    def add(self, block: SampleBlock, emit: Emit) -> None:
+        """Take the channel's next block; hand on what has become certain."""
+        self._waiting.append(block)
+        self._scan(emit)
+
+    def finish(self, emit: Emit) -> None:
+        """Take what waits, and the last cycle if the record ends where it does: no more begins will come."""
+        self._scan(emit)
+        self._advance(self._next + 1, _NO_SAMPLES, True, emit)
+        self._series.flush(emit)
+
+    def _scan(self, emit: Emit) -> None:
+        while self._waiting:
+            block = self._waiting[0]
+            if self._next < block.first_sample:
+                if self._begins.until < block.first_sample:
+                    return
+                self._advance(block.first_sample, _NO_SAMPLES, False, emit)
+            end = min(block.end_sample, self._begins.until)
+            if self._next < end:
+                values = block.values[self._next - block.first_sample : end - block.first_sample]
+                self._advance(end, values, not block.flags & _BLIND, emit)
+            if self._next < block.end_sample:
+                return
+            self._waiting.popleft()
+
+    def _advance(self, end: int, values: NDArray[np.floating], good: bool, emit: Emit) -> None:
+        """Go on to sample `end` with the samples up to there; those that are no good spoil their cycles."""
+        begins = self._begins.between(self._next, end)
+        if not good:
+            self._scanner.spoil()
+        ended = self._scanner.add(values, begins.offset if len(values) else begins.offset * 0)
+        if begins.number:
+            rows = zip(begins.offset.tolist(), begins.number, begins.sound, ended.tolist(), strict=True)
+            for offset, number, sound, figures in rows:
+                self._end_cycle(figures if sound and good else _UNKNOWN, emit)
+                self._running = self._next + offset, number
+        if not good:
+            self._scanner.spoil()
+        self._next = end
+
+    def _end_cycle(self, figures: Sequence[float], emit: Emit) -> None:
+        if self._running is not None and self._begins.first_number is not None:
+            sample, number = self._running
+            self._series.add(number - self._begins.first_number, sample, figures, emit)

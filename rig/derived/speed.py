@@ -1,0 +1,48 @@
+"""The channel crank.speed of one origin, in rpm at 50 values a second."""
+
+from __future__ import annotations
+
+from daq.angle.crank_cycles import MarkerCycles
+from daq.angle.speed import SPEED_HZ, AngleSpeed, MarkerSpeed, Run
+from daq.block import SampleBlock
+from rig.derived.series import Emit, Series
+
+SPEED = "crank.speed"
+_BLOCK_S = 0.5
+
+
+class CrankSpeed:
+    """Speed from the reference channel of a crank: an encoder's angle, or `marker` where it has none.
+
+    The device's rate may be no multiple of 50 Hz: the series has the rate that whole samples allow, and the
+    time of a value is the middle of its samples. `start_ns` is the time of sample 0.
+    """
+
+    def __init__(self, name: str, marker: MarkerCycles | None, sample_rate: float, start_ns: int) -> None:
+        self._every = max(round(sample_rate / SPEED_HZ), 2)
+        rate = sample_rate / self._every
+        self._series = Series([name], rate, max(round(_BLOCK_S * rate), 1), sample_rate, start_ns)
+        self._angle = AngleSpeed(sample_rate, self._every) if marker is None else None
+        self._marker = None if marker is None else MarkerSpeed(marker, sample_rate, self._every)
+        self._end = 0
+
+    def add(self, block: SampleBlock, emit: Emit) -> None:
+        """Take the reference channel's next block, which its cycles have seen."""
+        self._end = block.end_sample
+        if self._angle is not None:
+            self._note(self._angle.add(block.first_sample, block.values), emit)
+        self._take(emit)
+
+    def finish(self, emit: Emit) -> None:
+        """Hand on what waits."""
+        self._take(emit)
+        self._series.flush(emit)
+
+    def _take(self, emit: Emit) -> None:
+        if self._marker is not None:
+            self._note(self._marker.take(self._end), emit)
+
+    def _note(self, runs: list[Run], emit: Emit) -> None:
+        for first, speeds in runs:
+            for index, speed in enumerate(speeds.tolist(), first):
+                self._series.add(index, index * self._every + (self._every - 1) / 2, [speed], emit)

@@ -1,0 +1,115 @@
+"""Plots that Rerun has not, of anything over anything on linear or logarithmic axes: lines in a plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from rig.live import paths
+
+DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0}
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """From `low` to `high`, with `ticks` at values and what is written there."""
+
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...]
+    logarithmic: bool = False
+
+    def share(self, values: NDArray[np.float64] | Sequence[float]) -> NDArray[np.float64]:
+        """Where `values` lie between `low` (0) and `high` (1), same shape."""
+        given = np.asarray(values, dtype=np.float64)
+        if not self.logarithmic:
+            return (given - self.low) / (self.high - self.low)
+        low, high = math.log10(self.low), math.log10(self.high)
+        return np.asarray((np.log10(given) - low) / (high - low))
+
+
+def decades(top: float, count: int, every: int = 1) -> Axis:
+    """So many decades that `top` lies in the upper one or in the one below; a tick `every` so many."""
+    last = math.ceil(math.log10(top))
+    ticks = tuple((10.0**at, f"1e{at}") for at in range(last, last - count - 1, -every))
+    return Axis(10.0 ** (last - count), 10.0**last, ticks, logarithmic=True)
+
+
+def from_zero(top: float, ticks: int = 4) -> Axis:
+    """Linear from 0, with at most so many round steps up to `top`."""
+    step = round_step(top / ticks)
+    count = math.ceil(top / step)
+    return Axis(0.0, step * count, tuple((step * at, f"{step * at:g}") for at in range(count + 1)))
+
+
+def round_step(least: float) -> float:
+    """The next of 1, 2, 2.5, 5 times a power of ten."""
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next((step * decade for step in _STEPS if step * decade >= least * (1 - 1e-9)), 10.0 * decade)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Room for a plot: `width` to the right, `height` downward, `left`, `bottom` and `top` for labels."""
+
+    width: float = 16.0
+    height: float = 5.4
+    left: float = 2.2
+    bottom: float = 1.3
+    top: float = 0.3
+
+    def bounds(self) -> rrb.VisualBounds2D:
+        """What a view of the plot shows."""
+        return rrb.VisualBounds2D(
+            x_range=(-self.left, self.width + 0.5), y_range=(-self.top, self.height + self.bottom)
+        )
+
+
+class AxesPicture:
+    """A frame with grid, labels and `caption` at `path`; drawn again only when an axis changes."""
+
+    def __init__(
+        self, recording: rr.RecordingStream, path: str, frame: Frame, caption: str | None = None
+    ) -> None:
+        self._recording, self._path, self._frame, self._caption = recording, path, frame, caption
+        self._axes: tuple[Axis, Axis] | None = None
+
+    def fit(self, x: Axis, y: Axis) -> None:
+        """Use these axes from now on."""
+        if self._axes != (x, y):
+            self._axes = x, y
+            self._draw(x, y)
+
+    def places(
+        self, x: NDArray[np.float64] | Sequence[float], y: NDArray[np.float64] | Sequence[float]
+    ) -> NDArray[np.float64]:
+        """Where points lie in the plane, shape (n, 2); what is below the frame is drawn at its edge."""
+        assert self._axes is not None  # noqa: S101  whoever draws has fitted before
+        across, up = self._axes[0].share(x), self._axes[1].share(y)
+        return np.column_stack((across * self._frame.width, np.minimum(1 - up, 1.0) * self._frame.height))
+
+    def _draw(self, x: Axis, y: Axis) -> None:
+        width, height = self._frame.width, self._frame.height
+        columns = x.share([value for value, _ in x.ticks]) * width
+        rows = (1 - y.share([value for value, _ in y.ticks])) * height
+        grid = [[(at, 0.0), (at, height)] for at in (*columns, width)]
+        grid += [[(0.0, at), (width, at)] for at in rows]
+        lines = rr.LineStrips2D(grid, colors=[paths.DIM], radii=rr.Radius.ui_points(0.4), draw_order=1.0)
+        self._recording.log(f"{self._path}/axes", lines)
+        places = [(at, height + 0.42 * self._frame.bottom) for at in columns]
+        places += [(-0.5 * self._frame.left, at) for at in rows]
+        texts = [text for _, text in (*x.ticks, *y.ticks)]
+        if self._caption:
+            places.append((width / 2, -0.75 * self._frame.top))
+            texts.append(self._caption)
+        labels = rr.Points2D(
+            places, labels=texts, show_labels=True, colors=[paths.LABEL], radii=rr.Radius.ui_points(0.0)
+        )
+        self._recording.log(f"{self._path}/labels", labels)

@@ -1,0 +1,90 @@
+"""What a rig adds to the view beside the traces of its channels: its picture in space, its own plots.
+
+A rig's picture is a frozen dataclass of numbers and words, because it travels to the view process as JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from daq.block import NS_PER_S, SampleBlock
+from daq.log.reader import Origin
+from rig.live import paths
+from rig.live.frames import ShapeFrame
+from rig.live.shown import Shown
+
+if TYPE_CHECKING:  # the view process does without the twin, which takes seconds to import
+    from sim_twin.twin import AnyTwin
+
+
+@dataclass(frozen=True, slots=True)
+class OwnViews:
+    """Views that a rig adds.
+
+    `side`: under each other at the right, each with its share of the height; `beside`: next to the traces,
+    before the autospectra. `plain` channels tell how the rig moves rather than how it vibrates: no
+    autospectrum, and a lower trace.
+    """
+
+    side: tuple[tuple[rrb.View | rrb.Container, float], ...]
+    beside: tuple[rrb.View | rrb.Container, ...] = ()
+    plain: frozenset[str] = frozenset()
+
+
+class Stage:
+    """The recording that a view fills, and what it shows."""
+
+    def __init__(self, recording: rr.RecordingStream, shown: Shown) -> None:
+        self.recording, self.shown = recording, shown
+
+    def at(self, time_s: float) -> None:
+        """What is logged from now on belongs to `time_s`, seconds since sample 0."""
+        self.recording.set_time(paths.TIMELINE, duration=np.timedelta64(round(time_s * NS_PER_S), "ns"))
+
+    def columns(self, path: str, times_s: NDArray[np.float64], columns: Iterable[Any]) -> None:
+        """Send what an archetype's `columns` gave, a row for each of `times_s`, shape (n,)."""
+        durations = (times_s * NS_PER_S).round().astype("m8[ns]")
+        self.recording.send_columns(path, [rr.TimeColumn(paths.TIMELINE, duration=durations)], columns)
+
+
+class Play(Protocol):
+    """Fills a rig's views in the view process; each call does a bounded amount of work."""
+
+    def open(self) -> None:
+        """Log what stays."""
+        ...
+
+    def add_block(self, origin: Origin, block: SampleBlock) -> None:
+        """Take a block of any channel."""
+        ...
+
+    def add_shape(self, shape: ShapeFrame) -> None:
+        """Take where the twin's rig is."""
+        ...
+
+
+class Picture(Protocol):
+    """One rig as the view shows it; `rig` is its name."""
+
+    rig: ClassVar[str]
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @classmethod
+    def of(cls, twin: AnyTwin) -> Picture:
+        """The picture of a twin's rig."""
+        ...
+
+    def views(self, shown: Shown) -> OwnViews:
+        """How the rig's own views are arranged."""
+        ...
+
+    def play(self, stage: Stage) -> Play:
+        """What fills them."""
+        ...

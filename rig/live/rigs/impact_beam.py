@@ -1,0 +1,154 @@
+"""The beam in space, its deflection enlarged until the clearance can be seen, and its half cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from daq.block import SampleBlock
+from daq.log.reader import Origin
+from rig.live import paths
+from rig.live.frames import ShapeFrame
+from rig.live.half_cycle_peaks import LOWER, UPPER, HalfCyclePeaks
+from rig.live.picture import OwnViews, Stage
+from rig.live.series import points_style, scatter_over_time
+from rig.live.shown import Shown
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
+    from sim_twin.twin import Twin
+
+_CLEARANCE_ON_SCREEN = 0.12
+"""Half the free motion at the tip, drawn as this share of the beam's length."""
+
+_STOP_COLOUR = (205, 205, 205)
+_RIBS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class BeamPicture:
+    """A beam along x, pinned at 0, its tip between two stops. All in m."""
+
+    rig: ClassVar[str] = "impact_beam"
+
+    length_m: float
+    width_m: float
+    clearance_m: float
+    rest_offset_m: float = 0.0
+
+    @classmethod
+    def of(cls, twin: Twin[ImpactBeam, SineDrive]) -> BeamPicture:
+        """The picture of a twin's beam."""
+        rig = twin.rig
+        return cls(rig.beam.length, rig.beam.width, rig.clearance, rig.rest_offset)
+
+    @property
+    def magnification(self) -> float:
+        """How many times larger than life deflections are drawn."""
+        return self.length_m * _CLEARANCE_ON_SCREEN / self.clearance_m
+
+    def views(self, shown: Shown) -> OwnViews:
+        """The beam, and where its contact forces are among the channels, their half cycles."""
+        beam: tuple[rrb.View, float] = (self._beam_view(), 3.0)
+        if UPPER not in shown.units or LOWER not in shown.units:
+            return OwnViews((beam,))
+        peaks = scatter_over_time(paths.PEAKS, "Largest force of each half cycle [N]", shown.window_s)
+        return OwnViews((beam, (peaks, 2.5)))
+
+    def play(self, stage: Stage) -> _BeamPlay:
+        """What moves the beam and finds its half cycles."""
+        return _BeamPlay(self, stage)
+
+    def draw_fixed(self, recording: rr.RecordingStream) -> None:
+        """Log what does not move: the stops, the pivot, the line of rest."""
+        half = (0.02 * self.length_m, 0.8 * self.width_m, 0.006 * self.length_m)
+        stops = [sign * self.clearance_m - self.rest_offset_m for sign in (1, -1)]
+        heights = [
+            self.magnification * stop + sign * half[2] for stop, sign in zip(stops, (1, -1), strict=True)
+        ]
+        recording.log(
+            f"{paths.BEAM}/stops",
+            rr.Boxes3D(
+                centers=[(self.length_m, 0.0, height) for height in heights],
+                half_sizes=[half, half],
+                colors=[_STOP_COLOUR],
+            ),
+            static=True,
+        )
+        rest = [[(0.0, 0.0, 0.0), (self.length_m, 0.0, 0.0)], _across(0.0, 0.0, 2 * self.width_m)]
+        recording.log(
+            f"{paths.BEAM}/rest",
+            rr.LineStrips3D(rest, colors=[paths.DIM], radii=rr.Radius.ui_points([0.5, 3.0])),
+            static=True,
+        )
+
+    def draw(self, recording: rr.RecordingStream, deflection_m: NDArray[np.floating]) -> None:
+        """Log the beam at the recording's current time, deflected at equal steps from pivot to tip, (n,)."""
+        along = np.linspace(0.0, self.length_m, len(deflection_m))
+        height = self.magnification * deflection_m
+        edges = [
+            np.column_stack((along, np.full_like(along, side * self.width_m / 2), height)) for side in (-1, 1)
+        ]
+        ribs = [
+            _across(float(along[at]), float(height[at]), self.width_m)
+            for at in np.linspace(0, len(along) - 1, _RIBS).round().astype(int)
+        ]
+        recording.log(
+            f"{paths.BEAM}/shape",
+            rr.LineStrips3D(
+                [*edges, *ribs],
+                colors=[paths.COLOURS["predicted"]],
+                radii=rr.Radius.ui_points([2.5, 2.5, *[1.0] * len(ribs)]),
+            ),
+        )
+
+    def _beam_view(self) -> rrb.Spatial3DView:
+        length = self.length_m
+        return rrb.Spatial3DView(
+            origin=paths.BEAM,
+            name=f"Predicted beam, stops ±{1000 * self.clearance_m:.3f} mm, drawn {self.magnification:.0f} x",
+            line_grid=False,
+            eye_controls=rrb.EyeControls3D(
+                position=(0.42 * length, -0.95 * length, 0.3 * length),
+                look_target=(0.52 * length, 0.0, 0.0),
+                eye_up=(0.0, 0.0, 1.0),
+            ),
+        )
+
+
+class _BeamPlay:
+    """The beam's motion, and the peaks of its half cycles."""
+
+    def __init__(self, picture: BeamPicture, stage: Stage) -> None:
+        self._picture, self._stage = picture, stage
+        self._peaks: dict[Origin, HalfCyclePeaks] = {
+            origin: HalfCyclePeaks() for origin in stage.shown.origins
+        }
+
+    def open(self) -> None:
+        """Log the stops, and how peaks look."""
+        recording, whose = self._stage.recording, self._stage.shown.whose
+        self._picture.draw_fixed(recording)
+        for origin, names in self._stage.shown.origins.items():
+            if names:
+                recording.log(paths.peaks(origin), points_style(whose(origin)), static=True)
+
+    def add_block(self, origin: Origin, block: SampleBlock) -> None:
+        """Show the half cycles that end with it."""
+        for peak in self._peaks[origin].add(block):
+            self._stage.at(peak.time_s)
+            self._stage.recording.log(paths.peaks(origin), rr.Scalars(peak.force_n))
+
+    def add_shape(self, shape: ShapeFrame) -> None:
+        """Show the beam."""
+        self._stage.at(shape.time_s)
+        self._picture.draw(self._stage.recording, shape.points_m)
+
+
+def _across(x: float, z: float, width: float) -> list[tuple[float, float, float]]:
+    return [(x, -width / 2, z), (x, width / 2, z)]

@@ -1,0 +1,120 @@
+"""The planar slider-crank in its plane: crank, rod and piston, and the two pins in their bearings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from rig.live.crank.joints import Joint
+from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
+from rig.live.crank.picture import CrankPicture
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.crank_drive import SpeedDrive
+    from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
+    from sim_twin.twin import Twin
+
+_CRANK_Y, _CRANK_X = "crank_frame.acceleration_y", "crank_frame.acceleration_x"
+_PISTON_Y = "piston_frame.acceleration_y"
+_SIDE = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarCrankPicture(CrankPicture):
+    """Crank around the origin, slider along +x, gravity along -y. In m and rad/s."""
+
+    rig: ClassVar[str] = "planar_slider_crank"
+    angle: ClassVar[str] = "crank.angle"
+    marker: ClassVar[str] = "crank.marker"
+    plain: ClassVar[frozenset[str]] = frozenset(("crank.angle", "crank.marker"))
+    ordered: ClassVar[tuple[str, ...]] = (_CRANK_Y, _CRANK_X, _PISTON_Y)
+    impacts: ClassVar[dict[str, tuple[str, ...]]] = {
+        "crank y": (_CRANK_Y,),
+        "crank x": (_CRANK_X,),
+        "piston y": (_PISTON_Y,),
+    }
+
+    crank_m: float
+    rod_m: float
+    clearance_1_m: float
+    clearance_2_m: float
+    speed_rad_s: float
+
+    @classmethod
+    def of(cls, twin: Twin[PlanarSliderCrank, SpeedDrive]) -> PlanarCrankPicture:
+        """The picture of a twin's mechanism."""
+        rig = twin.rig
+        return cls(rig.crank_length, rig.rod_length, rig.clearance_1, rig.clearance_2, twin.drive.mean_speed)
+
+    @property
+    def set_rad_s(self) -> float:
+        """The speed that was set, rad/s."""
+        return self.speed_rad_s
+
+    def eye(self) -> rrb.EyeControls3D:
+        """From the front, a little from above."""
+        length = self.rod_m
+        return rrb.EyeControls3D(
+            position=(0.45 * length, 0.2 * length, 0.85 * length),
+            look_target=(0.52 * length, 0.0, 0.0),
+            eye_up=(0.0, 1.0, 0.0),
+        )
+
+    def fixed(self) -> tuple[Solid, ...]:
+        """The crank's bearing, and the guide's two rails along the stroke."""
+        r, size = self.crank_m, self._size
+        middle, half = self.rod_m, (r + 2.5 * size, 0.25 * size, 1.2 * size)
+        rails = tuple(Box((middle, side * 1.75 * size, 0.0), half) for side in (-1, 1))
+        return (Box((0.0, -1.6 * size, -1.3 * size), (1.1 * size, 1.6 * size, 0.3 * size)), *rails)
+
+    def bodies(self) -> tuple[Body, ...]:
+        """Crank, rod and piston."""
+        r, L, size = self.crank_m, self.rod_m, self._size
+        bearing, pin = (0.0, 0.0, 0.0), (r, 0.0, 0.0)
+        shaft = Bar((0.0, 0.0, -1.5 * size), (0.0, 0.0, 0.3 * size), 0.55 * size)
+        journal = Bar((r, 0.0, -0.6 * size), (r, 0.0, 0.9 * size), 0.4 * size)
+        web = Bar((0.0, 0.0, -0.6 * size), (r, 0.0, -0.6 * size), 0.5 * size)
+        rod = Bar((0.0, 0.0, 0.3 * size), (L, 0.0, 0.3 * size), 0.33 * size)
+        piston = Box((0.0, 0.0, 0.0), (2.0 * size, 1.45 * size, 1.0 * size), clear=True)
+        return (
+            Body("crank", (web, shaft, journal), (bearing, pin)),
+            Body("rod", (rod,), (bearing, (L, 0.0, 0.0))),
+            Body("piston", (piston,), tuple((2.0 * size * x, 1.45 * size * y, 0.0) for x, y in _ROUND)),
+        )
+
+    def poses(self, angle: NDArray[np.float64]) -> tuple[Pose, ...]:
+        """Where each body is at crank angles in rad, shape (n,), with ideal joints."""
+        nothing = np.zeros_like(angle)
+        pin = self.crank_m * np.column_stack((np.cos(angle), np.sin(angle), nothing))
+        along = np.sqrt(self.rod_m**2 - pin[:, 1] ** 2)
+        piston = np.column_stack((pin[:, 0] + along, nothing, nothing))
+        straight = np.broadcast_to(np.eye(3), (len(angle), 3, 3))
+        return (
+            Pose(np.zeros_like(pin), turned_to(pin / self.crank_m, _SIDE)),
+            Pose(pin, turned_to((piston - pin) / self.rod_m, _SIDE)),
+            Pose(piston, straight),
+        )
+
+    def joints(self) -> tuple[Joint, ...]:
+        """Crank pin and piston pin."""
+        return (
+            Joint("crank pin", self.clearance_1_m, "x", "y"),
+            Joint("piston pin", self.clearance_2_m, "x", "y"),
+        )
+
+    def eccentricity(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Journal less bearing, shape (2, 2), of bearing, crank pin, the rod's ends, piston pin."""
+        _, crank_pin, near, far, piston_pin = points_m.astype(np.float64)
+        return np.array([crank_pin - near, piston_pin - far])
+
+    @property
+    def _size(self) -> float:
+        """Half the thickness of things, m."""
+        return 0.2 * self.crank_m
+
+
+_ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1))

@@ -1,0 +1,44 @@
+"""Derived channels of a live run and of a replay: the same code between the blocks and the other sinks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from daq.channel import Channel
+from daq.clock import Clock
+from daq.errors import ConfigurationError, LogError
+from daq.log.reader import LogReader, Origin
+from daq.recorder import Recorder
+from rig.derived import RECORD, DerivedSink, InBackground, derived_channels, from_record
+from rig.derived.sink import ORIGINS, Onward
+from rig.files.scenario import Scenario
+from rig.session.hub import Hub, Sink
+from rig.twin.overlay import scenario_of
+
+
+def derive_live(
+    sinks: Sequence[Sink],
+    channels: Mapping[Origin, Iterable[Channel]],
+    scenario: Scenario,
+    recorder: Recorder,
+    clock: Clock,
+) -> InBackground:
+    """A sink beside `sinks` that hands on to them what it derives; declares its channels in the log."""
+    for channel in derived_channels(channels, scenario):
+        recorder.declare("derived", channel)
+    onward = Hub(sinks)
+    names = {origin: [channel.name for channel in each] for origin, each in channels.items()}
+    return InBackground(DerivedSink(onward, names, scenario, note=recorder.metadata), onward, clock)
+
+
+def derive_again(log: LogReader, onward: Onward) -> DerivedSink:
+    """What derives from a log's samples what the run derived, by what was settled then.
+
+    Where the log does not say, it is settled by the same rule; raises LogError where it cannot be read.
+    """
+    try:
+        scenario = scenario_of(log)
+    except (LogError, ConfigurationError):
+        scenario = None  # another program's log: there are impacts, but no cycles
+    channels = {origin: list(log.channels(origin)) for origin in ORIGINS}
+    return DerivedSink(onward, channels, scenario, from_record(log.metadata.get(RECORD, {})))

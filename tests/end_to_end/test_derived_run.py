@@ -1,0 +1,53 @@
+"""What the run of the emulated bench logs as derived, its replay derives again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.log import LogReader
+from rig.derived import RECORD
+from tests.end_to_end.files import CHANNELS
+from tests.rig.derived.test_live_and_replay import logged, replayed
+
+
+def test_replay_of_a_run_derives_what_it_logged_to_the_bit(settled_log: Path) -> None:
+    found = logged(settled_log)
+    # 2 s at 20 Hz: an event in each half cycle and more on the yoke; 39 or 40 whole cycles.
+    assert len(found) > 150
+    assert replayed(settled_log) == found
+
+
+def test_derived_channels_follow_from_the_samples_of_the_log(settled_log: Path) -> None:
+    with LogReader(settled_log) as log:
+        names = list(log.channels("derived"))
+        force = log.series("measured", "contact.force_upper").values.astype(float)
+        peaks = log.series("derived", "contact.force_upper.cycle_peak")
+        impacts = [i for i in log.impacts() if (i.origin, i.channel) == ("measured", "contact.force_upper")]
+        assert set(log.metadata[RECORD]) == {"rule", "measured", "predicted"}
+    assert len(names) == 2 * 2 * len(CHANNELS)
+    # A healthy rig's drive is within 0.1 % (five deviations) of the scenario's frequency.
+    assert peaks.sample_rate == pytest.approx(20.0, rel=1e-3)
+    assert len(peaks) in (39, 40)
+    assert np.max(peaks.values) <= np.max(force)
+    assert max(impact.peak for impact in impacts) == np.max(force)
+    for impact in impacts:
+        part = force[impact.first_sample : impact.end_sample]
+        assert part.max() == impact.peak
+        # Contacts are most of an event; between them the sensor's noise and ripple, both ways, stay out.
+        assert impact.impulse == pytest.approx(part.sum() / 51_200, rel=0.05)
+        assert 0 < impact.contact_s <= len(part) / 51_200
+
+
+def test_the_two_sides_are_hit_half_a_cycle_apart(settled_log: Path) -> None:
+    with LogReader(settled_log) as log:
+        found = [impact for impact in log.impacts() if impact.origin == "measured"]
+    mean = {
+        side: np.mean([np.exp(2j * np.pi * each.turns) for each in found if each.channel.endswith(side)])
+        for side in ("upper", "lower")
+    }
+    # The rig is symmetric; its impacts scatter by under a tenth of a cycle, and there are forty of each.
+    assert np.angle(-mean["upper"] / mean["lower"]) / (2 * np.pi) == pytest.approx(0.0, abs=0.05)
+    assert min(map(abs, mean.values())) > 0.5

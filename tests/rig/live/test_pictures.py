@@ -1,0 +1,120 @@
+"""Every rig has a picture, and a picture's mechanism is where the twin's is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+
+from rig.files.scenario import parse_scenario
+from rig.live import PICTURES
+from rig.live.crank.picture import CrankPicture
+from rig.live.layout import Layout, layout_of
+from rig.live.rigs import BeamPicture, PlanarCrankPicture, SpatialCrankPicture
+from rig.twin.picture import picture_of
+from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.rigs.catalogue import RIGS, model_of
+from sim_twin.twin import AnyTwin
+
+DRIVES = {"impact_beam": 'frequency = "5 Hz"\namplitude = "9 N"'}
+ACQUISITION = 'sample_rate = "25.6 kHz"\nduration = "1 s"'
+ANGLES = np.linspace(0.1, 6.2, 9)
+
+
+def nominal(rig: str, model: str = "") -> AnyTwin:
+    drive = DRIVES.get(rig, 'speed = "200 rpm"')
+    text = f'rig = "{rig}"\n[model]\n{model}\n[drive]\n{drive}\n[acquisition]\n{ACQUISITION}\n'
+    return twin_of(parse_scenario(text, "test"))
+
+
+def crank_picture(rig: str, model: str = "") -> CrankPicture:
+    picture = picture_of(nominal(rig, model))
+    assert isinstance(picture, CrankPicture)
+    return picture
+
+
+def test_every_rig_has_a_picture() -> None:
+    assert set(PICTURES) == set(RIGS)
+    kinds = [type(picture_of(nominal(rig))) for rig in RIGS]
+    assert kinds == [BeamPicture, PlanarCrankPicture, SpatialCrankPicture]
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_layout_with_a_picture_travels_as_text(rig: str) -> None:
+    twin = nominal(rig)
+    layout = layout_of("run", predicted_channels(twin), [], picture_of(twin), 2.0)
+    again = Layout.from_json(layout.to_json())
+    assert type(again.picture) is type(layout.picture)
+    assert again.to_json() == layout.to_json()
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_picture_speaks_of_channels_that_its_rig_has(rig: str) -> None:
+    twin = nominal(rig)
+    picture = picture_of(twin)
+    assert picture is not None
+    own = picture.views(layout_of("run", predicted_channels(twin), []))
+    assert own.plain - {"crank.angle"} <= set(twin.channels)  # an encoder may be there beside a marker
+    if isinstance(picture, CrankPicture):
+        shown = layout_of("run", predicted_channels(twin), [])
+        assert picture.turning(shown) == picture.ordered
+        assert picture.heard(shown) == picture.impacts
+        assert picture.marker in twin.channels
+        assert picture.set_rad_s == pytest.approx(200 * 2 * pi / 60)
+
+
+@pytest.mark.parametrize(
+    ("rig", "model"),
+    [
+        ("planar_slider_crank", ""),
+        ("spatial_slider_crank", 'axis_angle = "90 deg"'),
+        ("spatial_slider_crank", 'axis_angle = "65 deg"'),
+    ],
+)
+def test_the_mechanism_is_where_the_twins_is(rig: str, model: str) -> None:
+    twin, picture = nominal(rig, model), crank_picture(rig, model)
+    poses = picture.poses(ANGLES)
+    for number, angle in enumerate(ANGLES):
+        truth = model_of(twin).truth(twin, 25_600.0, False)
+        truth.change_drive(twin.drive, float(angle), 0.0)  # starts with centred joints
+        points = truth.shape()
+        flat = points.shape[1] == 2
+        points = np.column_stack((points, np.zeros(len(points)))) if flat else points
+        bearing, socket, slider = points[0], points[1], points[-1]
+        crank, rod, last = ((pose.place[number], pose.turned[number]) for pose in poses)
+        assert crank[0] == pytest.approx(bearing, abs=1e-12)
+        assert crank[0] + crank[1] @ [picture.crank_m, 0, 0] == pytest.approx(socket, abs=1e-12)
+        assert rod[0] == pytest.approx(socket, abs=1e-12)
+        assert rod[0] + rod[1] @ [picture.rod_m, 0, 0] == pytest.approx(slider, abs=1e-12)
+        assert last[0] == pytest.approx(slider, abs=1e-12)
+        for _, turned in (crank, rod, last):
+            assert turned @ turned.T == pytest.approx(np.eye(3), abs=1e-12)
+            assert np.linalg.det(turned) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("angle", "stroke_m"), [("90 deg", 0.100), ("65 deg", 0.0906)])
+def test_the_slider_has_the_stroke_of_ideal_joints(angle: str, stroke_m: float) -> None:
+    # The source's stroke: 100 mm, and 90.6 mm (3.6 in) at 65 degrees with intersecting axes.
+    picture = crank_picture("spatial_slider_crank", f'axis_angle = "{angle}"')
+    along = picture.poses(np.linspace(0, 2 * pi, 3601))[-1].place[:, 0]
+    assert along.max() - along.min() == pytest.approx(stroke_m, abs=5e-5)
+
+
+def test_journals_are_shown_where_they_are_in_their_bearings() -> None:
+    planar = crank_picture("planar_slider_crank", 'clearance_1 = "2 mm"')
+    points = np.array([[0, 0], [0.15, 0.001], [0.149, 0.0], [0.7, 0.0], [0.7, 0.0005]])
+    assert planar.eccentricity(points) == pytest.approx(np.array([[1e-3, 1e-3], [0.0, 5e-4]]))
+    assert [joint.clearance_m for joint in planar.joints()] == [2e-3, 1e-3]
+    spatial = crank_picture("spatial_slider_crank")
+    space = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.0501, 2e-4, -1e-4], [0.24, 1e-4, 2e-4]])
+    expected = np.array([[1e-4, 2e-4], [1e-4, -1e-4], [1e-4, 2e-4]])
+    assert spatial.eccentricity(space) == pytest.approx(expected)
+    assert len(spatial.joints()) == len(expected)
+
+
+def test_a_rig_without_a_picture_is_shown_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    twin = nominal("planar_slider_crank")
+    monkeypatch.delitem(PICTURES, "planar_slider_crank")
+    assert picture_of(replace(twin)) is None
