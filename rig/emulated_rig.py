@@ -18,7 +18,7 @@ from rig.files.bench import Bench
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.shaft_wiring import inverter_setup
-from rig.twin.plant import BeamPlantFactory
+from rig.twin.plant import BeamPlantFactory, resting_at
 from rig.twin.plant_crank import CrankPlantFactory
 from rig.twin.scenario_twin import twin_of, with_effects
 from rig.twin.shaft import EmulatedMotor, drawn_motor
@@ -62,6 +62,8 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
 
 def _shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     drive, per_volt = scenario.drive, bench.signal_generator.force_per_volt
+    if bench.emulation.rest_offset is not None:
+        twin = resting_at(twin, bench.emulation.rest_offset, seed)
     output = DriveSettings(
         on=True,
         frequency_hz=drive.frequency,

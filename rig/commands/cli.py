@@ -11,6 +11,7 @@ import typer
 from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter
 from rig.commands import (
     calibrate,
+    centre,
     check,
     diagnose,
     effects,
@@ -56,6 +57,7 @@ def build(connect: Connect) -> Callable[[], None]:
     )
     run.add_to(app, connect)
     sweep.add_to(app, connect)
+    centre.add_to(app, connect)
     modules = (
         emulate,
         predict,

@@ -16,15 +16,18 @@ from rich.console import Console
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
 from rig.commands.arguments import BenchFile, bench_of
+from rig.commands.centre import found_lines
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep, load_sweep, points_named
+from rig.session.centring.probe import plan_of
+from rig.session.centring.rig import find_centre
 from rig.session.devices import Devices
 from rig.session.progress import Screen
-from rig.session.sweep.execute import SweepRequest, begun, run_sweep
+from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
 from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments
 from rig.session.sweep.results import TABLE
-from rig.session.sweep.state import SweepState, held
+from rig.session.sweep.state import CentreState, SweepState, held
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 _RUNS = Path("runs")
@@ -69,8 +72,19 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
             screen.say("nothing has moved")
             return
         with held(folder):
-            state = run_sweep(request, state, screen, SystemClock())
+            state = run_sweep(request, state, screen, SystemClock(), centre=_centring(connect))
         _sum_up(request, state, screen)
+
+
+def _centring(connect: Connect) -> Centre:
+    def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
+        plan = plan_of(scenario, bench)
+        middle = find_centre(scenario, bench, plan, connect, screen, SystemClock())
+        for line in found_lines(middle, plan):
+            screen.say(line)
+        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle))
+
+    return centre
 
 
 def _plain(name: str) -> str:

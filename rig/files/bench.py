@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 from pydantic.dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, Sig
 from rig.files.channels import BenchChannel, read_channels
 from rig.files.encoder import Encoder, read_encoder
 from rig.files.faults import Faults, read_text, read_toml
-from rig.files.fields import Measured, Switch, Text, Whole, Word
+from rig.files.fields import Field, FieldError, Measured, Switch, Text, Whole, Word
 from rig.files.loopback import misplaced
 from rig.files.rigs import RIGS
 from rig.files.rigs.kind import RigKind
@@ -36,11 +36,32 @@ class _CardSection:
     buffer: Annotated[float, Measured("s", 0.5, 120)] = 10.0
 
 
+class RestOffset(Field):
+    """A place between the stops, or "drawn"."""
+
+    _PLACE: ClassVar = Measured("mm", -10, 10)
+
+    @property
+    def allowed(self) -> str:
+        """Both."""
+        return f'{self._PLACE.allowed}, or "drawn"'
+
+    def read(self, value: object) -> float | str:
+        """The place in m, or the word."""
+        if value == "drawn":
+            return "drawn"
+        try:
+            return self._PLACE.read(value)
+        except FieldError as error:
+            raise FieldError(self.allowed) from error
+
+
 @dataclass(frozen=True, slots=True, config=SECTION)
 class _EmulationSection:
     effects: Annotated[str | None, Text("the path of an effects file, seen from the bench file")] = None
     seed: Annotated[int | None, Whole(0, 2**63 - 1)] = None
     healthy: Annotated[bool, Switch()] = True
+    rest_offset: Annotated[float | str | None, RestOffset()] = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -62,11 +83,14 @@ class Emulation:
     """What the emulated rig really is: an effects file (resolved), a seed (None: a new one each run).
 
     `healthy` draws the rig within what a healthy one may differ by; without it it has the nominal values.
+    `rest_offset` is where the tip of a beam really rests (m, towards the upper stop), "drawn" anywhere within
+    half of the clearance; None where the scenario says.
     """
 
     effects: Path | None = None
     seed: int | None = None
     healthy: bool = True
+    rest_offset: float | str | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -133,7 +157,7 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     encoder = None
     if "encoder" in kind.extras and "encoder" in given:
         encoder = read_encoder(given["encoder"], "encoder", faults)
-    emulation = _emulation(table.get("emulation", {}), folder, faults)
+    emulation = _emulation(table.get("emulation", {}), kind, folder, faults)
     idle = actuator and card and not any(_emulated(table.get(name)) for name in _INSTRUMENTS)
     if "emulation" in given and idle:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
@@ -213,11 +237,13 @@ def _card(table: object, faults: Faults) -> DaqCard | None:
     return DaqCard(section.driver, section.grpc, section.emulated, section.buffer, channels)
 
 
-def _emulation(table: object, folder: Path, faults: Faults) -> Emulation | None:
+def _emulation(table: object, kind: RigKind, folder: Path, faults: Faults) -> Emulation | None:
     section = read_section(_EmulationSection, table, "emulation", faults)
     if section is None:
         return None
     effects = None if section.effects is None else folder / section.effects
     if effects is not None and not effects.is_file():
         faults.add("emulation.effects", section.effects, f"an existing file (looked for {effects})")
-    return Emulation(effects, section.seed, section.healthy)
+    if section.rest_offset is not None and "rest_offset" not in kind.model.__dataclass_fields__:
+        faults.add("emulation.rest_offset", section.rest_offset, f"none: the {kind.name} has no such place")
+    return Emulation(effects, section.seed, section.healthy, section.rest_offset)

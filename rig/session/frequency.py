@@ -64,9 +64,13 @@ class DriveFrequency:
 
     @property
     def correctable(self) -> bool:
-        """Whether it is off by what clocks may differ by, known well, and worth a correction."""
-        known = self.uncertainty < TOLERANCE / 10
-        return known and TOLERANCE / 10 < abs(self.off) < FREQUENCY_TOLERANCE
+        """Whether it is known, worth a correction, and off by no more than clocks may differ by."""
+        return self.known and TOLERANCE / 10 < abs(self.off) < FREQUENCY_TOLERANCE
+
+    @property
+    def known(self) -> bool:
+        """Whether it is known ten times better than it has to be held."""
+        return self.uncertainty < TOLERANCE / 10
 
     @property
     def code(self) -> str:

@@ -20,6 +20,9 @@ from rig.session.watch import Watch
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
 
+_TRIES = 3
+"""A card whose samples come late may still show the ramp; then the frequency is measured again."""
+
 
 def starts_softly(wanted: AcquisitionSection) -> bool:
     """Whether there is time for a ramp before the record."""
@@ -83,9 +86,13 @@ class Sequence:
         with self.screen.bar("settling", wanted.settle) as bar:
             self._start()
             full = acquisition.acquired
-            trimmed = self._trim(full)
-            self.feed.feed_from = acquisition.acquired + trimmed * self._samples(ON_THEIR_WAY_S)
-            self._until(full + self._samples(wanted.settle), lambda: bar.at(self._since(full)))
+            end = full + self._samples(wanted.settle)
+            if self._trim(full):
+                self.feed.feed_from = acquisition.acquired + self._samples(ON_THEIR_WAY_S)
+                end = max(end, self.feed.feed_from)
+            else:
+                self.feed.feed_from = full
+            self._until(end, lambda: bar.at(self._since(full)))
 
     def _trim(self, since: int) -> bool:
         """Correct what the frequency is off by the measured drive; returns whether it was."""
@@ -99,10 +106,14 @@ class Sequence:
         ):
             return False
         since += self._samples(ON_THEIR_WAY_S)
-        self._until(since)
-        hold.begin()
-        self._until(since + self._samples(measured_s))
-        found = hold.end()
+        for _ in range(_TRIES):
+            self._until(since)
+            hold.begin()
+            since += self._samples(measured_s)
+            self._until(since)
+            found = hold.end()
+            if found.known:
+                break
         if not found.correctable:
             return False
         motion.trim(found.off)

@@ -8,12 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.protocols import DriveSettings, Plant
+from sim_twin.ranges import require
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.stream import TwinStream
 
 _UNIT_DRIVE = SineDrive(1.0, 1.0)
+_RESTS_WITHIN = 0.9
+"""Of the clearance, which varies by 2 % from run to run."""
+
+
+def resting_at(believed: BeamTwin, place: float | str, seed: int) -> BeamTwin:
+    """The beam whose tip really rests at `place` (m), whatever is believed; a word: drawn by `seed`.
+
+    Raises UnphysicalParameter for a place that the draw of a healthy clearance may put outside the stops.
+    """
+    most = _RESTS_WITHIN * believed.rig.clearance
+    share = np.random.default_rng([seed, 2]).uniform(-0.5, 0.5)
+    really = share * believed.rig.clearance if isinstance(place, str) else place
+    require("emulation", "rest_offset", abs(really), 0.0, most, "m")
+    return replace(believed, rig=replace(believed.rig, rest_offset=really))
 
 
 @dataclass(frozen=True, slots=True)

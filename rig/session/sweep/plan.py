@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import pi
 from typing import Final
@@ -16,6 +16,7 @@ from rig.files.rigs import RIGS
 from rig.files.scenario import Limit, Scenario
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
+from rig.session.centring.probe import plan_of as centring_plan
 from rig.twin.scenario_twin import twin_of
 
 AROUND_S: Final = 10.0
@@ -68,7 +69,7 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
     """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once."""
     found: dict[Problem, list[int]] = {}
     for point in sweep.points:
-        for problem in _faults(point.scenario, bench, today):
+        for problem in _faults(point.scenario, bench, today, sweep.centre):
             found.setdefault(problem, []).append(point.number)
     problems = [
         dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
@@ -83,8 +84,14 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
         raise ConfigurationError(f"{sweep.source} on {bench.source}", problems)
 
 
-def _faults(scenario: Scenario, bench: Bench, today: datetime.date) -> Iterator[Problem]:
-    for check in (lambda: check_pair(scenario, bench, today), lambda: twin_of(scenario)):
+def _faults(scenario: Scenario, bench: Bench, today: datetime.date, centre: bool) -> Iterator[Problem]:
+    checks: list[Callable[[], object]] = [
+        lambda: check_pair(scenario, bench, today),
+        lambda: twin_of(scenario),
+    ]
+    if centre:
+        checks.append(lambda: centring_plan(scenario, bench))
+    for check in checks:
         try:
             check()
         except ConfigurationError as error:

@@ -7,7 +7,15 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock
-from rig.session.frequency import HELD, OFF, UNKNOWN, DriveFrequency, DriveMeter, FrequencySink
+from rig.session.frequency import (
+    HELD,
+    OFF,
+    UNKNOWN,
+    DriveFrequency,
+    DriveMeter,
+    FrequencyHold,
+    FrequencySink,
+)
 
 RATE = 51_200.0
 NOISE_N = 0.02
@@ -100,3 +108,42 @@ def test_the_sink_looks_at_its_channel_and_begins_anew_after_a_hole() -> None:
     sink.block("measured", SampleBlock("drive.force", 0, 0, RATE, whole[:1000]))
     sink.block("measured", SampleBlock("drive.force", 3000, 0, RATE, whole[3000:]))
     assert sink.result().held
+
+
+@pytest.mark.parametrize(
+    ("settle_s", "hertz", "measured_s"),
+    [
+        (0.9, 20.0, 0.4),  # 8 cycles
+        (0.9, 200.0, 0.2),  # never less than 0.2 s where there is room
+        (0.8, 5.0, 0.4),  # 2 cycles are all that three quarters of the settling time hold
+        (0.8, 4.0, 0.0),  # not even 2
+        (60.0, 0.1, 0.0 + 0.75 * 60.0 - 0.2),
+    ],
+)
+def test_the_frequency_is_measured_within_the_settling_time(
+    settle_s: float, hertz: float, measured_s: float
+) -> None:
+    assert FrequencyHold(hertz, RATE).measured_s(settle_s) == pytest.approx(measured_s)
+
+
+@pytest.mark.parametrize(("off", "corrected"), [(0.0, False), (6e-4, True), (-3e-4, True), (5e-3, False)])
+def test_only_what_clocks_may_differ_by_is_corrected(off: float, corrected: bool) -> None:
+    hold = FrequencyHold(20.0, RATE)
+    hold.take(np.full(1000, 1e6))  # before it is asked for
+    hold.begin()
+    hold.take(drive(20.0 * (1 + off), 0.4))
+    found = hold.end()
+    hold.take(np.full(1000, 1e6))
+    assert found.correctable == corrected
+    # a shaker that is told 20 Hz / (1 + off) then gives 20 Hz, to 1e-6 of the noise in 8 cycles
+    assert (20.0 / (1 + found.off)) * (1 + off) == pytest.approx(20.0, rel=1e-5)
+
+
+def test_a_ramp_in_the_measurement_is_not_taken_for_a_frequency() -> None:
+    hold = FrequencyHold(20.0, RATE)
+    hold.begin()
+    values = drive(20.0 * (1 + 6e-4), 0.4)
+    hold.take(values * np.minimum(np.linspace(0.2, 2.0, len(values)), 1.0))
+    found = hold.end()
+    assert not found.known
+    assert not found.correctable

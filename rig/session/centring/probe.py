@@ -1,0 +1,155 @@
+"""How a beam is asked at one offset: moved there gently, left to settle, shaken for some cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ConfigurationError, Problem
+from rig.files.bench import Bench
+from rig.files.pairing import SOFT_START_FROM_S
+from rig.files.scenario import Scenario
+from rig.session.centring.search import FARTHEST, Middle, Sine, Touched, find_middle
+from rig.session.centring.touching import what_is_touched
+from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.impact_beam.at_rest import resting, tip_response
+
+_SHAKEN: Final = 0.3
+"""Of the clearance: how far the sine moves the tip, by the twin."""
+_BELOW_RESONANCE: Final = 0.5
+"""Of the beam's lowest natural frequency, where its tip follows the force."""
+_PRECISE: Final = 0.04
+"""Of the force for a clearance: how closely each touch is bracketed, so that 2 % of it are left."""
+_STEP_V: Final = 1e-3
+"""What a 33220A surely keeps an offset to."""
+_LEAST_V: Final = 0.01
+_CYCLES: Final = 6
+_MOVE_STEPS: Final = 8
+_MOVE_S: Final = 0.2
+_DECAYS: Final = 3.0
+_LONGEST_SETTLE_S: Final = 5.0
+_ON_THEIR_WAY_S: Final = 0.2
+
+
+class ShakenBeam(Protocol):
+    """A beam with a sine and an offset at its drive, in N, and two contact forces."""
+
+    @property
+    def sample_rate(self) -> float:
+        """Of the forces, Hz."""
+        ...
+
+    def shake(self, amplitude: float) -> None:
+        """Set the sine's amplitude."""
+        ...
+
+    def push(self, offset: float) -> None:
+        """Set the offset."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        ...
+
+    def forces(self, seconds: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Upper and lower contact force of the next seconds, N, shape (n,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class CentringPlan:
+    """What centring would do: `sine` of `frequency` Hz, an offset of up to `farthest` N.
+
+    `reach` is the offset in N that moves the tip by the clearance, `compliance` the tip's way in m for each
+    N; `settle_s` passes at each offset.
+    """
+
+    frequency: float
+    sine: Sine
+    reach: float
+    compliance: float
+    clearance: float
+    precision: float
+    farthest: float
+    settle_s: float
+
+    @property
+    def probe_s(self) -> float:
+        """How long an offset takes."""
+        return _MOVE_S + self.settle_s + _CYCLES / self.frequency
+
+    def rest_offset(self, middle: Middle) -> float:
+        """Where a tip rests without an offset, m towards the upper stop, if `middle` centres it."""
+        return -self.compliance * middle.offset
+
+
+def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
+    """The plan for a scenario; raises ConfigurationError where no offset can centre its beam."""
+    if scenario.rig != "impact_beam":
+        problem = Problem("rig", scenario.rig, "impact_beam: no other rests between two stops")
+        raise ConfigurationError(scenario.name, [problem])
+    if scenario.acquisition.settle < SOFT_START_FROM_S:
+        allowed = f"at least {SOFT_START_FROM_S:g} s: a drive with an offset is brought up softly"
+        problem = Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
+        raise ConfigurationError(scenario.name, [problem])
+    rig, per_volt = twin_of(scenario).rig, bench.signal_generator.force_per_volt
+    beam = resting(rig)
+    reach, step = rig.clearance / beam.compliance, _STEP_V * per_volt
+    if step > _PRECISE * reach:
+        allowed = (
+            f"so stiff that a step of the generator's offset ({step:.2g} N) moves the tip by at most "
+            f"{_PRECISE:.0%} of the clearance, not by {step / reach:.0%}: this beam rests as softly as its "
+            "flexure, and no offset holds it; give shaker_stiffness, if the shaker holds it"
+        )
+        raise ConfigurationError(scenario.name, [Problem("model", f"{1 / beam.compliance:.3g} N/m", allowed)])
+    frequency = _BELOW_RESONANCE * beam.frequency
+    least = _LEAST_V * per_volt
+    amplitude = max(_SHAKEN * rig.clearance / abs(tip_response(rig, frequency)), least)
+    settle_s = min(max(_DECAYS * beam.decay_s, 2.0 / frequency), _LONGEST_SETTLE_S)
+    farthest = bench.signal_generator.maximum_amplitude - amplitude
+    return CentringPlan(
+        frequency,
+        Sine(amplitude, least),
+        reach,
+        beam.compliance,
+        rig.clearance,
+        max(_PRECISE * reach, step),
+        min(farthest, FARTHEST * reach),
+        _ON_THEIR_WAY_S + settle_s,
+    )
+
+
+def centre_beam(
+    beam: ShakenBeam, plan: CentringPlan, told: Callable[[int], None] = lambda count: None
+) -> Middle:
+    """Find the offset that holds the tip in the middle; raises NoCentre.
+
+    The offset stays where it was last. `told` hears how many were tried.
+    """
+    prober = _Prober(beam, plan, told)
+    return find_middle(prober.touched, plan.sine, plan.reach, plan.precision, plan.farthest)
+
+
+class _Prober:
+    def __init__(self, beam: ShakenBeam, plan: CentringPlan, told: Callable[[int], None]) -> None:
+        self._beam, self._plan, self._told = beam, plan, told
+        self._offset, self._tried = 0.0, 0
+
+    def touched(self, offset: float, amplitude: float) -> Touched:
+        """Go there with the least sine, so that no bouncing is carried along; shake and listen."""
+        plan, beam = self._plan, self._beam
+        beam.shake(plan.sine.least)
+        for step in range(1, _MOVE_STEPS + 1):
+            beam.wait(_MOVE_S / _MOVE_STEPS)
+            beam.push(self._offset + (offset - self._offset) * step / _MOVE_STEPS)
+        self._offset = offset
+        beam.shake(amplitude)
+        beam.wait(plan.settle_s)
+        upper, lower = beam.forces(_CYCLES / plan.frequency)
+        self._tried += 1
+        self._told(self._tried)
+        return what_is_touched(upper, lower, beam.sample_rate, plan.frequency, amplitude)
