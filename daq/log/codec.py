@@ -54,7 +54,7 @@ def decode_block(channel: str, data: bytes) -> SampleBlock:
         time_ns=_time_ns(message),
         sample_rate=message.sample_rate,
         values=wide if len(wide) else values,
-        flags=Flag(message.flags & 31),
+        flags=Flag(message.flags & 31) if message.flags else Flag.GOOD,
     )
 
 

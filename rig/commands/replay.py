@@ -8,8 +8,10 @@ import typer
 from rich.console import Console
 
 from daq.clock import SystemClock
+from daq.log import LogReader
 from rig.commands.arguments import Live, RunFile
-from rig.commands.summary import show_summary
+from rig.commands.summary import show
+from rig.report import RunCollector, summary_of
 from rig.session.progress import Screen
 from rig.session.replay import replay_log
 
@@ -28,5 +30,7 @@ def add_to(app: typer.Typer) -> None:
     ) -> None:
         """Play a log through the same path as a live run."""
         screen = Screen(Console())
-        replay_log(run, speed, live, screen, SystemClock())
-        show_summary(run, screen)
+        with LogReader(run) as log:
+            collector = RunCollector(log)
+            replay_log(run, speed, live, screen, SystemClock(), (collector,))
+            show(summary_of(collector.record()), screen)

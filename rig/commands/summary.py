@@ -13,7 +13,11 @@ from rig.session.progress import Screen
 
 def show_summary(log: Path, screen: Screen) -> None:
     """Print what a log comes to."""
-    summary = summarise(log)
+    show(summarise(log), screen)
+
+
+def show(summary: RunSummary, screen: Screen) -> None:
+    """Print what a run comes to."""
     screen.console.print(_channels(summary))
     _say_peaks(summary, screen)
     if summary.missing:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,34 @@ from rig.derived.series import Emit, Series
 RMS, PEAK = "cycle_rms", "cycle_peak"
 _BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 _BLOCK_S = 1.0
+_LOOK_S = 0.5
 _NO_SAMPLES = np.empty(0, np.float32)
 _UNKNOWN = (nan, nan)
+
+
+class _Stretch(NamedTuple):
+    """Consecutive samples that are all good, or in blocks that are not."""
+
+    first_sample: int
+    values: NDArray[np.floating]
+    good: bool
+
+    @property
+    def end_sample(self) -> int:
+        return self.first_sample + len(self.values)
+
+
+def _joined(stretches: Sequence[_Stretch]) -> list[_Stretch]:
+    groups: list[list[_Stretch]] = []
+    for each in stretches:
+        if groups and groups[-1][-1].end_sample == each.first_sample and groups[-1][0].good == each.good:
+            groups[-1].append(each)
+        else:
+            groups.append([each])
+    return [
+        _Stretch(group[0].first_sample, np.concatenate([each.values for each in group]), group[0].good)
+        for group in groups
+    ]
 
 
 class CycleFigures:
@@ -29,40 +55,48 @@ class CycleFigures:
     """
 
     def __init__(self, name: str, cycles: Cycles, cycle_hz: float, sample_rate: float, start_ns: int) -> None:
-        self._begins = cycles.begins
+        self._begins, self._rate = cycles.begins, sample_rate
         per_block = max(round(_BLOCK_S * cycle_hz), 1)
         names = f"{name}.{RMS}", f"{name}.{PEAK}"
         self._series = Series(names, cycle_hz, per_block, sample_rate, start_ns)
         self._scanner = CycleScanner()
-        self._waiting: deque[SampleBlock] = deque()
+        self._waiting: list[_Stretch] = []
+        self._unseen = 0
         self._next = 0
         self._running: tuple[int, int] | None = None
 
     def add(self, block: SampleBlock, emit: Emit) -> None:
-        """Take the channel's next block; hand on what has become certain."""
-        self._waiting.append(block)
-        self._scan(emit)
+        """Take the channel's next block; hand on what has become certain, twice a second."""
+        self._waiting.append(_Stretch(block.first_sample, block.values, not block.flags & _BLIND))
+        self._unseen += len(block)
+        if self._unseen >= _LOOK_S * self._rate:
+            self._look(emit)
 
     def finish(self, emit: Emit) -> None:
         """Take what waits, and the last cycle if the record ends where it does: no more begins will come."""
-        self._scan(emit)
+        self._look(emit)
         self._advance(self._next + 1, _NO_SAMPLES, True, emit)
         self._series.flush(emit)
 
-    def _scan(self, emit: Emit) -> None:
-        while self._waiting:
-            block = self._waiting[0]
-            if self._next < block.first_sample:
-                if self._begins.until < block.first_sample:
-                    return
-                self._advance(block.first_sample, _NO_SAMPLES, False, emit)
-            end = min(block.end_sample, self._begins.until)
-            if self._next < end:
-                values = block.values[self._next - block.first_sample : end - block.first_sample]
-                self._advance(end, values, not block.flags & _BLIND, emit)
-            if self._next < block.end_sample:
+    def _look(self, emit: Emit) -> None:
+        """Several blocks together take little longer than one."""
+        waiting, self._waiting, self._unseen = _joined(self._waiting), [], 0
+        for number, stretch in enumerate(waiting):
+            if not self._take(stretch, emit):
+                self._waiting = waiting[number:]
                 return
-            self._waiting.popleft()
+
+    def _take(self, stretch: _Stretch, emit: Emit) -> bool:
+        """Take a stretch as far as begins are known in it; True if that is all of it."""
+        if self._next < stretch.first_sample:
+            if self._begins.until < stretch.first_sample:
+                return False
+            self._advance(stretch.first_sample, _NO_SAMPLES, False, emit)
+        end = min(stretch.end_sample, self._begins.until)
+        if self._next < end:
+            values = stretch.values[self._next - stretch.first_sample : end - stretch.first_sample]
+            self._advance(end, values, stretch.good, emit)
+        return self._next >= stretch.end_sample
 
     def _advance(self, end: int, values: NDArray[np.floating], good: bool, emit: Emit) -> None:
         """Go on to sample `end` with the samples up to there; those that are no good spoil their cycles."""

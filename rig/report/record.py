@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
-from daq.log.records import Event, Gap
+from daq.log.records import Event, Gap, Impact
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 """In the order in which they are drawn, the last on top."""
@@ -41,10 +41,14 @@ class Tally:
 
     def add(self, block: SampleBlock) -> None:
         """Count a block in."""
-        values = block.values[np.isfinite(block.values)].astype(np.float64)
+        values = block.values.astype(np.float64)
+        square_sum = float(values @ values)
+        if not math.isfinite(square_sum):
+            values = values[np.isfinite(values)]
+            square_sum = float(values @ values)
         self.samples += len(block)
         self.finite += len(values)
-        self.square_sum += float(values @ values)
+        self.square_sum += square_sum
         self.minimum = float(values.min(initial=self.minimum))
         self.maximum = float(values.max(initial=self.maximum))
         self.end_sample = max(self.end_sample, block.end_sample)
@@ -97,45 +101,64 @@ class RunRecord:
         return None if upper is None or lower is None else (upper, lower)
 
 
-@dataclass(slots=True)
-class _Collector:
-    """Blocks of the traces while a log is being read."""
+class RunCollector:
+    """A run's record from its blocks as they pass: a sink of a replay, or fed by `read_run`.
 
-    limits: dict[tuple[Origin, str], int]
-    tallies: dict[tuple[Origin, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
-    blocks: dict[tuple[Origin, str], list[SampleBlock]] = field(default_factory=lambda: defaultdict(list))
+    Blocks of a channel come in their order; what is derived is not in a record.
+    """
 
-    def add(self, origin: Origin, block: SampleBlock) -> None:
+    def __init__(self, reader: LogReader) -> None:
+        self._reader = reader
+        self._declared = {origin: reader.channels(origin) for origin in ORIGINS}
+        keys: list[tuple[Origin, str]] = [
+            (origin, name) for origin in ORIGINS for name in self._declared[origin]
+        ]
+        self._limits = {key: _limit(key[1], len(keys)) for key in keys}
+        self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
+        self._blocks: dict[tuple[Origin, str], list[SampleBlock]] = defaultdict(list)
+
+    def block(self, origin: Origin, block: SampleBlock) -> None:
+        """Take a block."""
         key = origin, block.channel
-        self.tallies[key].add(block)
-        if block.end_sample <= self.limits[key]:
-            self.blocks[key].append(block)
+        if key in self._limits:
+            self._tallies[key].add(block)
+            if block.end_sample <= self._limits[key]:
+                self._blocks[key].append(block)
 
-    def traces(self) -> dict[tuple[Origin, str], Trace]:
-        return {key: _joined(blocks) for key, blocks in self.blocks.items()}
+    def event(self, event: Event) -> None:
+        """Events are read with the record."""
 
+    def impact(self, impact: Impact) -> None:
+        """Impacts are not in a record."""
 
-def read_run(log: Path) -> RunRecord:
-    """Read a log in one pass; raises LogError if it is none or damaged in its middle."""
-    with LogReader(log) as reader:
-        declared = {origin: reader.channels(origin) for origin in ORIGINS}
-        keys: list[tuple[Origin, str]] = [(origin, name) for origin in ORIGINS for name in declared[origin]]
-        collector = _Collector({key: _limit(key[1], len(keys)) for key in keys})
-        for origin, block in reader.blocks(ORIGINS):
-            collector.add(origin, block)
+    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
+        """Shapes are not in a record."""
+
+    def record(self) -> RunRecord:
+        """The run, from the blocks so far; raises LogError."""
+        reader = self._reader
         return RunRecord(
-            path=log,
+            path=reader.path,
             complete=reader.complete,
             damage=reader.damage,
             library=reader.library,
             scenario=reader.scenario,
             metadata=reader.metadata,
-            channels={**declared["measured"], **_missing_from(declared)},
-            traces=collector.traces(),
-            tallies=dict(collector.tallies),
+            channels={**self._declared["measured"], **_missing_from(self._declared)},
+            traces={key: _joined(blocks) for key, blocks in self._blocks.items()},
+            tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
         )
+
+
+def read_run(log: Path) -> RunRecord:
+    """Read a log in one pass; raises LogError if it is none or damaged in its middle."""
+    with LogReader(log) as reader:
+        collector = RunCollector(reader)
+        for origin, block in reader.blocks(ORIGINS):
+            collector.block(origin, block)
+        return collector.record()
 
 
 def _missing_from(declared: dict[Origin, dict[str, Channel]]) -> dict[str, Channel]:
