@@ -1,0 +1,37 @@
+"""What the log says a run depended on."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from rig.files.bench import embedded_bench
+from rig.session.provenance import run_record
+from tests.rig.session.shafts import SteppedClock
+
+CHAIN = "chain.crank.angle"
+
+
+def record(notes: dict[str, str], encoder: str | None = None) -> dict[str, str]:
+    devices = SimpleNamespace(
+        actuator=SimpleNamespace(identity="an inverter"),
+        card=SimpleNamespace(address="127.0.0.1:1"),
+        encoder=None if encoder is None else SimpleNamespace(identity=encoder),
+    )
+    bench = embedded_bench("planar_slider_crank")
+    return run_record(bench, devices, notes, "run", SteppedClock())  # type: ignore[arg-type]
+
+
+def test_chains_of_the_bench_count_for_the_digest_of_the_calibrations_and_other_notes_do_not() -> None:
+    key = "calibration_sha256"
+    plain = record({})[key]
+    assert record({"emulated": "card"})[key] == plain
+    assert record({CHAIN: '{"serial": "1"}'})[key] != plain
+    assert record({CHAIN: '{"serial": "1"}'})[key] != record({CHAIN: '{"serial": "2"}'})[key]
+
+
+def test_notes_and_the_encoders_identity_stand_in_the_record() -> None:
+    found = record({CHAIN: "{}", "emulated": "card"}, encoder="rotary encoder, serial number 1")
+    assert found[CHAIN] == "{}"
+    assert found["emulated"] == "card"
+    assert found["encoder"] == "rotary encoder, serial number 1"
+    assert "encoder" not in record({})
