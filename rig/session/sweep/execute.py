@@ -42,7 +42,8 @@ from rig.session.sweep.state import (
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 Run = Callable[[RunRequest, Screen, Clock], Path]
 Centre = Callable[[Scenario, Bench, Screen], CentreState]
-_FAILS = {OFF, UNKNOWN}
+_FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
+"""Codes of events that say of a complete record that its drive was not as asked for."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

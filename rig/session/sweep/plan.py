@@ -19,8 +19,9 @@ from rig.files.sweep_axes import Value
 from rig.session.centring.probe import plan_of as centring_plan
 from rig.twin.scenario_twin import twin_of
 
-AROUND_S: Final = 10.0
-"""Of each point beside settling and recording: connecting, twin, ramps, closing the log; measured."""
+AROUND_S: Final = 15.0
+"""Of each point beside settling and recording: connecting, twin, ramps, closing the log; 10 s to 20 s on
+two cores, by what else they do."""
 _BYTES_PER_SAMPLE: Final = 2 * 4.3
 """Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
 _RESERVE_BYTES: Final = 1 << 30

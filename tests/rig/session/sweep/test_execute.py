@@ -107,7 +107,7 @@ def test_an_interlock_ends_the_sweep_and_its_point_is_not_repeated_silently(tria
     assert state.ended("done") == (1, 2, 3, 4)
 
 
-@pytest.mark.parametrize("code", ["drive.frequency_off", "drive.frequency_unknown"])
+@pytest.mark.parametrize("code", ["drive.frequency_off", "drive.frequency_unknown", "motor.off_speed"])
 def test_a_point_whose_frequency_was_not_held_has_failed_and_the_others_go_on(
     trial: Trial, code: str
 ) -> None:

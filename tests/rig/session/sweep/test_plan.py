@@ -11,7 +11,15 @@ from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
 from rig.files.rigs import RIGS
 from rig.files.sweep import Sweep
-from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments, seconds_of, steps_of
+from rig.session.sweep.plan import (
+    AROUND_S,
+    bytes_of,
+    check_points,
+    listing,
+    real_instruments,
+    seconds_of,
+    steps_of,
+)
 from tests.rig.files.faulty import problems_of
 from tests.rig.session.sweep.swept import AXES, SCENARIO, parsed
 
@@ -65,8 +73,8 @@ def test_a_position_that_is_set_already_is_not_announced_as_a_move() -> None:
 
 def test_time_and_disk_follow_from_the_points() -> None:
     swept = parsed()
-    # 4 points of 1 s settling and 1 s record; ten seconds around each
-    assert seconds_of(swept.points) == pytest.approx(4 * 12.0)
+    # 4 points of 1 s settling and 1 s record
+    assert seconds_of(swept.points) == pytest.approx(4 * (AROUND_S + 2.0))
     # 5 channels at 51.2 kHz, measured and predicted, 4 bytes and a twentieth
     assert bytes_of(swept, embedded_bench()) == pytest.approx(4 * 51_200 * 5 * 2 * 4.2, rel=0.05)
 
