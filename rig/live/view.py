@@ -28,8 +28,9 @@ from rig.live.picture import Picture
 from rig.live.sender import FrameSender
 
 _START_TIMEOUT_S = 30.0
-_QUEUE_BYTES = 16 << 20
-"""2.5 s of 16 channels at 51.2 kHz, measured and predicted."""
+_QUEUE_BYTES_A_TRACE = 512 << 10
+"""2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
+_LEAST_TRACES = 32
 
 
 class LiveView:
@@ -72,7 +73,8 @@ class LiveView:
             start_new_session=True,  # Ctrl-C is for the sequencer, which closes this view last
         )
         os.close(reading)
-        self._sender = FrameSender(writing, _QUEUE_BYTES)
+        traces = sum(len(names) for names in self._layout.origins.values())
+        self._sender = FrameSender(writing, max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE)
         self._sender.start()
         self._open = True
         try:
