@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -145,7 +146,8 @@ class LogWriter:
         except OSError as error:
             raise RecorderFailed(f"{self.path}: {error}") from error
         finally:
-            self._file.close()
+            with suppress(OSError):  # what a failed write left in its buffer fails once more, and is told
+                self._file.close()
 
     def _account_for_gap(self, block: SampleBlock, expected: int, host_ns: int) -> None:
         missing = block.first_sample - expected
