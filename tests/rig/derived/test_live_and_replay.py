@@ -120,7 +120,6 @@ def a_block() -> SampleBlock:
     return next(iter(beam.blocks(beam.CHANNELS[:1], "measured", 0.1)))
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_fault_ends_it_with_an_event_and_nothing_else(capfd: pytest.CaptureFixture[str]) -> None:
     onward = ListSink()
     with InBackground(Faulty(onward, None), onward, SystemClock()) as derived:
