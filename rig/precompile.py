@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from daq.signals.running_figures import warm_up
 from rig.files.scenario import load_scenario
 from rig.twin.scenario_twin import twin_of
 from sim_twin.ensembles.clean_samples import clean_samples
@@ -17,7 +18,7 @@ _STARTS_RAD = (0.0, 1.0)
 
 
 def precompile(scenario: Path) -> None:
-    """Run a scenario's twin as a stream, in an ensemble and for its figures, each for a moment.
+    """Run a scenario's twin as a stream, in an ensemble and for its figures, and what is derived, for a moment.
 
     Raises ConfigurationError for a scenario that is none.
     """
@@ -30,6 +31,7 @@ def precompile(scenario: Path) -> None:
     variants = [Variant(twin, start) for start in _STARTS_RAD]
     clean_samples(variants, rate, _SAMPLES / rate, _SAMPLES, oversampling(rate))
     model.solver_values(twin, _SAMPLES / rate, _SAMPLES / rate)
+    warm_up()
 
 
 if __name__ == "__main__":

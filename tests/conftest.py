@@ -23,11 +23,9 @@ _KEPT = ("pipe:", "/dev/", "/proc/", "anon_inode:")
 
 
 _TESTS = Path(__file__).parent
-_WITHOUT_TWIN = _TESTS / "drivers"
 _ALONE = (
-    "drivers",
     "end_to_end",
-    "rig/session",
+    "rig/session/test_hung_motor.py",
     "rig/live",
     "rig/ensembles",
     "rig/commands/test_diagnose.py",
@@ -44,8 +42,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What needs no twin comes first: `scripts/test` compiles the twins meanwhile."""
-    items.sort(key=lambda item: not item.path.is_relative_to(_WITHOUT_TWIN))
+    """Mark what is run by itself."""
     for item in items:
         if any(item.path.is_relative_to(_TESTS / place) for place in _ALONE):
             item.add_marker(pytest.mark.alone)

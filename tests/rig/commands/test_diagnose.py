@@ -212,9 +212,12 @@ def test_a_log_that_is_none_and_one_without_scenario_are_refused(call: Call, tmp
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "Missing parameter: runs"),
-        (("run.mcap",), "Missing parameter: out"),
-        (("run.mcap", "--out", "x", "--budget", "1"), "greater than or equal to 10"),
+        ((), "Missing argument 'RUN.mcap...'"),
+        (("run.mcap",), "Missing option '--out'"),
+        (
+            ("run.mcap", "--out", "x", "--budget", "1"),
+            "'--budget': Input should be greater than or equal to 10",
+        ),
         (("run.mcap", "--out", "x", "--seed", "-1"), "greater than or equal to 0"),
     ],
 )
@@ -227,7 +230,7 @@ def test_wrong_arguments_are_wrong_use(call: Call, arguments: tuple[str, ...], s
 def test_an_output_that_is_a_file_is_refused(call: Call, run: Path, tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
     answer = call("diagnose", run, "--out", tmp_path / "out")
-    assert answer.code == FAILED
+    assert answer.code == WRONG_USE
     assert "is a file; name a folder" in answer.err
     assert (tmp_path / "out").read_text() == "mine"
 

@@ -36,7 +36,7 @@ def test_a_cut_log_exits_1_and_can_be_recovered(call: Call, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["verify"], "Missing parameter"),
+        (["verify"], "Missing argument"),
         (["dance"], "No such command"),
         (["verify", "--loud", "x.mcap"], "No such option"),
         (["predict", "gone.toml", "--out", "x.mcap"], "gone.toml"),
