@@ -18,7 +18,7 @@ _STARTS_RAD = (0.0, 1.0)
 
 
 def precompile(scenario: Path) -> None:
-    """Run a scenario's twin as a stream, in an ensemble and for its figures, and what is derived, for a moment.
+    """Run a scenario's twin as a stream, in an ensemble, for its figures, and derive from it, for a moment.
 
     Raises ConfigurationError for a scenario that is none.
     """
