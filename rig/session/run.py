@@ -30,6 +30,7 @@ from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.logbook import Logbook
+from rig.session.motor import OVERSPEED
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
 from rig.session.sequence import Sequence, starts_softly
@@ -46,10 +47,8 @@ from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
 
-_OVERSPEED, _ANY_SPEED_RAD_S = 1.5, 314.0
-"""How much faster than wanted a shaft may turn for a moment; 3000 rpm where nothing is wanted."""
-
-
+_ANY_SPEED_RAD_S = 314.0
+"""3000 rpm: what a shaft may turn at where nothing is wanted of it."""
 DRIVE_FORCE = "drive.force"
 """The channel that shows a shaker's sine."""
 
@@ -201,7 +200,7 @@ class _Run:
         encoder = self._devices.encoder
         if encoder is None:
             return None
-        fastest_rad_s = _OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
+        fastest_rad_s = OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
         return EncoderRecord(encoder, acquisition.base, self._hub, self._recorder.gap, fastest_rad_s)
 
     def _follow(self, motion: Motion, encoder: EncoderRecord | None) -> None:
@@ -230,7 +229,7 @@ class _Run:
             self._shaft.take(reading.first_sample, row)
             for event in self._guard.look(self._shaft.shown, acquisition.acquired / self._rate):
                 self._hub.event(event)
-        if acquisition.tripped is None and not self._watch.hangs:
+        if acquisition.tripped is None and self._guard.tripped is None and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
             self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
