@@ -30,6 +30,7 @@ from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.logbook import Logbook
+from rig.session.mark_watch import MarkWatch
 from rig.session.motor import OVERSPEED
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
@@ -109,6 +110,7 @@ class _Run:
         self._watch = Watch(clock)
         self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
         self._guard = SpeedGuard(clock)
+        self._marks = MarkWatch(devices.card.channels)
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None
         self._hold, self._frequency = self._frequency_watched()
@@ -191,6 +193,9 @@ class _Run:
                 running.enter_context(encoder)
             running.enter_context(drive_off_after(sequence, self._devices.spare, self._screen))
             sequence.drive_and_record()
+        if self._marks.fault:
+            self._logbook.tell("warning", "marker.irregular", self._marks.fault)
+            self._screen.warn(self._marks.fault)
         if encoder is not None:
             self._compare(encoder)
         if self._frequency is not None:
@@ -229,6 +234,9 @@ class _Run:
             self._shaft.take(reading.first_sample, row)
             for event in self._guard.look(self._shaft.shown, acquisition.acquired / self._rate):
                 self._hub.event(event)
+        if self._marks.channel is not None:
+            row = reading.values[self._names.index(self._marks.channel)]
+            self._marks.take(row, acquisition.records(reading))
         if acquisition.tripped is None and self._guard.tripped is None and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
@@ -252,9 +260,8 @@ class _Run:
 
     def _compare(self, encoder: EncoderRecord) -> None:
         """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
-        skew = encoder_at_marks(
-            *encoder.seen(), self._shaft.marks / self._rate, encoder.angle_per_count, self._rate
-        )
+        marks = self._shaft.marks if self._marks.channel is None else self._marks.marks
+        skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
         if skew is not None:
             self._logbook.tell("info", "encoder.at_mark", str(skew))
 

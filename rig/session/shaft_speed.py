@@ -153,6 +153,11 @@ class _ByMarker:
         return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True)
 
 
+def shows_marks(channel: Channel) -> bool:
+    """Whether it is a once-per-revolution marker."""
+    return channel.name.endswith(".marker") and channel.unit == "V"
+
+
 def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:
     """The channel that shows the shaft best, an angle before a marker, and how it does; None for neither."""
     channels = list(channels)
