@@ -193,9 +193,7 @@ class _Run:
                 running.enter_context(encoder)
             running.enter_context(drive_off_after(sequence, self._devices.spare, self._screen))
             sequence.drive_and_record()
-        if self._marks.fault:
-            self._logbook.tell("warning", "marker.irregular", self._marks.fault)
-            self._screen.warn(self._marks.fault)
+        self._tell_of_marks()
         if encoder is not None:
             self._compare(encoder)
         if self._frequency is not None:
@@ -257,6 +255,17 @@ class _Run:
         self._logbook.tell("info" if found.code == HELD else "warning", found.code, str(found))
         if found.code != HELD:
             self._screen.warn(str(found))
+
+    def _tell_of_marks(self) -> None:
+        """Say what was wrong with the recorded marks, and whether the card's angle contradicts them."""
+        begin, end = self._acquisition.record_from or 0, self._acquisition.record_until or 0
+        apart = ""
+        if self._marks.channel is not None and self._shaft.channel not in (None, self._marks.channel):
+            apart = self._marks.contradiction(str(self._shaft.channel), self._shaft.marks, begin, end)
+        for code, text in (("marker.irregular", self._marks.fault), ("marker.contradicted", apart)):
+            if text:
+                self._logbook.tell("warning", code, text)
+                self._screen.warn(text)
 
     def _compare(self, encoder: EncoderRecord) -> None:
         """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""

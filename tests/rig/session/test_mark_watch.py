@@ -60,3 +60,17 @@ def test_what_came_before_the_record_is_no_fault_of_it() -> None:
 
 def test_a_bench_without_a_marker_has_nothing_to_watch() -> None:
     assert MarkWatch((CHANNELS[0],)).channel is None
+
+
+@pytest.mark.parametrize("factor", [1.0, 1024 / 1000, 0.5])
+def test_an_angle_of_another_number_of_pulses_contradicts_the_marks(factor: float) -> None:
+    zeros = np.arange(1, 41) * TURN / factor
+    said = watched(marker(20)).contradiction("crank.angle", zeros, 0, round(20 * TURN))
+    assert said.startswith(f"crank.angle turns {factor:.4g} times as fast as crank.marker") == (factor != 1.0)
+    assert bool(said) == (factor != 1.0)
+
+
+def test_a_missing_mark_is_no_contradiction_and_too_few_are_none_either() -> None:
+    watch, zeros = watched(without_mark(marker(20), 9)), np.arange(1, 21) * TURN
+    assert watch.contradiction("crank.angle", zeros, 0, round(20 * TURN)) == ""
+    assert watch.contradiction("crank.angle", zeros * 2.0, 0, round(3 * TURN)) == ""
