@@ -176,7 +176,8 @@ class Motor:
         self.orders.target_hz = 0.0
         await self._talk.write(fr.RUNNING_FREQUENCY, 0, self._soon())
         self._expect_ramp()
-        self._diary.note("info", "inverter.zero", "zero speed asked for")
+        if self.orders.run:  # else it is asked for again of a motor that stands: no news
+            self._diary.note("info", "inverter.zero", "zero speed asked for")
         began_s = self._clock.monotonic_s()
         state = await self.look()
         limit_s = self._longest_ramp_s(state.output_frequency_hz)
@@ -189,14 +190,15 @@ class Motor:
             state = await self.look()
 
     async def _withdraw(self) -> None:
-        self.orders.run = False
+        ran, self.orders.run = self.orders.run, False
         self._expect_ramp()
         why = "it still runs"
         for _ in range(WITHDRAWALS):
             try:
                 await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon())
                 if await self._comes_to_rest():
-                    self._diary.note("info", "inverter.off", "run withdrawn")
+                    if ran:
+                        self._diary.note("info", "inverter.off", "run withdrawn")
                     return
             except InstrumentError as error:
                 why = str(error)

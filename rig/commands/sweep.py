@@ -67,12 +67,13 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         _check_again(asked, swept)
         _check_rehearsal(yes, bench)
         request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes)
-        state = _dry_check(request, screen)
+        _dry_check(request, screen)
         if dry:
             screen.say("nothing has moved")
             return
         with held(folder):
-            state = run_sweep(request, state, screen, SystemClock(), centre=_centring(connect))
+            now = begun(request)  # read anew: another sweep may have been at work here until just now
+            state = run_sweep(request, now, screen, SystemClock(), centre=_centring(connect))
         _sum_up(request, state, screen)
 
 
@@ -105,8 +106,8 @@ def _check_rehearsal(yes: bool, bench: Bench) -> None:
         raise ConfigurationError(bench.source, [Problem("--yes", ", ".join(real), allowed)])
 
 
-def _dry_check(request: SweepRequest, screen: Screen) -> SweepState:
-    """Refuse what no point may do, say all that would be done, and return how far it is already."""
+def _dry_check(request: SweepRequest, screen: Screen) -> None:
+    """Refuse what no point may do, and say all that would be done."""
     swept, bench, folder = request.sweep, request.bench, request.folder
     free = shutil.disk_usage(_there(folder)).free
     check_points(swept, bench, datetime.datetime.now(datetime.UTC).date(), free)
@@ -116,7 +117,6 @@ def _dry_check(request: SweepRequest, screen: Screen) -> SweepState:
         screen.say(line)
     most = f"at most {bytes_of(swept, bench) / 1e6:.0f} MB in {folder}"
     screen.say(f"disk       {most}; {free / 1e9:.1f} GB free")
-    return state
 
 
 def _there(folder: Path) -> Path:

@@ -105,6 +105,13 @@ class Acquisition:
             self.record_from, self.record_until = self.acquired, self.acquired + count
             return self.acquired
 
+    def records(self, reading: CardReading) -> bool:
+        """Whether any of a reading belongs to the record."""
+        begin, until = self.record_from, self.record_until
+        if begin is None or until is None:
+            return False
+        return reading.first_sample < until and reading.first_sample + reading.values.shape[1] > begin
+
     def _run(self) -> None:
         try:
             while not self._stop.is_set():

@@ -48,8 +48,8 @@ class Devices:
             raise errors[0] if len(errors) == 1 else InstrumentsMissing(errors)
 
     def close(self) -> None:
-        """Close all; never raises."""
+        """Close all; never raises. First what moves the rig, for its closing is a way to stop it."""
+        self.actuator.close()
         if self.encoder is not None:
             self.encoder.close()
         self.card.close()
-        self.actuator.close()

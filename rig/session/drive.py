@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -82,21 +82,28 @@ def drive_off_after(
 ) -> Iterator[None]:
     """Switch the drive off on every way out, by a new connection where the old one fails.
 
-    If even that fails, say so without hiding why the run ended.
+    If even that fails, say so without hiding why the run ended. Where nothing else ended it, the drive's
+    failure to go off is raised, whether the new connection helped or not.
     """
     try:
         yield
     except BaseException:
-        try:
-            drive.off()
-        except InstrumentError as error:
-            screen.warn(f"{error}")
-            if spare is None:
-                screen.warn("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
-            elif not switch_off(spare):
-                screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
+        with suppress(InstrumentError):  # told already, and no reason why the run ended
+            _switch_off(drive, spare, screen)
         raise
-    drive.off()
+    _switch_off(drive, spare, screen)
+
+
+def _switch_off(drive: SwitchedOff, spare: Callable[[], Actuator] | None, screen: Screen) -> None:
+    try:
+        drive.off()
+    except InstrumentError as error:
+        screen.warn(f"{error}")
+        if spare is None:
+            screen.warn("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
+        elif not switch_off(spare):
+            screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
+        raise
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from math import sqrt
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
 from daq.log import LogReader
 from rig.session.encoder_record import ENCODER_CHANNEL
-from rig.session.shaft_speed import shaft_reading
+from rig.session.shaft_speed import shaft_reading, shows_marks
 
 Array = NDArray[np.float64]
 
@@ -35,9 +36,14 @@ def logged_at_marks(path: Path) -> AtMark:
         encoder = channels.pop(ENCODER_CHANNEL, None)
         if encoder is None:
             raise LogError(f"{path}: no {ENCODER_CHANNEL} in it")
-        name, _ = shaft_reading(channels.values(), 1.0)
+        # An angle is only as good as its zero; the marker is the crank's own.
+        shown = [each for each in channels.values() if shows_marks(each)] or list(channels.values())
+        name, _ = shaft_reading(shown, 1.0)
         if name is None:
             raise LogError(f"{path}: no angle or marker of the crank in it")
+        if _zero_is_anywhere(log, name):
+            what = "its counter has no index mark, so that its zero is another one in every run"
+            raise LogError(f"{path}: {name} cannot tell where the encoder stands: {what}")
         card = [block for _, block in log.blocks("measured", [name])]
         positions = [block for _, block in log.blocks("measured", [ENCODER_CHANNEL])]
         if not card or not positions:
@@ -51,6 +57,16 @@ def logged_at_marks(path: Path) -> AtMark:
         for block in card:
             reading.take(block.first_sample - card[0].first_sample, block.values.astype(np.float64))
         return _at_marks(encoder_s, encoder_rad, np.array(reading.marks) / rate, encoder.scale, rate)
+
+
+def _zero_is_anywhere(log: LogReader, name: str) -> bool:
+    """Whether the run says of an angle that nothing makes it absolute."""
+    try:
+        chain = json.loads(log.metadata.get("run", {}).get(f"chain.{name}", "{}"))
+    except ValueError:
+        return False
+    pulses = chain.get("pulses") if isinstance(chain, dict) else None
+    return isinstance(pulses, dict) and pulses.get("index") is False
 
 
 def _times_s(block: SampleBlock, start_ns: int) -> Array:

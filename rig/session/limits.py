@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from daq.block import Flag
 from rig.files.scenario import Limit
 
-_BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
+BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
+"""With any of these a channel tells nothing that could be relied on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class LimitWatch:
         """
         found: list[Passed] = []
         for limit in self._limits:
-            if limit.abort is not None and flags and flags[limit.channel] & _BLIND:
+            if limit.abort is not None and flags and flags[limit.channel] & BLIND:
                 found.append(Passed(limit.channel, limit.unit, math.nan, limit.abort, abort=True))
                 continue
             values = np.abs(rows[limit.channel])

@@ -18,6 +18,8 @@ _OUTPUT_SHARE = 0.01
 _RAMP_MARGIN, _RAMP_GRACE_S = 1.5, 1.0
 ARRIVED_SHARE = 0.10
 """Of the wanted speed: slip and gearing may be off by as much before the loop is closed."""
+OVERSPEED = 1.5
+"""Of the wanted speed: what a shaft shows for a moment within a turn, and never goes beyond on a ramp."""
 _SEEN_TURNS, _SEEN_S = 8.0, 2.0
 """A marker shows a speed after four marks that agree; the reading that has them comes a block later."""
 _FEWEST_TURNS, _MEAN_S = 3, 1.0
@@ -110,7 +112,7 @@ class Motor:
         """Come up on the ramp, then trim the set value until the shaft turns as wanted.
 
         Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no
-        instrument shows that the shaft turns.
+        instrument shows that the shaft turns, or one shows that it runs away.
         """
         self._drive.start()
         self._await_output()
@@ -150,7 +152,7 @@ class Motor:
                 raise self._refused(
                     f"its output does not come to {self._kept_rpm:g} rpm", "load and its ramp"
                 )
-            self._wait(_STEP_S)
+            self._look_on()
             left_s -= _STEP_S
 
     def _output_there(self) -> bool:
@@ -166,8 +168,18 @@ class Motor:
         while not abs(self._measured_rpm() - self._wanted_rpm) <= ARRIVED_SHARE * self._wanted_rpm:
             if left_s < 0.0:
                 raise self._not_arrived(self._measured_rpm())
-            self._wait(_STEP_S)
+            self._look_on()
             left_s -= _STEP_S
+
+    def _look_on(self) -> None:
+        """Wait a step; raises InterlockTripped for a shaft that is geared otherwise than the bench says."""
+        self._wait(_STEP_S)
+        rpm = self._measured_rpm()
+        if abs(rpm) > OVERSPEED * self._wanted_rpm:
+            wanted = f"{self._wanted_rpm:g} rpm is wanted"
+            raise InterlockTripped(
+                f"interlock: the shaft turns at {rpm:.4g} rpm where {wanted}; the motor is off"
+            )
 
     def _not_arrived(self, rpm: float) -> InstrumentRefused | InterlockTripped:
         if math.isnan(rpm):

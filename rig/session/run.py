@@ -30,6 +30,8 @@ from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.logbook import Logbook
+from rig.session.mark_watch import MarkWatch
+from rig.session.motor import OVERSPEED
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
 from rig.session.sequence import Sequence, starts_softly
@@ -46,10 +48,8 @@ from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
 
-_OVERSPEED, _ANY_SPEED_RAD_S = 1.5, 314.0
-"""How much faster than wanted a shaft may turn for a moment; 3000 rpm where nothing is wanted."""
-
-
+_ANY_SPEED_RAD_S = 314.0
+"""3000 rpm: what a shaft may turn at where nothing is wanted of it."""
 DRIVE_FORCE = "drive.force"
 """The channel that shows a shaker's sine."""
 
@@ -110,6 +110,7 @@ class _Run:
         self._watch = Watch(clock)
         self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
         self._guard = SpeedGuard(clock)
+        self._marks = MarkWatch(devices.card.channels)
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None
         self._hold, self._frequency = self._frequency_watched()
@@ -192,6 +193,7 @@ class _Run:
                 running.enter_context(encoder)
             running.enter_context(drive_off_after(sequence, self._devices.spare, self._screen))
             sequence.drive_and_record()
+        self._tell_of_marks()
         if encoder is not None:
             self._compare(encoder)
         if self._frequency is not None:
@@ -201,7 +203,7 @@ class _Run:
         encoder = self._devices.encoder
         if encoder is None:
             return None
-        fastest_rad_s = _OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
+        fastest_rad_s = OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
         return EncoderRecord(encoder, acquisition.base, self._hub, self._recorder.gap, fastest_rad_s)
 
     def _follow(self, motion: Motion, encoder: EncoderRecord | None) -> None:
@@ -230,7 +232,10 @@ class _Run:
             self._shaft.take(reading.first_sample, row)
             for event in self._guard.look(self._shaft.shown, acquisition.acquired / self._rate):
                 self._hub.event(event)
-        if acquisition.tripped is None and not self._watch.hangs:
+        if self._marks.channel is not None:
+            row = reading.values[self._names.index(self._marks.channel)]
+            self._marks.take(row, acquisition.records(reading))
+        if acquisition.tripped is None and self._guard.tripped is None and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
             self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
@@ -251,11 +256,21 @@ class _Run:
         if found.code != HELD:
             self._screen.warn(str(found))
 
+    def _tell_of_marks(self) -> None:
+        """Say what was wrong with the recorded marks, and whether the card's angle contradicts them."""
+        begin, end = self._acquisition.record_from or 0, self._acquisition.record_until or 0
+        apart = ""
+        if self._marks.channel is not None and self._shaft.channel not in (None, self._marks.channel):
+            apart = self._marks.contradiction(str(self._shaft.channel), self._shaft.marks, begin, end)
+        for code, text in (("marker.irregular", self._marks.fault), ("marker.contradicted", apart)):
+            if text:
+                self._logbook.tell("warning", code, text)
+                self._screen.warn(text)
+
     def _compare(self, encoder: EncoderRecord) -> None:
         """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
-        skew = encoder_at_marks(
-            *encoder.seen(), self._shaft.marks / self._rate, encoder.angle_per_count, self._rate
-        )
+        marks = self._shaft.marks if self._marks.channel is None else self._marks.marks
+        skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
         if skew is not None:
             self._logbook.tell("info", "encoder.at_mark", str(skew))
 

@@ -66,7 +66,6 @@ class Sequence:
             self.watch.until(acquisition, lambda: self._recorded(), lambda: bar.at(self._since(begin)))
         self.tell("info", "record.end", "recorded")
         self._end_encoder()
-        self.guard.disarm()
         self.bring_to_rest(self.motion.ramp_down)
         self.tell("info", "drive.off", "drive ramped down and off")
 

@@ -18,7 +18,8 @@ from daq.clock import Clock
 _RPM_PER_RAD_S = 60.0 / math.tau
 STALE_S = 0.5
 """A speed that is older tells nothing of the shaft any more: a card's blocks come every 0.1 s."""
-_KEPT_S = 3.0
+_KEPT_S = 61.0
+"""A turn at 1 rpm, the slowest that a scenario may ask for; of faster turns the last one is kept."""
 _POINT_S = 0.005
 _LATEST_S = 0.1
 _STEADY_SHARE = 0.10
@@ -90,11 +91,13 @@ class _ByAngle:
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
         if not len(values) or not np.isfinite(values).all():
+            self._last = None
             return Shown()
         self._mark(first_sample, values)
         at = np.arange(len(values) - 1, -1, -self._every)[::-1]
         times = ((first_sample + at) / self._rate).tolist()
         self._points.extend(zip(times, values[at].tolist(), strict=True))
+        self._forget_old()
         return Shown(self._speed(), valid=True)
 
     def _speed(self) -> float:
@@ -111,6 +114,12 @@ class _ByAngle:
         share = (turned[low] - math.tau) / (turned[low] - turned[low + 1])
         turn = math.copysign(math.tau, latest) / (time[-1] - time[low] - share * (time[low + 1] - time[low]))
         return float(turn) if abs(turn - latest) <= _STEADY_SHARE * abs(turn) else latest
+
+    def _forget_old(self) -> None:
+        """Keep a turn, and what of a slower one is less than `_LATEST_S` old."""
+        points, (time_s, angle) = self._points, self._points[-1]
+        while len(points) > 1 and points[1][0] < time_s - _LATEST_S and abs(angle - points[1][1]) >= math.tau:
+            points.popleft()
 
     def _mark(self, first_sample: int, values: NDArray[np.float64]) -> None:
         """Note where the angle passes whole turns, between two samples where it does so evenly."""
@@ -142,6 +151,11 @@ class _ByMarker:
             return Shown()
         overdue = first_sample + len(values) - self._last > _OVERDUE * interval
         return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True)
+
+
+def shows_marks(channel: Channel) -> bool:
+    """Whether it is a once-per-revolution marker."""
+    return channel.name.endswith(".marker") and channel.unit == "V"
 
 
 def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:

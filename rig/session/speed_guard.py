@@ -15,6 +15,11 @@ OFF_SHARE, OFF_S = 0.05, 0.5
 """A turn's mean off by more than a healthy drive's ever is, and for how long before the run ends."""
 UNKNOWN_S = 1.0
 """How long a run goes on blind. A marker has by then missed more than three marks in a row, besides."""
+SPEED_GUARDED = (
+    f"shaft within {OFF_SHARE:.0%} of its speed: the run ends {OFF_S:g} s after it has left it, "
+    f"{UNKNOWN_S:g} s after no instrument shows it"
+)
+"""What a person should know of it before anything moves."""
 
 
 class SpeedGuard:

@@ -122,10 +122,11 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         inverter.check()
         inverter.stop()
         assert inverter.read().speed_rpm == 0.0
+        inverter.stop()  # as on every way out of a run: done again, told once
         assert ends.await_output(lambda output: output.target_hz == 0.0).on
         assert inverter.health is not None
         assert inverter.health.asked > 10
-    assert [event.code for event in inverter.events()][:4] == [
+    assert [event.code for event in inverter.events()] == [
         "inverter.set",
         "inverter.run",
         "inverter.zero",

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock
+from daq.block import Flag, SampleBlock
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from daq.log.reader import Origin
@@ -20,11 +20,11 @@ from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.acquisition import Acquisition
 from rig.session.centring.probe import CentringPlan, centre_beam
-from rig.session.centring.search import Middle
+from rig.session.centring.search import Middle, NoCentre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker, drive_off_after
 from rig.session.hub import Hub
-from rig.session.limits import LimitWatch
+from rig.session.limits import BLIND, LimitWatch
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.supervisor import Supervisor
@@ -96,6 +96,7 @@ class _RigBeam:
         self._watch.checks += [self._acquisition.check, self._supervisor.check, stop.check]
         self._wanted_from: int | None = None
         self._heard: list[NDArray[np.float64]] = []
+        self._flags = Flag.GOOD
         self._offset = 0.0
 
     def acquiring(self) -> ExitStack:
@@ -134,12 +135,14 @@ class _RigBeam:
         self._watch.wait(seconds)
 
     def forces(self, seconds: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """The two contact forces of the next seconds."""
+        """The two contact forces of the next seconds; raises NoCentre where a sensor does not show them."""
         count = round(seconds * self.sample_rate)
-        self._heard = []
+        self._heard, self._flags = [], Flag.GOOD
         self._wanted_from = self._acquisition.acquired
         self._watch.until(self._acquisition, lambda: self._collected() >= count)
         self._wanted_from = None
+        if self._flags & BLIND:  # it would look as if no stop were touched, however far the beam is pushed
+            raise NoCentre("a contact force is overloaded, open or not finite: see its sensor and cable")
         upper, lower = np.concatenate(self._heard, axis=1)[:, :count]
         return upper, lower
 
@@ -152,6 +155,8 @@ class _RigBeam:
             self._supervisor.beat()
         begin = self._wanted_from
         if begin is not None and reading.first_sample >= begin:
+            for row in self._rows:
+                self._flags |= reading.flags[row]
             self._heard.append(reading.values[self._rows])
 
 

@@ -26,7 +26,7 @@ from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.session.sweep.impact_count import ImpactCount
-from rig.session.sweep.plan import Move, Step, in_words, seconds_of, steps_of
+from rig.session.sweep.plan import Move, Step, lasting, steps_of
 from rig.session.sweep.results import figures_of, write_results
 from rig.session.sweep.state import (
     SCHEMA,
@@ -109,11 +109,9 @@ class _Sweeping:
         todo = [step for step in steps if self._wanted(step.point.number)]
         self._tell_what_ended(len(steps))
         for index, step in enumerate(todo):
-            left_s = seconds_of(each.point for each in todo[index:])
+            left = lasting(self._request.sweep, (each.point for each in todo[index:]))
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
-            self._screen.say(
-                f"point {step.point.number} of {len(steps)}  {said}  (at most {in_words(left_s)} left)"
-            )
+            self._screen.say(f"point {step.point.number} of {len(steps)}  {said}  ({left} left)")
             self._set_by_hand(step)
             self._point(step.point)
         return self._state

@@ -17,6 +17,7 @@ from rig.files.scenario import Limit, Scenario
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
 from rig.session.centring.probe import plan_of as centring_plan
+from rig.session.speed_guard import SPEED_GUARDED
 from rig.twin.scenario_twin import twin_of
 
 AROUND_S: Final = 15.0
@@ -121,6 +122,11 @@ def seconds_of(points: Iterable[Point]) -> float:
     return sum(AROUND_S + each.settle + each.duration for each in wanted)
 
 
+def lasting(sweep: Sweep, points: Iterable[Point]) -> str:
+    """How long points of a sweep take, in words; less where their records end with enough impacts."""
+    return f"{'about' if sweep.until is None else 'at most'} {in_words(seconds_of(points))}"
+
+
 def bytes_of(sweep: Sweep, bench: Bench) -> float:
     """The most that its logs take."""
     wanted = [point.scenario.acquisition for point in sweep.points]
@@ -149,10 +155,8 @@ def listing(
         yield f"{number}  {'; '.join(said) or 'the same again'}{f' [{outcome}]' if outcome else ''}"
     if sweep.centre:
         yield "centring   before the first point and after each move by hand"
-    at_most = "at most " if sweep.until is not None else "about "
     left = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
-    lasts = f"{at_most}{in_words(seconds_of(left))} for {len(left)} points"
-    yield f"time       {lasts}, and what moves by hand take"
+    yield f"time       {lasting(sweep, left)} for {len(left)} points, and what moves by hand take"
 
 
 def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
@@ -170,6 +174,8 @@ def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
         if hasattr(bench.actuator, name):
             allowed = f"{getattr(bench.actuator, name) * scale:g} {unit} ({kind.actuator}.{name})"
             yield f"guard      drive at most {highest * scale:g} of {allowed}"
+    if hasattr(scenario.drive, "speed"):
+        yield f"guard      {SPEED_GUARDED}"
     for limit in scenario.limits:
         yield f"guard      {_limit(limit)}"
     if not any(limit.abort is not None for limit in scenario.limits):

@@ -16,6 +16,7 @@ from pydantic.dataclasses import dataclass
 
 from daq.errors import ConfigurationError, LogError, Problem, RattleError, RecorderFailed
 from rig.files.bench import Bench
+from rig.files.faults import read_text
 from rig.files.sweep import Sweep
 from rig.files.sweep_axes import Value
 
@@ -86,7 +87,7 @@ def digests_of(sweep: Sweep, bench: Bench) -> dict[str, str]:
     """Digests of all files that a sweep hangs on."""
     texts = {"sweep": sweep.text, "scenario": sweep.base, "bench": bench.text}
     if bench.emulation.effects is not None:
-        texts["effects"] = bench.emulation.effects.read_text()
+        texts["effects"] = read_text(bench.emulation.effects)
     return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
 
 

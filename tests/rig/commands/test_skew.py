@@ -23,19 +23,36 @@ ANGLE = Channel("crank.angle", "rad")
 ENCODER = Channel("encoder.angle", "rad", scale=COUNT_RAD, raw_unit="count")
 
 
-def write(path: Path, rpm: float, skew_s: float, card: Channel = MARKER, seconds: float = 6.0) -> Path:
-    """A run at a speed: the card's channel, and an encoder that shows the angle of `skew_s` ago."""
+def write(
+    path: Path,
+    rpm: float,
+    skew_s: float,
+    card: Channel = MARKER,
+    chain: dict[str, object] | None = None,
+    beside: float | None = None,
+) -> Path:
+    """A run at a speed: the card's channel, and an encoder that shows the angle of `skew_s` ago.
+
+    `chain` is what the run says of the channel; `beside` is by how much the card's angle, recorded beside the
+    marker, is off.
+    """
+    seconds = 6.0
     omega = rpm * math.tau / 60.0
     card_rad = 0.3 + omega * np.arange(round(seconds * RATE)) / RATE
     noise = np.random.default_rng(round(rpm)).normal(scale=0.02, size=len(card_rad))
     values = {"crank.marker": 5.0 * (np.mod(card_rad, math.tau) < 0.09) + noise, "crank.angle": card_rad}
     shown = 0.3 + omega * (np.arange(0.0, seconds, PERIOD_S) - skew_s) + MOUNTED_RAD
     encoder = np.floor(shown / COUNT_RAD) * COUNT_RAD
+    rows = [
+        (card, RATE, values[card.name].astype(np.float64 if card is ANGLE else np.float32)),
+        (ENCODER, 1 / PERIOD_S, encoder),
+    ]
+    if beside is not None:
+        rows.append((ANGLE, RATE, card_rad + beside))
     with LogWriter(path) as log:
-        for channel, rate, row in (
-            (card, RATE, values[card.name].astype(np.float64 if card is ANGLE else np.float32)),
-            (ENCODER, 1 / PERIOD_S, encoder),
-        ):
+        if chain is not None:
+            log.add_metadata("run", {f"chain.{card.name}": json.dumps(chain)})
+        for channel, rate, row in rows:
             log.declare("measured", channel)
             size = round(0.1 * rate)
             for first in range(0, len(row), size):
@@ -65,6 +82,19 @@ def test_one_speed_cannot_tell_and_says_so(call: Call, tmp_path: Path) -> None:
     assert answer.code == 0
     assert "cannot be told apart" in answer.out
     assert "record a second speed" in answer.out
+
+
+def test_an_angle_whose_zero_is_anywhere_is_refused(call: Call, tmp_path: Path) -> None:
+    run = write(tmp_path / "run.mcap", 200.0, 2e-3, ANGLE, chain={"pulses": {"index": False}})
+    answer = call("skew", run)
+    assert answer.code == 1
+    assert "crank.angle cannot tell where the encoder stands" in answer.err
+
+
+def test_the_mark_is_believed_before_an_angle_that_began_anywhere(call: Call, tmp_path: Path) -> None:
+    runs = [write(tmp_path / f"{rpm}.mcap", rpm, 2e-3, MARKER, beside=rpm / 100.0) for rpm in (103.0, 251.0)]
+    found = json.loads(call("skew", *runs, "--json").out)
+    assert found["skew_s"] == pytest.approx(2e-3, abs=50e-6)
 
 
 def test_a_run_without_the_encoder_is_refused(call: Call, tmp_path: Path) -> None:

@@ -98,11 +98,26 @@ def test_where_the_old_connection_fails_a_new_one_switches_off() -> None:
         raise ZeroDivisionError("a fault")
     assert spare.told == [("open",), ("off",), ("close",)]
     assert "THE DRIVE MAY STILL BE ON" not in screen.console.export_text()
+
+
+def test_a_drive_that_does_not_go_off_after_a_good_run_is_switched_off_by_a_new_connection() -> None:
+    generator, spare = RecordingGenerator(fails_at="off"), RecordingGenerator()
     with (
         pytest.raises(InstrumentSilent, match="no answer"),
-        drive_off_after(generator, lambda: spare, screen),
+        drive_off_after(generator, lambda: spare, silent_screen()),
     ):
         pass
+    assert spare.told == [("open",), ("off",), ("close",)]
+
+
+def test_a_motor_has_no_second_connection_and_the_words_say_what_has_to_stop_it() -> None:
+    screen = silent_screen()
+    with (
+        pytest.raises(InstrumentSilent, match="no answer"),
+        drive_off_after(RecordingGenerator(fails_at="off"), None, screen),
+    ):
+        pass
+    assert "THE MOTOR MAY STILL TURN" in screen.console.export_text()
 
 
 def test_a_trim_corrects_the_frequency_by_what_it_was_measured_to_be_off() -> None:

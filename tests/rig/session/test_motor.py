@@ -76,6 +76,14 @@ def test_a_shaft_that_turns_at_another_speed_is_a_wrong_bench() -> None:
         started(drive)
 
 
+def test_a_shaft_that_is_geared_up_is_stopped_on_the_ramp_before_it_is_there() -> None:
+    drive = FakeDrive(SteppedClock(), slip=-1.0)  # twice as fast as the bench file says
+    with pytest.raises(InterlockTripped, match=r"the shaft turns at 30\d rpm where 200 rpm is wanted"):
+        started(drive)
+    # One step of the loop beyond one and a half times the speed.
+    assert drive.shaft_rpm() == pytest.approx(1.5 * 200.0, abs=2 * 0.02 * 100.0 + 1e-6)
+
+
 def test_an_inverter_that_stays_where_it_is_is_refused_when_the_ramp_has_overrun() -> None:
     drive = FakeDrive(SteppedClock(), stuck=True)
     before_s = drive.clock.now_s

@@ -59,9 +59,9 @@ def test_a_steady_speed_by_angle_is_known_to_a_count_in_a_turn(rpm: float) -> No
     assert said[-1] == pytest.approx(rpm, rel=2 / 4096)
 
 
-@pytest.mark.parametrize("rpm", [65.0, 200.0])
+@pytest.mark.parametrize("rpm", [10.0, 65.0, 200.0])
 def test_ripple_within_a_turn_does_not_show_in_the_mean_of_a_turn(rpm: float) -> None:
-    _, said = shown(ANGLE, counted(turned(rpm, 4.0, ripple=0.02)))
+    _, said = shown(ANGLE, counted(turned(rpm, max(4.0, 120.0 / rpm), ripple=0.02)))
     # 2 % of ripple; points of 5 ms lie on a chord of it.
     assert said[-10:] == pytest.approx([rpm] * 10, rel=2e-3)
 
@@ -110,6 +110,17 @@ def test_values_that_are_not_finite_are_no_speed() -> None:
     speed, said = shown(ANGLE, values)
     assert math.isnan(said[-1])
     assert not speed.shown.valid
+
+
+def test_no_passage_of_zero_is_made_up_over_values_that_are_not_finite() -> None:
+    angle = turned(200.0, 3.0) + 1.0
+    hole = slice(8 * BLOCK, 12 * BLOCK)  # 0.4 s, over a turn
+    whole, _ = shown(ANGLE, angle)
+    with_hole = angle.copy()
+    with_hole[hole] = np.nan
+    holed, _ = shown(ANGLE, with_hole)
+    kept = whole.marks[(whole.marks < hole.start) | (whole.marks > hole.stop)]
+    assert holed.marks == pytest.approx(kept, abs=1e-6)
 
 
 def test_passages_of_zero_are_noted_by_both() -> None:

@@ -1,0 +1,76 @@
+"""What a run says of its marker: which marks it saw, how many were missing and how many were none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.channel import Channel
+from rig.session.mark_watch import MarkWatch
+
+RATE, BLOCK, RPM = 10_240.0, 1024, 300.0
+TURN = RATE * 60.0 / RPM
+CHANNELS = (Channel("crank.angle", "rad"), Channel("crank.marker", "V"))
+
+
+def marker(turns: int) -> NDArray[np.float64]:
+    angle = np.arange(round(turns * TURN)) / TURN * math.tau + 1.0
+    return np.asarray(5.0 * (np.mod(angle, math.tau) < 0.1))
+
+
+def watched(values: NDArray[np.float64], recorded_from: int = 0) -> MarkWatch:
+    watch = MarkWatch(CHANNELS)
+    for first in range(0, len(values), BLOCK):
+        watch.take(values[first : first + BLOCK], first >= recorded_from)
+    return watch
+
+
+def without_mark(values: NDArray[np.float64], number: int) -> NDArray[np.float64]:
+    begin = round((number - 1.0 / math.tau) * TURN)
+    changed = values.copy()
+    changed[begin - 50 : begin + 100] = 0.0
+    return changed
+
+
+def test_even_marks_are_no_fault_and_lie_where_the_angle_is_zero() -> None:
+    watch = watched(marker(20))
+    assert watch.channel == "crank.marker"
+    assert watch.fault == ""
+    expected = (np.arange(1, 21) - 1.0 / math.tau) * TURN
+    assert watch.marks == pytest.approx(expected, abs=1.0)  # a mark begins at a sample
+
+
+def test_a_missing_mark_and_a_glitch_are_counted() -> None:
+    values = without_mark(marker(20), 9)
+    glitch = round((14 - 1.0 / math.tau + 0.4) * TURN)
+    values[glitch : glitch + 20] = 5.0
+    watch = watched(values)
+    assert watch.fault == (
+        "crank.marker: 1 marks missing in the record, put in evenly; 1 edges rejected as no marks"
+    )
+    assert not np.any(np.abs(watch.marks - (9 - 1.0 / math.tau) * TURN) < 0.2 * TURN)
+
+
+def test_what_came_before_the_record_is_no_fault_of_it() -> None:
+    assert watched(without_mark(marker(20), 9), recorded_from=round(12 * TURN)).fault == ""
+
+
+def test_a_bench_without_a_marker_has_nothing_to_watch() -> None:
+    assert MarkWatch((CHANNELS[0],)).channel is None
+
+
+@pytest.mark.parametrize("factor", [1.0, 1024 / 1000, 0.5])
+def test_an_angle_of_another_number_of_pulses_contradicts_the_marks(factor: float) -> None:
+    zeros = np.arange(1, 41) * TURN / factor
+    said = watched(marker(20)).contradiction("crank.angle", zeros, 0, round(20 * TURN))
+    assert said.startswith(f"crank.angle turns {factor:.4g} times as fast as crank.marker") == (factor != 1.0)
+    assert bool(said) == (factor != 1.0)
+
+
+def test_a_missing_mark_is_no_contradiction_and_too_few_are_none_either() -> None:
+    watch, zeros = watched(without_mark(marker(20), 9)), np.arange(1, 21) * TURN
+    assert watch.contradiction("crank.angle", zeros, 0, round(20 * TURN)) == ""
+    assert watch.contradiction("crank.angle", zeros * 2.0, 0, round(3 * TURN)) == ""
