@@ -107,14 +107,18 @@ class Keeper:
 
     async def _look_after(self, now_s: float) -> None:
         slept_s = now_s - self._looked_s
-        if self.error is None and slept_s > self._motor.parameters.watchdog_s + self._settings.silent_s:
+        longest_s = self._motor.parameters.watchdog_s + self._settings.silent_s
+        if self.error is None and slept_s > longest_s:
             raise self._motor.refused(f"this program did not look at it for {slept_s:.1f} s", "", "late")
         orders = self._motor.orders
         given = orders.given
         try:
             state = await self.look()
         except InstrumentSilent:
-            if self._clock.monotonic_s() < self._motor.silence_ends_s():
+            # A drive that is always busy is not silent and tells nothing either.
+            seen_s = self._motor.state.at_s if self._motor.state else now_s
+            blind = self._clock.monotonic_s() - seen_s > longest_s
+            if not blind and self._clock.monotonic_s() < self._motor.silence_ends_s():
                 return  # one answer missed; the next look follows
             raise
         if state.degraded and not self._was_degraded:
