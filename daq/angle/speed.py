@@ -18,6 +18,11 @@ Run = tuple[int, Array]
 """Index of the first of some consecutive values, and the values in rpm."""
 
 
+def samples_per_speed(sample_rate: float) -> int:
+    """How many samples a speed is of: whole ones, so that the rate may be not quite 50 Hz."""
+    return max(round(sample_rate / SPEED_HZ), 2)
+
+
 class AngleSpeed:
     """Speed from crank angle in rad: the slope of the straight line through each `every` samples.
 
@@ -51,11 +56,14 @@ class AngleSpeed:
 
 
 class MarkerSpeed:
-    """Speed from marks: that of the revolution in which the middle of samples k `every` ... lies."""
+    """Speed from marks: that of the revolution in which the middle of samples k `every` ... lies.
 
-    def __init__(self, cycles: MarkerCycles, sample_rate: float, every: int) -> None:
+    None of those that begin before `first_sample`.
+    """
+
+    def __init__(self, cycles: MarkerCycles, sample_rate: float, every: int, first_sample: int = 0) -> None:
         self._cycles, self._rate, self._every = cycles, sample_rate, every
-        self._index = 0
+        self._index = -(-first_sample // every)
 
     def take(self, end_sample: int) -> list[Run]:
         """Speeds that are certain by now of the samples before `end_sample`; NaN where none is known."""

@@ -57,6 +57,7 @@ class CanopenEncoder:
         found = problems(self.settings)
         if found:
             raise ConfigurationError(self.name, found)
+        self.close()  # one that was lost may still be heard, and two threads would hear everything twice
         self._stream.connected()
         self._link.open()
         try:

@@ -80,8 +80,9 @@ class FrameOrder:
     def flush(self) -> list[Placed]:
         """Return the frames that are still held; no more will come."""
         self._give_up_past()
-        placed = [self._place(frame) for frame in self._held]
-        self._held.clear()
+        placed: list[Placed] = []
+        while self._held:
+            placed.append(self._place(self._held.pop(0)))
         return placed
 
     def _is_duplicate(self, frame: PositionFrame) -> bool:
@@ -142,12 +143,16 @@ class FrameOrder:
         return self._last
 
     def _missing_since(self, last: PositionFrame, frame: PositionFrame, stepped: bool) -> int:
-        passed_s = frame.timestamp_s - last.timestamp_s
         if stepped:  # only our own clock can tell; it sees delays of transport as well
             passed_s = frame.arrival_s - last.arrival_s
-            if passed_s < _STEP_S:
-                return 0
-        return max(round(passed_s / self.period_s) - 1, 0)
+            return max(round(passed_s / self.period_s) - 1, 0) if passed_s >= _STEP_S else 0
+        # Where the interface stamps by software, frames that waited in it come late and all at once: it is
+        # the frame with the least delay, among this one and those held behind it, that tells.
+        period_s, behind = self.period_s, (frame, *self._held)
+        before = [
+            round((each.timestamp_s - last.timestamp_s) / period_s) - n for n, each in enumerate(behind)
+        ]
+        return max(min(before) - 1, 0)
 
 
 class _Line:

@@ -56,7 +56,7 @@ class FrInverter:
 
     @property
     def longest_stop_s(self) -> float:
-        """By when a stop has ended or raised; 30 s and four ramps from the highest speed."""
+        """By when a stop has ended or raised; 30 s and the ramps from the highest speed."""
         return self._open.longest_stop_s if self._open else HANGS_S
 
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
@@ -98,12 +98,12 @@ class FrInverter:
 
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
         """Stop in category 1; see `SpeedDrive.stop`. Does so also after an error."""
-        if self._open is None or not self._open.motor.orders.taken:
+        if self._open is None or not self._open.motor.orders.may_turn:
             return
         session, per_hz = self._open, self.settings.rpm_per_hz
         session.keeper.attended_s = self._clock.monotonic_s()
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
-        session.run(session.motor.stop(measured_hz), session.longest_stop_s)
+        session.run(session.keeper.stop(measured_hz), session.longest_stop_s)
 
     def read(self) -> MotorState:
         """Ask it how it is."""
@@ -163,7 +163,7 @@ class _Open:
     @property
     def longest_stop_s(self) -> float:
         """How long a stop may take before it must have raised by itself."""
-        return HANGS_S + 4.0 * self.motor.parameters.ramp_s(self._settings.maximum_hz, 0.0)
+        return HANGS_S + self.motor.longest_stop_s(self._settings.maximum_hz)
 
     def connect(self) -> None:
         """Open the line."""

@@ -62,13 +62,21 @@ class Keeper:
                 await self._make_safe(error)
             raise
 
+    async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
+        """Stop the motor; one that cannot be seen to stop stays an error."""
+        try:
+            await self._motor.stop(measured_hz)
+        except InstrumentError as error:
+            self._latch(error)
+            raise
+
     async def look(self) -> MotorState:
         """Ask the drive how it is."""
         return await self._motor.look(self._health.degraded)
 
     async def close(self) -> None:
         """Stop what may be turning, hand the drive back, and cease to poll. Never raises."""
-        if self._motor.orders.taken:
+        if self._motor.orders.may_turn:
             with suppress(InstrumentError):
                 await self._motor.stop()
                 await self._motor.hand_back()
@@ -99,14 +107,18 @@ class Keeper:
 
     async def _look_after(self, now_s: float) -> None:
         slept_s = now_s - self._looked_s
-        if self.error is None and slept_s > self._motor.parameters.watchdog_s + self._settings.silent_s:
+        longest_s = self._motor.parameters.watchdog_s + self._settings.silent_s
+        if self.error is None and slept_s > longest_s:
             raise self._motor.refused(f"this program did not look at it for {slept_s:.1f} s", "", "late")
         orders = self._motor.orders
         given = orders.given
         try:
             state = await self.look()
         except InstrumentSilent:
-            if self._clock.monotonic_s() < self._motor.silence_ends_s():
+            # A drive that is always busy is not silent and tells nothing either.
+            seen_s = self._motor.state.at_s if self._motor.state else now_s
+            blind = self._clock.monotonic_s() - seen_s > longest_s
+            if not blind and self._clock.monotonic_s() < self._motor.silence_ends_s():
                 return  # one answer missed; the next look follows
             raise
         if state.degraded and not self._was_degraded:
@@ -136,9 +148,8 @@ class Keeper:
         """Latch the first error and stop the motor."""
         if self.error is not None:
             return
-        self.error = error
-        self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
-        if not self._motor.orders.taken or isinstance(error, DeviceLost):
+        self._latch(error)
+        if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
             return
         tripped = self._motor.state is not None and self._motor.state.fault != ""
         stop: Callable[[], Awaitable[None]] = self._motor.stop
@@ -148,6 +159,11 @@ class Keeper:
             await stop()
         except InstrumentError as worse:
             self._diary.note("error", "inverter.stop", str(worse))
+
+    def _latch(self, error: InstrumentError) -> None:
+        if self.error is None:
+            self.error = error
+            self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
 
     def _tripped(self, state: MotorState) -> InstrumentRefused:
         check = "the motor and its load, then reset it at its panel"

@@ -69,6 +69,10 @@ class Motor:
         )
         return self.state
 
+    def longest_stop_s(self, from_hz: float) -> float:
+        """Return how long the ramps of a stop take at worst, in s: one down, and one each withdrawal."""
+        return (1 + WITHDRAWALS) * self._longest_ramp_s(from_hz)
+
     async def history(self, count: int = len(fr.FAULTS)) -> tuple[str, ...]:
         """Return the names of the last faults, newest first; empty for none."""
         codes: tuple[int, ...] = ()
@@ -123,13 +127,17 @@ class Motor:
         self._diary.note("info", "inverter.run", f"runs, set to {self.orders.target_hz:g} Hz")
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
-        """Ramp to zero, then withdraw run; where anything goes wrong, withdraw it at once."""
+        """Ramp to zero, then withdraw run; where anything goes wrong, withdraw it at once.
+
+        What `measured_hz` raises comes out of here once run is withdrawn.
+        """
         with Errand(self.orders, is_stop=True):
             try:
                 await self._ramp_down(measured_hz)
             except InstrumentError as error:
                 self._diary.note("warning", "inverter.stop", f"no ramp, run is withdrawn at once: {error}")
-            await self._withdraw()
+            finally:
+                await self._withdraw()
 
     async def withdraw(self) -> None:
         """Take the run command back at once and wait until the drive has stopped.

@@ -30,6 +30,11 @@ class Orders:
     stops: int = 0
 
     @property
+    def may_turn(self) -> bool:
+        """Whether the motor may turn because of us, now or by an order that is still under way."""
+        return self.taken or self.under_way > 0
+
+    @property
     def due_hz(self) -> float:
         """Where the output has to be."""
         return self.target_hz if self.run else 0.0

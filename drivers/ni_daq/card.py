@@ -126,8 +126,9 @@ class NiDaqCard:
         doing = f"reading samples {first} to {first + count}"
         values = np.empty((len(self.channels), count))
         with self._translated(doing):
-            values[self._analog_rows] = analog.read(count, count / self.sample_rate + WAIT_MARGIN_S)
+            samples = analog.read(count, count / self.sample_rate + WAIT_MARGIN_S)
             reported = self._reported(analog.stream)
+        values[self._analog_rows] = self._whole(samples, count, doing)
         for counter in self._counters:
             values[self._rows[counter.channel.physical]] = self._counted(counter, count, doing)
         self._next_sample = first + count
@@ -144,8 +145,12 @@ class NiDaqCard:
         doing = f"{doing} of {_label(counter)}"
         with self._translated(doing):
             values = counter.read(count, WAIT_MARGIN_S)
-        if len(values) < count:
-            raise RecorderFailed(f"{self.name} at {self.address}: {doing}: only {len(values)} of them came")
+        return self._whole(values, count, doing)
+
+    def _whole(self, values: NDArray[np.float64], count: int, doing: str) -> NDArray[np.float64]:
+        came = values.shape[-1]
+        if came < count:
+            raise RecorderFailed(f"{self.name} at {self.address}: {doing}: only {came} of them came")
         return values
 
     def _opened(self) -> AnalogTask:

@@ -65,11 +65,11 @@ class AnalogTask:
         give_back(self._task)
 
     def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
-        """Return the next samples in the channels' units, shape (channels, count)."""
+        """Return the next samples in the channels' units, shape (channels, n); n < `count` if fewer came."""
         if self._raw.shape[1] != count:
             self._raw = np.empty((len(self._raw), count))
-        self._reader.read_many_sample(self._raw, count, timeout_s)
-        values: NDArray[np.float64] = self._raw * self._scales
+        came = self._reader.read_many_sample(self._raw, count, timeout_s)
+        values: NDArray[np.float64] = self._raw[:, :came] * self._scales
         return values
 
 

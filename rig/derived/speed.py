@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from daq.angle.crank_cycles import MarkerCycles
-from daq.angle.speed import SPEED_HZ, AngleSpeed, MarkerSpeed, Run
+from daq.angle.speed import AngleSpeed, MarkerSpeed, Run, samples_per_speed
 from daq.block import SampleBlock
 from rig.derived.series import Emit, Series
 
@@ -19,7 +19,7 @@ class CrankSpeed:
     """
 
     def __init__(self, name: str, marker: MarkerCycles | None, sample_rate: float, start_ns: int) -> None:
-        self._every = max(round(sample_rate / SPEED_HZ), 2)
+        self._every = samples_per_speed(sample_rate)
         rate = sample_rate / self._every
         self._series = Series([name], rate, max(round(_BLOCK_S * rate), 1), sample_rate, start_ns)
         self._angle = AngleSpeed(sample_rate, self._every) if marker is None else None

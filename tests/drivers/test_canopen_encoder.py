@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -301,6 +302,15 @@ def test_again_after_stopping_and_after_opening_anew() -> None:
             encoder.open()
         with pytest.raises(DeviceLost, match="it was not started"):
             encoder.read(1)
+
+
+def test_opening_it_twice_hangs_up_first() -> None:
+    with emulated(EncoderSetup()) as address, opened(socketcand(address)) as encoder:
+        encoder.open()
+        assert [thread.name for thread in threading.enumerate()].count("encoder") == 1
+        encoder.start()
+        assert encoder.read(20).number[0] == 0
+        assert encoder.statistics.duplicates == 0
 
 
 def test_a_lost_encoder_does_not_resume_by_itself() -> None:

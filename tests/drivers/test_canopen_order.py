@@ -126,6 +126,19 @@ def test_a_stall_of_this_machine_is_neither_a_loss_nor_a_step() -> None:
     assert (order.missing, order.clock_steps) == (0, 0)
 
 
+def test_frames_that_were_stamped_late_and_all_at_once_are_no_loss() -> None:
+    """As a USB adapter without a clock of its own does it: five frames wait, and come within 20 us each."""
+    order = FrameOrder(PERIOD_S)
+    lost, waited = {40, 41, 70}, range(50, 50 + HOLD + 1)
+    came = [
+        frame(n, jitter_s=(waited[-1] - n) * PERIOD_S + (n - 50) * 20e-6 if n in waited else 0.0)
+        for n in range(100)
+        if n not in lost
+    ]
+    assert [item.number for item in through(order, came)] == [n for n in range(100) if n not in lost]
+    assert (order.missing, order.reordered, order.late) == (3, 0, 0)
+
+
 def test_standstill_is_no_duplicate() -> None:
     order = FrameOrder(PERIOD_S)
     placed = through(order, [frame(n)._replace(counts=5) for n in range(100)])

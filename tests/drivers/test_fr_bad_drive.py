@@ -7,7 +7,8 @@ import pytest
 from daq.errors import InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator import DriveFaults
-from tests.drivers.fr_bench import HZ, STOP, Bench, latched, on_bench
+from drivers.mitsubishi_fr.motor import STEP_S, WITHDRAWALS
+from tests.drivers.fr_bench import HZ, RAMP_S, SETTINGS, STOP, Bench, latched, on_bench
 
 
 def test_a_stuck_drive_is_left_to_its_watchdog() -> None:
@@ -151,5 +152,22 @@ def test_a_set_value_out_of_the_drives_range_changes_nothing() -> None:
         await bench.wait(1.0)
         assert bench.keeper.error is None
         assert bench.load.at(bench.loop.time()) == HZ
+
+    on_bench(work)
+
+
+def test_a_drive_that_is_busy_for_good_is_stopped_by_its_watchdog() -> None:
+    """It answers everything, so that its line is not silent, and tells nothing: nobody knows what it does."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        busy = dict.fromkeys((fr.STATUS_AND_COMMAND.number, fr.RUNNING_FREQUENCY.number), (0x06, 10_000))
+        bench.drive.put_faults(DriveFaults(exceptions=busy))
+        # Seen last up to a poll ago, blind for a watchdog and a silence, and the look that ends it takes one.
+        watchdog_s = bench.motor.parameters.watchdog_s
+        error = await latched(bench, watchdog_s + 2 * SETTINGS.silent_s + SETTINGS.poll_s)
+        assert isinstance(error, InstrumentSilent)
+        await bench.wait(WITHDRAWALS * 2 * STEP_S + watchdog_s + RAMP_S)
+        assert bench.load.at(bench.loop.time()) == 0.0
 
     on_bench(work)

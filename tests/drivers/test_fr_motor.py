@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from daq.errors import InstrumentRefused
+from daq.errors import InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
+from drivers.mitsubishi_fr.emulator import DriveFaults
 from drivers.mitsubishi_fr.frames import Answer, Request
 from drivers.mitsubishi_fr.orders import OvertakenOrder
 from drivers.mitsubishi_fr.registers import Status
@@ -124,6 +125,41 @@ def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
     assert on_bench(work) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
 
 
+def test_run_is_withdrawn_although_the_measured_speed_fails() -> None:
+    def measured_hz() -> float:
+        raise ZeroDivisionError("no counts in a turn")
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        written = len(bench.line.writes())
+        with pytest.raises(ZeroDivisionError, match="no counts in a turn"):
+            await bench.keeper.stop(measured_hz)
+        assert bench.line.writes()[written:] == [ZERO, STOP]
+        assert not (await bench.keeper.look()).running
+
+    on_bench(work)
+
+
+def test_a_stop_that_never_ends_is_over_in_time_and_stays_an_error() -> None:
+    """The drive takes every order and turns on: after the last withdrawal nothing more is sent."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(stuck=True))
+        began_s = bench.loop.time()
+        with pytest.raises(InstrumentSilent, match="nothing more is sent, so that its watchdog stops it"):
+            await bench.keeper.stop()
+        # Four times 1.5 ramps; on top of each the order, the look before and the last look, in turns.
+        over_s = bench.loop.time() - began_s - bench.motor.longest_stop_s(HZ)
+        assert 0.0 < over_s < 4 * 2 * LOOK_S
+        assert isinstance(bench.keeper.error, InstrumentSilent)
+        bench.drive.put_faults(DriveFaults())
+        await bench.wait(bench.motor.parameters.watchdog_s + 0.1)
+        assert bench.drive.access(fr.FAULTS[0].number, 1, None) == [fr.COMMUNICATION_FAULT]
+
+    on_bench(work)
+
+
 def test_a_program_that_slept_finds_it_stopped_and_does_not_run_it_again() -> None:
     """SIGSTOP for 5 s: the drive has tripped, the latch says so, and the order that lay waiting is void."""
 
@@ -169,6 +205,23 @@ def test_a_stop_overtakes_an_order_under_way() -> None:
             await starting
         await bench.wait(1.0)
         assert bench.load.at(bench.loop.time()) == 0.0
+        return bench.line.writes()
+
+    assert FORWARD not in on_bench(work)
+
+
+def test_the_very_first_order_can_be_overtaken_too() -> None:
+    """While it asks for the operation mode, the drive is not taken yet: no reason not to stop."""
+
+    async def work(bench: Bench) -> list[tuple[int, int]]:
+        await bench.keeper.check_in()
+        starting = asyncio.create_task(bench.motor.run_forward(bench.loop.time() + 3.0))
+        await asyncio.sleep(0.001)
+        assert not bench.motor.orders.taken
+        assert bench.motor.orders.may_turn
+        await bench.keeper.close()
+        with pytest.raises(OvertakenOrder, match="a stop overtook it"):
+            await starting
         return bench.line.writes()
 
     assert FORWARD not in on_bench(work)

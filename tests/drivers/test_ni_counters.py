@@ -267,6 +267,14 @@ class Short(CardServicer):
         return super().ReadCounterU32Ex(request, context)
 
 
+class ShortCard(CardServicer):
+    """Its analog inputs have not everything yet, and it says so in no other way."""
+
+    def ReadAnalogF64(self, request: Any, context: Any) -> Any:  # noqa: N802
+        request.num_samps_per_chan -= 40
+        return super().ReadAnalogF64(request, context)
+
+
 class Late(CardServicer):
     """Its counter has lost its clock."""
 
@@ -284,12 +292,13 @@ class Overrun(CardServicer):
 @pytest.mark.parametrize(
     ("servicer", "error", "match"),
     [
+        (ShortCard, RecorderFailed, "samples 0 to 100: only 60 of them came"),
         (Short, RecorderFailed, r"samples 0 to 100 of crank\.angle \(cDAQ1Mod3/ctr0\): only 60 of them came"),
         (Late, InstrumentSilent, r"samples 0 to 100 of crank\.angle \(cDAQ1Mod3/ctr0\): DAQmx -200284"),
         (Overrun, RecorderFailed, r"of crank\.angle \(cDAQ1Mod3/ctr0\): samples were overwritten .*-200222"),
     ],
 )
-def test_a_counter_that_falls_behind_is_named(
+def test_inputs_that_fall_behind_are_named(
     servicer: type[CardServicer], error: type[Exception], match: str
 ) -> None:
     with served(RowsPlant(turning(20.0)), wiring(), ANALOG, ENCODER, servicer=servicer) as card:

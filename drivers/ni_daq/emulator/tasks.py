@@ -17,7 +17,6 @@ from drivers.ni_daq.emulator.wiring import DaqmxError, Input
 T = TypeVar("T")
 
 DEFAULT_BUFFER = 100_000  # samples per channel at 10 kHz to 1 MHz: NI-DAQmx manual, "Buffer size"
-LEAST_COUNTER_BUFFER_S = 0.1
 
 
 @dataclass(slots=True)

@@ -34,7 +34,7 @@ class _Turning:
 
     def __init__(self, picture: CrankPicture, stage: Stage, turns: Turns, channels: tuple[str, ...]) -> None:
         self.turns = turns
-        self.speed = TurningSpeed()
+        self.speed = TurningSpeed(turns.channel == picture.marker)
         self.orders = OrderLines()
         self.ordered = {name: Recent(KEPT_S) for name in picture.turning(stage.shown) if name in channels}
         self.ordered_until = 0
@@ -94,6 +94,7 @@ class CrankPlay:
         if block.channel != turning.turns.channel:
             return
         turning.turns.add(block)
+        turning.speed.add(block)
         end_s = block.end_sample / block.sample_rate
         if not 0 <= end_s - turning.looked_s < _LOOKS_EVERY_S:
             turning.looked_s = end_s
@@ -110,7 +111,7 @@ class CrankPlay:
 
     def _look(self, origin: Origin, turning: _Turning, sample_rate: float) -> None:
         self._mechanism.follow(origin, turning.turns, sample_rate)
-        self._speed.show(origin, turning.speed.follow(turning.turns, sample_rate))
+        self._speed.show(origin, turning.speed.take())
 
     def _order(self, turning: _Turning, sample_rate: float) -> None:
         """Hand the samples whose turns are known to the orders, at most what is kept."""

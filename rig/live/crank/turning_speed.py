@@ -1,41 +1,63 @@
-"""Speed of a crank while a run lasts."""
+"""Speed of a crank while a run lasts: what the log has as `/derived/crank.speed`, by the same code."""
 
 from __future__ import annotations
 
+from collections import deque
 from math import tau
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.live.crank.turns import Turns
+from daq.angle.crank_cycles import MarkerCycles
+from daq.angle.speed import AngleSpeed, MarkerSpeed, Run, samples_per_speed
+from daq.block import SampleBlock
 
-STEP_S = 0.02
-"""A speed is the mean over this stretch: a fifteenth of a turn at 200 rpm, 270 counts of an encoder."""
+_RAD_S_PER_RPM = tau / 60.0
+_MOST = 500
+"""Speeds that wait to be shown: 10 s."""
 
 
 class Speeds(NamedTuple):
-    """Mean speeds in rad/s in the middle of stretches, at times in s since sample 0; both of shape (n,)."""
+    """Speeds in rad/s at times in s since sample 0; both of shape (n,)."""
 
     time_s: NDArray[np.float64]
     speed_rad_s: NDArray[np.float64]
 
 
 class TurningSpeed:
-    """Speeds over even stretches of time; none where turns are not known."""
+    """Speeds from a crank's angle in rad, or from its marker in V; a stream that goes back starts afresh."""
 
-    def __init__(self) -> None:
-        self._next = 0  # stretch, counted from sample 0
+    def __init__(self, by_marker: bool) -> None:
+        self._by_marker = by_marker
+        self._end = -1
+        self._known: deque[tuple[float, float]] = deque(maxlen=_MOST)
 
-    def follow(self, turns: Turns, sample_rate: float, most: int = 500) -> Speeds:
-        """The speeds that are known by now and have not been told; of more than `most`, the newest."""
-        step = STEP_S * sample_rate
-        end = int(turns.known_until / step)
-        first = max(min(self._next, end), end - most)
-        self._next = end
-        edges = np.round(np.arange(first, end + 1) * step).astype(np.int64)
-        edges[-1:] = np.minimum(edges[-1:], turns.known_until - 1)
-        way, passed = np.diff(turns.at(edges)), np.diff(edges)
-        known = np.isfinite(way) & (passed > 0)
-        middle = (edges[:-1] + edges[1:]) / 2
-        return Speeds(middle[known] / sample_rate, tau * way[known] * sample_rate / passed[known])
+    def add(self, block: SampleBlock) -> None:
+        """Take a block of the channel."""
+        if not 0 <= self._end <= block.first_sample:
+            self._begin(block)
+        self._end = block.end_sample
+        rate, every = block.sample_rate, samples_per_speed(block.sample_rate)
+        for first, speeds in self._read(block):
+            times = ((first + np.arange(len(speeds)) + 0.5) * every - 0.5) / rate
+            rows = zip(times.tolist(), (speeds * _RAD_S_PER_RPM).tolist(), strict=True)
+            self._known.extend(row for row in rows if np.isfinite(row[1]))
+
+    def take(self) -> Speeds:
+        """Return what has become known since the last call; of very many, the newest."""
+        rows = np.array(self._known, np.float64).reshape(-1, 2)
+        self._known.clear()
+        return Speeds(rows[:, 0], rows[:, 1])
+
+    def _begin(self, block: SampleBlock) -> None:
+        rate, every = block.sample_rate, samples_per_speed(block.sample_rate)
+        self._cycles = MarkerCycles(rate)
+        self._angle = AngleSpeed(rate, every)
+        self._marker = MarkerSpeed(self._cycles, rate, every, block.first_sample)
+
+    def _read(self, block: SampleBlock) -> list[Run]:
+        if not self._by_marker:
+            return self._angle.add(block.first_sample, block.values)
+        self._cycles.add(block.first_sample, block.values)
+        return self._marker.take(block.end_sample)
