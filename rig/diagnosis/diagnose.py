@@ -166,7 +166,8 @@ def _next_experiment(
     # the best of several is the luckiest too: other rigs say how good it is
     share = told_apart(best.campaign, effects, simulate(best.campaign), np.random.default_rng([seed, 1]))
     names = (first.cause.name, second.cause.name)
-    return None if share is None else Experiment(best.scenario, names, share)
+    # one more run takes nothing away from what these have shown
+    return None if share is None else Experiment(best.scenario, names, max(share, first.probability))
 
 
 def _matched(campaign: Campaign, known: ModelFile | None) -> Campaign:

@@ -16,14 +16,12 @@ Array = NDArray[np.float64]
 _EACH = 10
 _SHRINK = 0.3
 _IN_QUESTION = 0.01
-_TOLD_APART = 0.95
 
 
 def rivals_of(findings: Findings) -> tuple[Judged, Judged] | None:
     """The most probable effect, and what is most easily taken for it: the next one, if it may be at all.
 
-    Else the one from which these sensors and settings tell it apart least. None where nothing is in question:
-    it is told from every other in 95 of 100 rigs.
+    Else the one from which these sensors and settings tell it apart least. None where nothing is in question.
     """
     if findings.verdict == "none" or len(findings.judged) < 2:
         return None
@@ -31,8 +29,7 @@ def rivals_of(findings: Findings) -> tuple[Judged, Judged] | None:
     if others[0].probability >= _IN_QUESTION:
         return first, others[0]
     alike = _alike(findings.separability, first.cause.name)
-    nearest = min(others, key=lambda each: alike.get(each.cause.name, 1.0))
-    return (first, nearest) if alike.get(nearest.cause.name, 1.0) < _TOLD_APART else None
+    return first, min(others, key=lambda each: alike.get(each.cause.name, 1.0))
 
 
 def _alike(separability: Mapping[tuple[str, str], float], name: str) -> dict[str, float]:

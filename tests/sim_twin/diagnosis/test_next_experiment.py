@@ -44,11 +44,6 @@ def test_the_rival_of_a_sure_effect_is_what_is_told_from_it_least() -> None:
     assert rival_names(sure) == {"left", "right"}
 
 
-def test_an_effect_that_is_told_from_all_others_needs_no_further_run() -> None:
-    told = {("left", name): 0.97 for name in ("right", "gain", "aspect", "likeness")}
-    assert rivals_of(replace(believed(findings(), left=0.98), separability=told)) is None
-
-
 def test_where_nothing_is_missing_there_is_nothing_to_tell_apart() -> None:
     assert rivals_of(replace(findings(), none=0.9, effect=0.05, unknown=0.05)) is None
 

@@ -6,7 +6,8 @@ from rig.diagnosis.report.content import Part
 from rig.diagnosis.report.reported import Reported
 from rig.diagnosis.report.words import listed, percent, plain
 from rig.report.content import Listing, Sentence
-from sim_twin.diagnosis.next_experiment import rivals_of
+
+_SURE = 0.95
 
 
 def parts(reported: Reported) -> list[Part]:
@@ -19,13 +20,17 @@ def parts(reported: Reported) -> list[Part]:
     sure = (
         "" if expected is None else f" The answer's probability is then expected to be {percent(expected)}."
     )
-    text = f"This run, as a scenario file, best separates {told}.{sure}"
+    does = "best separates" if _in_doubt(reported) else "would best confirm the answer: it separates"
+    text = f"This run, as a scenario file, {does} {told}.{sure}"
     return [Sentence(text), Listing(following["scenario"])]
 
 
 def _nothing(reported: Reported) -> str:
     if reported.findings.verdict == "none":
         return "Nothing is missing, so there is nothing to tell apart."
-    if rivals_of(reported.findings) is None:
-        return "These runs tell the answer from every other effect; no further run is needed for that."
     return "No further run was found that would tell more."
+
+
+def _in_doubt(reported: Reported) -> bool:
+    first = reported.judged[0]
+    return first.probability < _SURE or bool(first.indistinguishable_from)
