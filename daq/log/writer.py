@@ -98,8 +98,10 @@ class LogWriter:
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        told = (block.channel, expected, block.first_sample - expected) in self._told_gaps
-        if block.first_sample > expected and record_gap and not told:
+        gap = (block.channel, expected, block.first_sample - expected)
+        if gap in self._told_gaps:
+            self._told_gaps.remove(gap)
+        elif block.first_sample > expected and record_gap:
             self._account_for_gap(block, expected, host_ns)
         self._add(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
@@ -112,6 +114,9 @@ class LogWriter:
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
         self._told_gaps.add((gap.channel, gap.first_sample, gap.count))
+        self._write_gap(gap, host_ns)
+
+    def _write_gap(self, gap: Gap, host_ns: int) -> None:
         self._register("/gap", "Gap", {})
         self._add("/gap", codec.encode_gap(gap), host_ns, gap.time_ns)
 
@@ -155,7 +160,7 @@ class LogWriter:
         cause = "start of stream" if expected == 0 else "samples missing"
         if not block.flags & Flag.SAMPLES_MISSING_BEFORE and expected:
             cause = "not flagged by the source"
-        self.add_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
+        self._write_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
 
     def _register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
         if topic in self._topics:
