@@ -68,7 +68,7 @@ class Frame:
     def bounds(self) -> rrb.VisualBounds2D:
         """What a view of the plot shows."""
         return rrb.VisualBounds2D(
-            x_range=(-self.left, self.width + 0.5), y_range=(-self.top, self.height + self.bottom)
+            x_range=(-self.left, self.width + 0.9), y_range=(-self.top, self.height + self.bottom)
         )
 
 

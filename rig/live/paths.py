@@ -19,7 +19,7 @@ WIDTHS = {"measured": 2.6, "predicted": 1.2, "nominal": 1.2, "repaired": 1.2}
 """Predictions are drawn last, and thin, so that what was measured shows on both sides of them."""
 
 DIM = (105, 110, 118)
-LABEL = (150, 155, 163)
+LABEL = (125, 130, 138)
 EVENTS = "/events"
 STATUS = "/status"
 BEAM = "/beam"

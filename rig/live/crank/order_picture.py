@@ -13,7 +13,7 @@ from rig.live import paths
 from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades
 from rig.live.crank.order_lines import HIGHEST_ORDER
 
-_FRAME = Frame(height=11.0, left=2.4, bottom=1.5)
+_FRAME = Frame(height=10.0, left=2.4, bottom=1.6)
 _LOWEST_ORDER = 0.5
 _DECADES = 5
 _BANDS = 360
