@@ -22,6 +22,10 @@ class Flag(IntFlag):
     NOT_FINITE = 16
 
 
+BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
+"""Flags of a block whose values do not show what the sensor should see."""
+
+
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
     """Consecutive samples of one channel on the run's time base.

@@ -12,6 +12,7 @@ from drivers.protocols.encoder import (
     Shaft,
 )
 from drivers.protocols.generator import DriveGenerator, DriveSettings
+from drivers.protocols.instrument import Instrument
 from drivers.protocols.speed_drive import InverterOutput, MotorLoad, MotorState, SpeedDrive
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "DriveSettings",
     "Emergency",
     "Finding",
+    "Instrument",
     "InverterOutput",
     "MotorLoad",
     "MotorState",

@@ -4,28 +4,15 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from drivers.protocols.instrument import Instrument
 
-class Actuator(Protocol):
+
+class Actuator(Instrument, Protocol):
     """An instrument that moves the rig.
 
     Every method may raise `InstrumentRefused` (it said no, or a limit of ours forbids it), `InstrumentSilent`
     (no answer in time) and, once open, `DeviceLost`.
     """
-
-    @property
-    def name(self) -> str:
-        """What the bench calls it."""
-        ...
-
-    @property
-    def address(self) -> str:
-        """Where it is."""
-        ...
-
-    @property
-    def identity(self) -> str:
-        """What it says it is; empty before `open`."""
-        ...
 
     def open(self) -> None:
         """Connect and check the model; moves nothing. Raises `InstrumentAbsent` as well."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import Flag
+from drivers.protocols.instrument import Instrument
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,23 +86,8 @@ class Notice:
     text: str
 
 
-class PositionEncoder(Protocol):
+class PositionEncoder(Instrument, Protocol):
     """An absolute rotary encoder that sends positions by itself, each with its own timestamp."""
-
-    @property
-    def name(self) -> str:
-        """What the bench calls it."""
-        ...
-
-    @property
-    def address(self) -> str:
-        """Where it is."""
-        ...
-
-    @property
-    def identity(self) -> str:
-        """What it says it is; empty before `open`."""
-        ...
 
     @property
     def counts_per_revolution(self) -> int:

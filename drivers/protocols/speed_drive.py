@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from daq.log.records import Event
+from drivers.protocols.instrument import Instrument
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,28 +29,13 @@ class MotorState:
     degraded: bool = False
 
 
-class SpeedDrive(Protocol):
+class SpeedDrive(Instrument, Protocol):
     """An inverter that turns the rig's crank at a set speed.
 
     Every method may raise `InstrumentRefused` (it said no, tripped, or does something else than asked),
     `InstrumentSilent` (no answer in time) and, once open, `DeviceLost`. After the first of these that
     endangers the rig the motor is stopped and every call raises it again, until the drive is closed.
     """
-
-    @property
-    def name(self) -> str:
-        """What the bench calls it."""
-        ...
-
-    @property
-    def address(self) -> str:
-        """Where it is."""
-        ...
-
-    @property
-    def identity(self) -> str:
-        """What is known of it; empty before `open`."""
-        ...
 
     @property
     def warnings(self) -> tuple[str, ...]:

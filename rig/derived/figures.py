@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.angle.begins import Cycles
-from daq.block import Flag, SampleBlock
+from daq.block import BLIND, SampleBlock
 from daq.signals.running_figures import CycleScanner
 from rig.derived.series import Emit, Series
 
 RMS, PEAK = "cycle_rms", "cycle_peak"
-_BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 _BLOCK_S = 1.0
 _LOOK_S = 0.5
 _NO_SAMPLES = np.empty(0, np.float32)
@@ -67,7 +66,7 @@ class CycleFigures:
 
     def add(self, block: SampleBlock, emit: Emit) -> None:
         """Take the channel's next block; hand on what has become certain, twice a second."""
-        self._waiting.append(_Stretch(block.first_sample, block.values, not block.flags & _BLIND))
+        self._waiting.append(_Stretch(block.first_sample, block.values, not block.flags & BLIND))
         self._unseen += len(block)
         if self._unseen >= _LOOK_S * self._rate:
             self._look(emit)

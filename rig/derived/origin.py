@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from daq.angle.begins import Cycles
 from daq.angle.crank_cycles import MarkerCycles
-from daq.block import Flag, SampleBlock, sample_time_ns
+from daq.block import BLIND, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Impact
 from rig.derived.figures import CycleFigures
@@ -19,7 +19,6 @@ from rig.derived.roles import DRIVE, reference_of, role_of
 from rig.derived.settings import Settings, settled
 from rig.derived.speed import SPEED, CrankSpeed
 
-_BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
 
@@ -123,7 +122,7 @@ class OriginDeriver:
             return
         self._next[name] = block.end_sample
         if name == self._reference and self._cycles is not None:
-            self._cycles.add(block.first_sample, block.values, not block.flags & _BLIND)
+            self._cycles.add(block.first_sample, block.values, not block.flags & BLIND)
             if self._speed is not None:
                 self._speed.add(block, emit)
         if name in self._figures:

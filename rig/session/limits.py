@@ -9,11 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag
+from daq.block import BLIND, Flag
 from rig.files.scenario import Limit
-
-BLIND = Flag.OVERLOAD | Flag.OPEN_SENSOR | Flag.NOT_FINITE
-"""With any of these a channel tells nothing that could be relied on."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,7 +78,7 @@ class OrderLines:
             self._even = self._even[:, whole // 2 :]
 
     def _lines(self, even: NDArray[np.float64]) -> NDArray[np.float64]:
-        assert self._first is not None  # noqa: S101
+        assert self._first is not None  # noqa: S101  lines are asked for after that
         return np.asarray(order_map(EvenAngles(self._first, even), POINTS, TURNS).amplitude[0])
 
     @property

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock
+from daq.block import BLIND, Flag, SampleBlock
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from daq.log.reader import Origin
@@ -24,7 +24,7 @@ from rig.session.centring.search import Middle, NoCentre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker, drive_off_after
 from rig.session.hub import Hub
-from rig.session.limits import BLIND, LimitWatch
+from rig.session.limits import LimitWatch
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.supervisor import Supervisor

@@ -135,6 +135,19 @@ def test_effects_that_look_alike_are_named_together() -> None:
     assert what.endswith(f"{UPPER} (10 %), which these sensors and settings cannot tell apart.")
 
 
+def test_a_gap_that_stays_open_is_said_with_what_its_parameters_are_worth() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    far = [verdicts.sentences(reported(replace(found, gap=gap(9.0, left, 0.8))))[1] for left in (1.4, 1.6)]
+    assert "nearest twin that was found" not in far[0]
+    assert "nearest twin that was found" in far[1]
+
+
+def test_an_interval_without_width_is_not_told() -> None:
+    shown = gap(9.0, 1.1, 0.99)
+    assert verdicts.interval(shown) == "95 % interval 91 to 99 %"
+    assert verdicts.interval(replace(shown, shrink_ci95=(0.998, 1.0))) == ""
+
+
 def test_a_pair_names_both_and_the_larger() -> None:
     what, far = verdicts.sentences(reported(findings(0.01, 0.96, 0.03, selected=(GAP, BASE))))
     assert "base flexibility at the base and clearance at the contact joint together" in what
