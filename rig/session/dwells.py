@@ -36,9 +36,8 @@ from rig.session.sinks import LogSink
 from rig.session.speed_guard import SpeedGuard
 from rig.session.supervisor import SILENCE_S, Supervisor
 from rig.session.watch import Watch
+from rig.twin.overlay import DWELLS
 
-DWELLS = "dwells"
-"""Key of the `run` record under which a log says that it has several speeds."""
 _RPM_PER_RAD_S = 60.0 / math.tau
 _LONGEST_S = 3600.0
 """A record has a length before it begins; this one ends with its last dwell."""
