@@ -14,7 +14,7 @@ from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, Instrumen
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
 from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.line import LineHealth
-from drivers.mitsubishi_fr.motor import NOT_OBEYED, Motor
+from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings, problems
 from drivers.protocols import MotorState
 
@@ -42,7 +42,10 @@ class Keeper:
         self.error: InstrumentError | None = None
 
     async def check_in(self) -> None:
-        """Check the parameters and that it has not tripped, then begin to poll. Nothing is written."""
+        """Check the parameters, that it has not tripped and that it stands, then begin to poll.
+
+        Nothing is written, whatever is found.
+        """
         found = await self._motor.read_parameters()
         wrong = problems(found, self._settings)
         if wrong:
@@ -50,6 +53,8 @@ class Keeper:
         state = await self._motor.look()
         if state.fault:
             raise self._tripped(state)
+        if state.running or state.output_frequency_hz > STANDSTILL_HZ:
+            raise self._already_running(state)
         self.attended_s = self._looked_s = self._clock.monotonic_s()
         self._watch = asyncio.create_task(self._keep())
 
@@ -164,6 +169,14 @@ class Keeper:
         if self.error is None:
             self.error = error
             self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
+
+    def _already_running(self, state: MotorState) -> InstrumentRefused:
+        found = (
+            f"it already runs: its output is at {state.output_frequency_hz:g} Hz ({state.speed_rpm:g} rpm), "
+            f"its set value is {state.set_rpm:g} rpm; nothing was sent to it"
+        )
+        check = "who runs it (its panel, another program); stop it there, and wait until the motor stands"
+        return self._motor.refused(found, check, "running")
 
     def _tripped(self, state: MotorState) -> InstrumentRefused:
         check = "the motor and its load, then reset it at its panel"

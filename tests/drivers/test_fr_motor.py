@@ -12,7 +12,7 @@ from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator import DriveFaults
 from drivers.mitsubishi_fr.frames import Answer, Request
 from drivers.mitsubishi_fr.orders import OvertakenOrder
-from drivers.mitsubishi_fr.registers import Status
+from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import InverterMisconfigured
 from tests.drivers.fr_bench import FORWARD, HZ, LOOK_S, RAMP_S, SETTINGS, STOP, ZERO, Bench, latched, on_bench
 
@@ -58,6 +58,38 @@ def test_a_tripped_drive_is_refused_and_not_reset() -> None:
         return bench.line.writes()
 
     assert on_bench(work) == []
+
+
+@pytest.mark.parametrize("how", ["at speed", "coming down", "told to run at zero"])
+def test_a_drive_that_already_runs_is_refused_and_left_alone(how: str) -> None:
+    """Somebody else's motor: whoever runs it has to stop it, and nothing here may brake or turn it."""
+
+    async def work(bench: Bench) -> tuple[str, list[tuple[int, int]]]:
+        bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [0 if how == "told to run at zero" else 667])
+        bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.FORWARD])
+        bench.loop.sleep(1.0)
+        if how == "coming down":
+            bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.STOP])
+        with pytest.raises(InstrumentRefused, match="inverter at nowhere: it already runs") as caught:
+            await bench.keeper.check_in()
+        await bench.keeper.close()
+        assert caught.value.code == "running"
+        return str(caught.value), bench.line.writes()
+
+    text, writes = on_bench(work)
+    assert writes == []
+    if how == "at speed":
+        assert "6.67 Hz (200.1 rpm), its set value is 200.1 rpm; nothing was sent to it" in text
+    assert "stop it there, and wait until the motor stands" in text
+
+
+def test_a_set_value_that_somebody_left_does_not_hold_up_a_start() -> None:
+    async def work(bench: Bench) -> bool:
+        bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [667])
+        await bench.keeper.check_in()
+        return (await bench.keeper.look()).running
+
+    assert not on_bench(work)
 
 
 def test_it_runs_at_the_set_speed_and_keeps_the_watchdog_quiet() -> None:
