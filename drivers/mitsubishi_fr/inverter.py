@@ -103,7 +103,8 @@ class FrInverter:
         session, per_hz = self._open, self.settings.rpm_per_hz
         session.keeper.attended_s = self._clock.monotonic_s()
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
-        session.run(session.keeper.stop(measured_hz), session.longest_stop_s)
+        late = "its stop, which goes on, has not ended"
+        session.run(session.keeper.stop(measured_hz), session.longest_stop_s, late)
 
     def read(self) -> MotorState:
         """Ask it how it is."""
@@ -175,10 +176,9 @@ class _Open:
         self.run(self.keeper.check_in())
 
     def end(self) -> None:
-        """Stop, hang up and end the thread. Never raises."""
+        """Stop, however long the steps of a stop take, hang up and end the thread. Never raises."""
         try:
-            longest_s = self.longest_stop_s if self.motor.parameters.raw else HANGS_S
-            self.run(self._shut(), longest_s)
+            self.run(self._shut(), None)
         except InstrumentError:
             pass  # what is wrong with a drive that is being given up is in its diary
         finally:
@@ -196,8 +196,13 @@ class _Open:
         """Give an order that is void 3 s from now."""
         return self.run(self.keeper.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
 
-    def run(self, work: Coroutine[Any, Any, _T], within_s: float = HANGS_S) -> _T:
-        """Run a coroutine in the loop's thread and return what it returns."""
+    def run(
+        self, work: Coroutine[Any, Any, _T], within_s: float | None = HANGS_S, late: str = "no answer"
+    ) -> _T:
+        """Run a coroutine in the loop's thread and return what it returns; None: whenever that is.
+
+        Raises InstrumentSilent where that is `late`; the keeper's stops go on then.
+        """
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         name, address = self._settings.name, self._settings.port
         try:
@@ -206,7 +211,7 @@ class _Open:
             raise  # an InstrumentSilent is a TimeoutError too
         except NotDone as error:
             future.cancel()
-            what = f"no answer within {within_s:g} s"
+            what = f"{late} within {within_s:g} s"
             raise InstrumentSilent(name, address, what, "the load of this machine") from error
         except OvertakenOrder as error:
             raise InstrumentRefused(name, address, f"not done: {error}", "", "overtaken") from error

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import sys
 import traceback
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from daq import Clock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.mitsubishi_fr.carried_through import CarriedThrough
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
 from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.line import LineHealth
@@ -36,6 +37,7 @@ class Keeper:
     ) -> None:
         self._settings, self._motor, self._talk, self._health = settings, motor, talk, health
         self._clock, self._diary = clock, diary
+        self._stops = CarriedThrough()
         self._watch: asyncio.Task[None] | None = None
         self._looked_s = self.attended_s = clock.monotonic_s()
         self._was_degraded = self._closing = False
@@ -68,7 +70,13 @@ class Keeper:
             raise
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
-        """Stop the motor; one that cannot be seen to stop stays an error."""
+        """Stop the motor; one that cannot be seen to stop stays an error.
+
+        Goes on where whoever waits for it gives up; what goes wrong then stands in `error`.
+        """
+        await self._stops.do(self._stop(measured_hz))
+
+    async def _stop(self, measured_hz: Callable[[], float] | None) -> None:
         try:
             await self._motor.stop(measured_hz)
         except InstrumentError as error:
@@ -83,7 +91,8 @@ class Keeper:
         """Stop what may be turning, hand the drive back, and cease to poll. Never raises."""
         if self._motor.orders.may_turn:
             with suppress(InstrumentError):
-                await self._motor.stop()
+                await self._stops.do(self._motor.stop())
+                await self._stops.ended()
                 await self._motor.hand_back()
         if self._watch is not None:
             # Before Python 3.12 wait_for swallows a cancellation that comes together with an answer.
@@ -91,6 +100,7 @@ class Keeper:
             self._watch.cancel()
             with suppress(asyncio.CancelledError):
                 await self._watch
+        await self._stops.ended()
 
     async def _keep(self) -> None:
         while not self._closing:
@@ -157,11 +167,11 @@ class Keeper:
         if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
             return
         tripped = self._motor.state is not None and self._motor.state.fault != ""
-        stop: Callable[[], Awaitable[None]] = self._motor.stop
+        stop: Callable[[], Coroutine[Any, Any, None]] = self._motor.stop
         if tripped or isinstance(error, InstrumentSilent):
             stop = self._motor.withdraw
         try:
-            await stop()
+            await self._stops.do(stop())
         except InstrumentError as worse:
             self._diary.note("error", "inverter.stop", str(worse))
 

@@ -22,6 +22,7 @@ from drivers.mitsubishi_fr import FrInverter, InverterMisconfigured, InverterSet
 from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, Trip, start_inverter
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
+from drivers.mitsubishi_fr.inverter import _Open
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
 from drivers.protocols import InverterOutput, SpeedDrive
 from tests.drivers.fr_peer import PlainServer
@@ -132,6 +133,26 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         "inverter.zero",
         "inverter.off",
     ]
+
+
+def test_a_stop_that_its_caller_cannot_wait_for_goes_on(
+    bench: tuple[EmulatedInstrument, Ends], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    emulator, ends = bench
+    with opened(settings_for(emulator.address)) as inverter:
+        inverter.set_speed(200.0)
+        inverter.start()
+        ends.await_output(lambda output: output.target_hz > 0.0)
+        monkeypatch.setattr(_Open, "longest_stop_s", 0.1)
+        # A shaft that seems to turn on holds the stop up for one and a half ramps, 0.5 s at least.
+        with pytest.raises(InstrumentSilent, match=r"its stop, which goes on, has not ended within 0\.1 s"):
+            inverter.stop(lambda: 200.0)
+        deadline_s = time.monotonic() + DEADLINE_S
+        codes: list[str] = []
+        while "inverter.off" not in codes:
+            assert time.monotonic() < deadline_s
+            codes += [event.code for event in inverter.events()]
+        assert not inverter.read().running
 
 
 def test_it_is_a_speed_drive(bench: tuple[EmulatedInstrument, Ends]) -> None:
