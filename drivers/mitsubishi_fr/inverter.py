@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 from daq import Clock, SystemClock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
-from daq.log.records import Event
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.keeper import Keeper
@@ -19,7 +18,7 @@ from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.orders import OvertakenOrder
 from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
-from drivers.protocols import MotorState
+from drivers.protocols import MotorState, Notice
 
 ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent
 HANGS_S = 30.0  # no coroutine here takes so long but a stop on a long ramp, which says so itself
@@ -36,7 +35,7 @@ class FrInverter:
         self.identity = ""
         self.warnings: tuple[str, ...] = ()
         self._clock = clock or SystemClock()
-        self._diary = Diary(self._clock, settings.name)
+        self._diary = Diary(self._clock)
         self._open: _Open | None = None
 
     @property
@@ -120,8 +119,8 @@ class FrInverter:
         session = self._attend()
         return tuple(name for name in session.run(session.motor.history()) if name)
 
-    def events(self) -> tuple[Event, ...]:
-        """What happened since the last call."""
+    def take_notices(self) -> tuple[Notice, ...]:
+        """Return what happened since the last call."""
         return self._diary.take()
 
     def _attend(self) -> _Open:
@@ -140,7 +139,7 @@ class FrInverter:
 def reset_tripped(settings: InverterSettings) -> None:
     """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
     clock = SystemClock()
-    session = _Open(settings, clock, Diary(clock, settings.name))
+    session = _Open(settings, clock, Diary(clock))
     try:
         session.connect()
         session.run(session.motor.reset())

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
-from daq.log.records import ClockRecord, Event
-from drivers.protocols import SpeedDrive
+from daq.log.records import ClockRecord
+from drivers.protocols import Notice, SpeedDrive
 from rig.session.clocks import CardClock
 
 _RPM_PER_RAD_S = 60.0 / math.tau
@@ -83,7 +83,7 @@ class Motor:
         self._speed_rad_s = speed_rad_s
         self._wanted_rpm = speed_rad_s * _RPM_PER_RAD_S
         self._kept_rpm = 0.0
-        self._events: list[Event] = []
+        self._notices: list[Notice] = []
         self._polls_s: list[tuple[float, float]] = []
         self._new_polls = False
 
@@ -131,10 +131,11 @@ class Motor:
         """Raise what the inverter's driver found; tells it that somebody looks after the motor."""
         self._drive.check()
 
-    def events(self) -> tuple[Event, ...]:
+    def take_notices(self) -> tuple[Notice, ...]:
         """What the inverter and the loop around it did."""
-        own, self._events = self._events, []
-        return (*own, *self._drive.events())
+        own, self._notices = self._notices, []
+        both = (*own, *self._drive.take_notices())
+        return tuple(sorted(both, key=lambda notice: notice.arrival_s))
 
     def clocks(self, base: CardClock) -> list[ClockRecord]:
         """When the inverter's answers were taken, by all polls so far; nothing without a new one."""
@@ -259,7 +260,7 @@ class Motor:
             self._note("info", "motor.trimmed", text)
 
     def _note(self, level: str, code: str, text: str) -> None:
-        self._events.append(Event(self._clock.unix_ns(), level, self._drive.name, code, text))
+        self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
 
     def _refused(self, what: str, check: str) -> InstrumentRefused:
         return InstrumentRefused(self._drive.name, self._drive.address, what, check)

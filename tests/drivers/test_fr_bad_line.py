@@ -46,7 +46,7 @@ def test_a_fifth_of_bad_answers_leaves_it_running_or_safely_stopped(
         else:
             assert bench.motor.state is not None
             assert bench.motor.state.degraded
-            assert any(event.code == "inverter.line" for event in bench.diary.take())
+            assert any(notice.code == "inverter.line" for notice in bench.diary.take())
             return
         await bench.wait(4.0)
         assert bench.load.at(bench.loop.time()) == 0.0

@@ -127,7 +127,7 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         assert ends.await_output(lambda output: output.target_hz == 0.0).on
         assert inverter.health is not None
         assert inverter.health.asked > 10
-    assert [event.code for event in inverter.events()] == [
+    assert [notice.code for notice in inverter.take_notices()] == [
         "inverter.set",
         "inverter.run",
         "inverter.zero",
@@ -151,7 +151,7 @@ def test_a_stop_that_its_caller_cannot_wait_for_goes_on(
         codes: list[str] = []
         while "inverter.off" not in codes:
             assert time.monotonic() < deadline_s
-            codes += [event.code for event in inverter.events()]
+            codes += [notice.code for notice in inverter.take_notices()]
         assert not inverter.read().running
 
 

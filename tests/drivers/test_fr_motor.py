@@ -152,7 +152,7 @@ def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
         await bench.run_at(HZ)
         began_s = bench.loop.time()
         await bench.motor.stop(lambda: HZ)
-        assert any("still at 6.67 Hz" in event.text for event in bench.diary.take())
+        assert any("still at 6.67 Hz" in notice.text for notice in bench.diary.take())
         return bench.withdrawn_s() - began_s
 
     assert on_bench(work) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
@@ -216,7 +216,7 @@ def test_a_stop_is_carried_through_although_its_caller_gives_up() -> None:
         await bench.wait(5.0)
         assert bench.line.writes()[written:] == [ZERO, STOP]
         assert bench.load.at(bench.loop.time()) == 0.0
-        assert "inverter.off" in [event.code for event in bench.diary.take()]
+        assert "inverter.off" in [notice.code for notice in bench.diary.take()]
 
     on_bench(work)
 

@@ -40,7 +40,7 @@ def test_the_shaft_turns_as_wanted_within_half_a_step_of_the_inverter(slip: floa
     drive = FakeDrive(SteppedClock(), slip=slip)
     moved = started(drive, rpm)
     assert drive.shaft_rpm() == pytest.approx(rpm, abs=STEP_RPM / 2 + 1e-9)
-    assert [event.code for event in moved.events()] == ["motor.trimmed"]
+    assert [notice.code for notice in moved.take_notices()] == ["motor.trimmed"]
 
 
 def test_a_speed_that_ripples_within_a_turn_is_trimmed_in_its_mean() -> None:
@@ -67,7 +67,7 @@ def test_a_shaft_between_two_steps_ends_the_trimming_at_the_nearer_one() -> None
     moved = started(drive)
     assert len([each for each in drive.told if each[0] == "set_speed"]) < 12
     assert abs(drive.output_rpm - 200.0) < 1.0
-    assert moved.events()
+    assert moved.take_notices()
 
 
 def test_a_shaft_that_turns_at_another_speed_is_a_wrong_bench() -> None:
@@ -100,7 +100,7 @@ def test_a_shaft_that_nobody_sees_turn_is_an_interlock() -> None:
 def test_trimming_stops_at_the_highest_speed() -> None:
     drive = FakeDrive(SteppedClock(), slip=0.03)
     moved = started(drive, 299.0)
-    codes = [event.code for event in moved.events()]
+    codes = [notice.code for notice in moved.take_notices()]
     assert codes == ["motor.limit", "motor.off_speed"]
     assert drive.output_rpm == pytest.approx(299.0)
 
