@@ -55,8 +55,7 @@ class Keeper:
         state = await self._motor.look()
         if state.fault:
             raise self._tripped(state)
-        if state.running or state.output_frequency_hz > STANDSTILL_HZ:
-            raise self._already_running(state)
+        self._refuse_running(state)
         self.attended_s = self._looked_s = self._clock.monotonic_s()
         self._watch = asyncio.create_task(self._keep())
 
@@ -149,7 +148,10 @@ class Keeper:
         unattended_s = state.at_s - self.attended_s
         if orders.run and unattended_s > self._settings.unattended_s:
             raise self._motor.refused(f"nobody looked after it for {unattended_s:.1f} s", "", "unattended")
-        if not (orders.taken and steady):
+        if not steady:
+            return
+        if not orders.taken:
+            self._refuse_running(state)
             return
         set_hz = state.set_rpm / self._settings.rpm_per_hz
         if not orders.kept(set_hz):
@@ -180,13 +182,16 @@ class Keeper:
             self.error = error
             self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
 
-    def _already_running(self, state: MotorState) -> InstrumentRefused:
+    def _refuse_running(self, state: MotorState) -> None:
+        """Raise for a motor that turns though nobody here has told it to."""
+        if not state.running and state.output_frequency_hz <= STANDSTILL_HZ:
+            return
         found = (
             f"it already runs: its output is at {state.output_frequency_hz:g} Hz ({state.speed_rpm:g} rpm), "
             f"its set value is {state.set_rpm:g} rpm; nothing was sent to it"
         )
         check = "who runs it (its panel, another program); stop it there, and wait until the motor stands"
-        return self._motor.refused(found, check, "running")
+        raise self._motor.refused(found, check, "running")
 
     def _tripped(self, state: MotorState) -> InstrumentRefused:
         check = "the motor and its load, then reset it at its panel"
