@@ -31,7 +31,11 @@ class RunClock:
 
     def unix_ns(self) -> int:
         """Nanoseconds since the Unix epoch as of the start of the run; never steps."""
-        return self._start_ns + round((self._clock.monotonic_s() - self._start_s) * NS_PER_S)
+        return self.at_ns(self._clock.monotonic_s())
+
+    def at_ns(self, monotonic_s: float) -> int:
+        """What `unix_ns` said, or will say, at a time of the monotonic clock."""
+        return self._start_ns + round((monotonic_s - self._start_s) * NS_PER_S)
 
     def monotonic_s(self) -> float:
         """Seconds of the monotonic clock."""

@@ -24,6 +24,10 @@ from drivers.canopen_cia406.socketcand import SocketcandBus
 SLICE_S = 0.05
 _JOIN_S = 2.0
 
+# Both libraries raise what they log: it need not go to standard error where nobody asked for it.
+for _library in ("can", "canopen"):
+    logging.getLogger(_library).addHandler(logging.NullHandler())
+
 
 class Listener(Protocol):
     """Hears of everything on the bus, in the thread of the link."""
@@ -53,9 +57,6 @@ class CanLink:
 
     def open(self) -> None:
         """Connect and listen. Raises `InstrumentAbsent`, `InstrumentSilent`."""
-        # Both libraries raise what they log; the lines would only clutter the operator's screen.
-        for library in ("can", "canopen"):
-            logging.getLogger(library).setLevel(logging.CRITICAL)
         bus = self._connected()
         self._network = canopen.Network(bus)
         node = self._network.add_node(canopen.RemoteNode(self._settings.node, import_od(None)))

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections import deque
 
 from daq import Clock
-from daq.log.records import Event
+from drivers.protocols import Notice
 
 LONGEST = 1000
 
 
 class Diary:
-    """Events with their time; the oldest go when nobody asks. One thread writes, another may take."""
+    """Notices with their time; the oldest go when nobody asks. One thread writes, another may take."""
 
-    def __init__(self, clock: Clock, source: str) -> None:
-        self._clock, self._source = clock, source
-        self._events: deque[Event] = deque(maxlen=LONGEST)
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._notices: deque[Notice] = deque(maxlen=LONGEST)
 
     def note(self, level: str, code: str, text: str) -> None:
-        """Keep an event that happens now."""
-        self._events.append(Event(self._clock.unix_ns(), level, self._source, code, text))
+        """Keep what happens now."""
+        self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
 
-    def take(self) -> tuple[Event, ...]:
-        """Return the events since the last call."""
-        return tuple(self._events.popleft() for _ in range(len(self._events)))
+    def take(self) -> tuple[Notice, ...]:
+        """Return the notices since the last call."""
+        return tuple(self._notices.popleft() for _ in range(len(self._notices)))

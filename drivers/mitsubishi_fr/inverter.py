@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 from daq import Clock, SystemClock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
-from daq.log.records import Event
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.keeper import Keeper
@@ -19,7 +18,7 @@ from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.orders import OvertakenOrder
 from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
-from drivers.protocols import MotorState
+from drivers.protocols import MotorState, Notice
 
 ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent
 HANGS_S = 30.0  # no coroutine here takes so long but a stop on a long ramp, which says so itself
@@ -36,7 +35,7 @@ class FrInverter:
         self.identity = ""
         self.warnings: tuple[str, ...] = ()
         self._clock = clock or SystemClock()
-        self._diary = Diary(self._clock, settings.name)
+        self._diary = Diary(self._clock)
         self._open: _Open | None = None
 
     @property
@@ -103,7 +102,8 @@ class FrInverter:
         session, per_hz = self._open, self.settings.rpm_per_hz
         session.keeper.attended_s = self._clock.monotonic_s()
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
-        session.run(session.keeper.stop(measured_hz), session.longest_stop_s)
+        late = "its stop, which goes on, has not ended"
+        session.run(session.keeper.stop(measured_hz), session.longest_stop_s, late)
 
     def read(self) -> MotorState:
         """Ask it how it is."""
@@ -119,8 +119,8 @@ class FrInverter:
         session = self._attend()
         return tuple(name for name in session.run(session.motor.history()) if name)
 
-    def events(self) -> tuple[Event, ...]:
-        """What happened since the last call."""
+    def take_notices(self) -> tuple[Notice, ...]:
+        """Return what happened since the last call."""
         return self._diary.take()
 
     def _attend(self) -> _Open:
@@ -139,7 +139,7 @@ class FrInverter:
 def reset_tripped(settings: InverterSettings) -> None:
     """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
     clock = SystemClock()
-    session = _Open(settings, clock, Diary(clock, settings.name))
+    session = _Open(settings, clock, Diary(clock))
     try:
         session.connect()
         session.run(session.motor.reset())
@@ -175,10 +175,9 @@ class _Open:
         self.run(self.keeper.check_in())
 
     def end(self) -> None:
-        """Stop, hang up and end the thread. Never raises."""
+        """Stop, however long the steps of a stop take, hang up and end the thread. Never raises."""
         try:
-            longest_s = self.longest_stop_s if self.motor.parameters.raw else HANGS_S
-            self.run(self._shut(), longest_s)
+            self.run(self._shut(), None)
         except InstrumentError:
             pass  # what is wrong with a drive that is being given up is in its diary
         finally:
@@ -196,8 +195,13 @@ class _Open:
         """Give an order that is void 3 s from now."""
         return self.run(self.keeper.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
 
-    def run(self, work: Coroutine[Any, Any, _T], within_s: float = HANGS_S) -> _T:
-        """Run a coroutine in the loop's thread and return what it returns."""
+    def run(
+        self, work: Coroutine[Any, Any, _T], within_s: float | None = HANGS_S, late: str = "no answer"
+    ) -> _T:
+        """Run a coroutine in the loop's thread and return what it returns; None: whenever that is.
+
+        Raises InstrumentSilent where that is `late`; the keeper's stops go on then.
+        """
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         name, address = self._settings.name, self._settings.port
         try:
@@ -206,7 +210,7 @@ class _Open:
             raise  # an InstrumentSilent is a TimeoutError too
         except NotDone as error:
             future.cancel()
-            what = f"no answer within {within_s:g} s"
+            what = f"{late} within {within_s:g} s"
             raise InstrumentSilent(name, address, what, "the load of this machine") from error
         except OvertakenOrder as error:
             raise InstrumentRefused(name, address, f"not done: {error}", "", "overtaken") from error

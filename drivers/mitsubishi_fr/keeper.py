@@ -5,16 +5,17 @@ from __future__ import annotations
 import asyncio
 import sys
 import traceback
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from daq import Clock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.mitsubishi_fr.carried_through import CarriedThrough
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
 from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.line import LineHealth
-from drivers.mitsubishi_fr.motor import NOT_OBEYED, Motor
+from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings, problems
 from drivers.protocols import MotorState
 
@@ -36,13 +37,17 @@ class Keeper:
     ) -> None:
         self._settings, self._motor, self._talk, self._health = settings, motor, talk, health
         self._clock, self._diary = clock, diary
+        self._stops = CarriedThrough()
         self._watch: asyncio.Task[None] | None = None
         self._looked_s = self.attended_s = clock.monotonic_s()
         self._was_degraded = self._closing = False
         self.error: InstrumentError | None = None
 
     async def check_in(self) -> None:
-        """Check the parameters and that it has not tripped, then begin to poll. Nothing is written."""
+        """Check the parameters, that it has not tripped and that it stands, then begin to poll.
+
+        Nothing is written, whatever is found.
+        """
         found = await self._motor.read_parameters()
         wrong = problems(found, self._settings)
         if wrong:
@@ -50,6 +55,7 @@ class Keeper:
         state = await self._motor.look()
         if state.fault:
             raise self._tripped(state)
+        self._refuse_running(state)
         self.attended_s = self._looked_s = self._clock.monotonic_s()
         self._watch = asyncio.create_task(self._keep())
 
@@ -63,7 +69,13 @@ class Keeper:
             raise
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
-        """Stop the motor; one that cannot be seen to stop stays an error."""
+        """Stop the motor; one that cannot be seen to stop stays an error.
+
+        Goes on where whoever waits for it gives up; what goes wrong then stands in `error`.
+        """
+        await self._stops.do(self._stop(measured_hz))
+
+    async def _stop(self, measured_hz: Callable[[], float] | None) -> None:
         try:
             await self._motor.stop(measured_hz)
         except InstrumentError as error:
@@ -78,7 +90,8 @@ class Keeper:
         """Stop what may be turning, hand the drive back, and cease to poll. Never raises."""
         if self._motor.orders.may_turn:
             with suppress(InstrumentError):
-                await self._motor.stop()
+                await self._stops.do(self._motor.stop())
+                await self._stops.ended()
                 await self._motor.hand_back()
         if self._watch is not None:
             # Before Python 3.12 wait_for swallows a cancellation that comes together with an answer.
@@ -86,6 +99,7 @@ class Keeper:
             self._watch.cancel()
             with suppress(asyncio.CancelledError):
                 await self._watch
+        await self._stops.ended()
 
     async def _keep(self) -> None:
         while not self._closing:
@@ -134,7 +148,10 @@ class Keeper:
         unattended_s = state.at_s - self.attended_s
         if orders.run and unattended_s > self._settings.unattended_s:
             raise self._motor.refused(f"nobody looked after it for {unattended_s:.1f} s", "", "unattended")
-        if not (orders.taken and steady):
+        if not steady:
+            return
+        if not orders.taken:
+            self._refuse_running(state)
             return
         set_hz = state.set_rpm / self._settings.rpm_per_hz
         if not orders.kept(set_hz):
@@ -152,11 +169,11 @@ class Keeper:
         if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
             return
         tripped = self._motor.state is not None and self._motor.state.fault != ""
-        stop: Callable[[], Awaitable[None]] = self._motor.stop
+        stop: Callable[[], Coroutine[Any, Any, None]] = self._motor.stop
         if tripped or isinstance(error, InstrumentSilent):
             stop = self._motor.withdraw
         try:
-            await stop()
+            await self._stops.do(stop())
         except InstrumentError as worse:
             self._diary.note("error", "inverter.stop", str(worse))
 
@@ -164,6 +181,17 @@ class Keeper:
         if self.error is None:
             self.error = error
             self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
+
+    def _refuse_running(self, state: MotorState) -> None:
+        """Raise for a motor that turns though nobody here has told it to."""
+        if not state.running and state.output_frequency_hz <= STANDSTILL_HZ:
+            return
+        found = (
+            f"it already runs: its output is at {state.output_frequency_hz:g} Hz ({state.speed_rpm:g} rpm), "
+            f"its set value is {state.set_rpm:g} rpm; nothing was sent to it"
+        )
+        check = "who runs it (its panel, another program); stop it there, and wait until the motor stands"
+        raise self._motor.refused(found, check, "running")
 
     def _tripped(self, state: MotorState) -> InstrumentRefused:
         check = "the motor and its load, then reset it at its panel"

@@ -7,17 +7,12 @@ frame of the right station for the answer, so it is shown only the frame that `f
 from __future__ import annotations
 
 import asyncio
-import fcntl
-import hashlib
 import logging
-import os
 import socket
-import tempfile
 import termios
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol
 
 from pymodbus.client import AsyncModbusSerialClient
@@ -25,6 +20,7 @@ from pymodbus.exceptions import ModbusException
 
 from daq.errors import DeviceLost, InstrumentAbsent
 from drivers.mitsubishi_fr.frames import READ, Answer, Heard, Request, find_answer, what_was_heard
+from drivers.mitsubishi_fr.port_lock import PortTaken, lock_port
 
 BITS_PER_CHARACTER = 11  # start, 8 data, parity or a second stop bit, stop
 SHORTEST_GAP_S = 0.00175  # Modbus over Serial Line V1.02, 2.5.1.1: 3.5 characters, 1.75 ms above 19200 bit/s
@@ -109,7 +105,7 @@ class SerialLine:
         self.health = LineHealth(monotonic_s)
         self._client: AsyncModbusSerialClient | None = None
         self._socket: socket.socket | None = None
-        self._lock: int | None = None
+        self._lock: socket.socket | None = None
         self._asked: Request | None = None
         self._answer: Answer | None = None
         self._heard = b""
@@ -147,7 +143,7 @@ class SerialLine:
             self._socket.close()  # pyserial leaves one open that the other end has closed
             self._socket = None
         if self._lock is not None:
-            os.close(self._lock)
+            self._lock.close()
             self._lock = None
 
     async def ask(self, request: Request) -> Answer:
@@ -208,22 +204,13 @@ class SerialLine:
         self.health.resynchronised += len(data) > len(self._answer.frame)
         return self._answer.frame
 
-    def _take_port(self) -> int:
-        """Lock the port among the processes of this machine, for as long as the handle is open."""
-        port = self._settings.port
-        name = port if "://" in port else os.path.realpath(port)  # /dev/serial/by-id/... is a link
-        digest = hashlib.sha256(name.encode()).hexdigest()[:16]
-        path = Path(tempfile.gettempdir()) / f"rattle-inverter-{digest}.lock"
+    def _take_port(self) -> socket.socket:
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise self._absent(f"its lock {path} cannot be had: {error}") from error
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(handle)
+            return lock_port(self._settings.port)
+        except PortTaken as error:
             raise self._absent("another program of this machine uses the port") from error
-        return handle
+        except OSError as error:
+            raise self._absent(f"its port cannot be locked: {error}") from error
 
     def _absent(self, why: str) -> InstrumentAbsent:
         check = "cable, power, that no other program uses the port, and port in the bench file"

@@ -4,7 +4,6 @@ from drivers.protocols.actuator import Actuator, ActuatorOutput
 from drivers.protocols.card import AcquisitionCard, CardReading, Finding, Plant
 from drivers.protocols.encoder import (
     Emergency,
-    Notice,
     PositionBlock,
     PositionEncoder,
     PositionGap,
@@ -13,6 +12,7 @@ from drivers.protocols.encoder import (
 )
 from drivers.protocols.generator import DriveGenerator, DriveSettings
 from drivers.protocols.instrument import Instrument
+from drivers.protocols.notice import Notice
 from drivers.protocols.speed_drive import InverterOutput, MotorLoad, MotorState, SpeedDrive
 
 __all__ = [

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from daq import Flag
 from drivers.protocols.instrument import Instrument
+from drivers.protocols.notice import Notice
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +74,6 @@ class Emergency:
     code: int
     register: int
     vendor: bytes
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """Something for the log: `level` is info, warning or error, `code` is stable, `text` is for people."""
-
-    arrival_s: float
-    level: str
-    code: str
     text: str
 
 

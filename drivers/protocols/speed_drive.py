@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from daq.log.records import Event
 from drivers.protocols.instrument import Instrument
+from drivers.protocols.notice import Notice
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +100,8 @@ class SpeedDrive(Instrument, Protocol):
         """What its display showed at its last faults, newest first."""
         ...
 
-    def events(self) -> tuple[Event, ...]:
-        """What happened since the last call, oldest first."""
+    def take_notices(self) -> tuple[Notice, ...]:
+        """Return what happened since the last call, oldest first; also after an error."""
         ...
 
 

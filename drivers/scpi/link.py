@@ -37,7 +37,8 @@ class ScpiLink:
         return self._visa is not None
 
     def open(self) -> None:
-        """Connect and discard what an earlier client left half said. Raises `InstrumentAbsent`."""
+        """Connect anew and discard what an earlier client left half said. Raises `InstrumentAbsent`."""
+        self.close()
         timeout_ms = round(self.timeout_s * 1e3)
         try:
             visa = pyvisa.ResourceManager("@py").open_resource(self.resource, open_timeout=timeout_ms)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from daq.errors import InstrumentError
-from daq.log.records import ClockRecord, Event
-from drivers.protocols import Actuator, DriveGenerator
+from daq.log.records import ClockRecord
+from drivers.protocols import Actuator, DriveGenerator, Notice
 from rig.files.rigs.impact_beam import DriveSection
 from rig.session.clocks import CardClock
 from rig.session.progress import Screen
@@ -59,8 +59,8 @@ class Motion(Protocol):
         """Raise what went wrong with the actuator; called at least every 5 s while it may move."""
         ...
 
-    def events(self) -> tuple[Event, ...]:
-        """What happened to the actuator since the last call, oldest first."""
+    def take_notices(self) -> tuple[Notice, ...]:
+        """Return what happened to the actuator since the last call, oldest first."""
         ...
 
     def clocks(self, base: CardClock) -> list[ClockRecord]:
@@ -173,7 +173,7 @@ class Shaker:
     def check(self) -> None:
         """A generator tells of nothing by itself."""
 
-    def events(self) -> tuple[Event, ...]:
+    def take_notices(self) -> tuple[Notice, ...]:
         """None."""
         return ()
 

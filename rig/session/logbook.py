@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import TracebackType
 
 from daq.errors import RecorderFailed
 from daq.log.records import ClockRecord, Event
 from daq.recorder import Recorder
 from daq.time_base import RunClock
+from drivers.protocols import Notice
 from rig.session.hub import Hub
 from rig.session.progress import Screen
 
@@ -32,6 +33,13 @@ class Logbook:
     def tell(self, level: str, code: str, text: str) -> None:
         """Note an event of the rig itself, now."""
         self._hub.event(Event(self._clock.unix_ns(), level, "rig", code, text))
+
+    def stamped(self, source: str, notices: Iterable[Notice]) -> tuple[Event, ...]:
+        """Events of what an instrument told by the monotonic clock, at the run's time."""
+        return tuple(
+            Event(self._clock.at_ns(told.arrival_s), told.level, source, told.code, told.text)
+            for told in notices
+        )
 
     def look(self) -> None:
         """Ask for news, if the last time was a second ago."""

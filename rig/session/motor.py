@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
-from daq.log.records import ClockRecord, Event
-from drivers.protocols import SpeedDrive
+from daq.log.records import ClockRecord
+from drivers.protocols import Notice, SpeedDrive
 from rig.session.clocks import CardClock
+from rig.session.held import Held
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _STEP_S = 0.02
@@ -18,8 +19,10 @@ _OUTPUT_SHARE = 0.01
 _RAMP_MARGIN, _RAMP_GRACE_S = 1.5, 1.0
 ARRIVED_SHARE = 0.10
 """Of the wanted speed: slip and gearing may be off by as much before the loop is closed."""
-OVERSPEED = 1.5
-"""Of the wanted speed: what a shaft shows for a moment within a turn, and never goes beyond on a ramp."""
+OVERSPEED, SLOW_AGAIN = 1.5, 1.4
+"""Of the wanted speed: what a shaft never goes beyond on a ramp, and below what it no longer runs away."""
+OVERSPEED_S = 0.3
+"""For how long it has to, besides a turn: a glitch on a marker shows any speed until the next mark."""
 _SEEN_TURNS, _SEEN_S = 8.0, 2.0
 """A marker shows a speed after four marks that agree; the reading that has them comes a block later."""
 _FEWEST_TURNS, _MEAN_S = 3, 1.0
@@ -82,8 +85,9 @@ class Motor:
         self._clock = clock or SystemClock()
         self._speed_rad_s = speed_rad_s
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * _RPM_PER_RAD_S
+        self._too_fast = Held(OVERSPEED_S + 60.0 / self._wanted_rpm)
         self._kept_rpm = 0.0
-        self._events: list[Event] = []
+        self._notices: list[Notice] = []
         self._polls_s: list[tuple[float, float]] = []
         self._new_polls = False
 
@@ -112,7 +116,8 @@ class Motor:
         """Come up on the ramp, then trim the set value until the shaft turns as wanted.
 
         Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no
-        instrument shows that the shaft turns, or one shows that it runs away.
+        instrument shows that the shaft turns, or one shows that it runs away: faster than 1.5 times the
+        wanted speed for 0.3 s and the time of a turn at the wanted one, lapses shorter than 0.15 s included.
         """
         self._drive.start()
         self._await_output()
@@ -142,10 +147,11 @@ class Motor:
         """Raise what the inverter's driver found; tells it that somebody looks after the motor."""
         self._drive.check()
 
-    def events(self) -> tuple[Event, ...]:
+    def take_notices(self) -> tuple[Notice, ...]:
         """What the inverter and the loop around it did."""
-        own, self._events = self._events, []
-        return (*own, *self._drive.events())
+        own, self._notices = self._notices, []
+        both = (*own, *self._drive.take_notices())
+        return tuple(sorted(both, key=lambda notice: notice.arrival_s))
 
     def clocks(self, base: CardClock) -> list[ClockRecord]:
         """When the inverter's answers were taken, by all polls so far; nothing without a new one."""
@@ -182,15 +188,20 @@ class Motor:
             self._look_on()
             left_s -= _STEP_S
 
-    def _look_on(self) -> None:
-        """Wait a step; raises InterlockTripped for a shaft that is geared otherwise than the bench says."""
+    def _look_on(self) -> float:
+        """Wait a step and return the measured speed; raises InterlockTripped for a shaft that runs away."""
         self._wait(_STEP_S)
         rpm = self._measured_rpm()
-        if abs(rpm) > OVERSPEED * self._fastest_rpm:
-            wanted = f"{self._wanted_rpm:g} rpm is wanted"
+        times = abs(rpm) / self._fastest_rpm
+        lasted_s = self._too_fast.look(
+            self._clock.monotonic_s(), holds=times > OVERSPEED, gone=times < SLOW_AGAIN
+        )
+        if lasted_s is not None:
             raise InterlockTripped(
-                f"interlock: the shaft turns at {rpm:.4g} rpm where {wanted}; the motor is off"
+                f"interlock: the shaft turns at {rpm:.4g} rpm where {self._wanted_rpm:g} rpm is wanted, "
+                f"for {lasted_s:.1f} s; the motor is off"
             )
+        return rpm
 
     def _not_arrived(self, rpm: float) -> InstrumentRefused | InterlockTripped:
         if math.isnan(rpm):
@@ -235,7 +246,8 @@ class Motor:
     def _settle(self) -> None:
         """Wait for the ramp, and for a whole turn at the new speed."""
         self._await_output()
-        self._wait(_MEAN_S / 2 + 60.0 / self._wanted_rpm)
+        for _ in range(math.ceil((_MEAN_S / 2 + 60.0 / self._wanted_rpm) / _STEP_S)):
+            self._look_on()
 
     def _mean_rpm(self) -> float:
         """Mean of the measured speed over whole turns; raises InterlockTripped where it is not known."""
@@ -243,8 +255,7 @@ class Motor:
         count = round(max(_FEWEST_TURNS, math.ceil(_MEAN_S / turn_s)) * turn_s / _STEP_S)
         seen = []
         for _ in range(count):
-            self._wait(_STEP_S)
-            rpm = self._measured_rpm()
+            rpm = self._look_on()
             if math.isfinite(rpm):
                 seen.append(rpm)
         if not seen:
@@ -270,7 +281,7 @@ class Motor:
             self._note("info", "motor.trimmed", text)
 
     def _note(self, level: str, code: str, text: str) -> None:
-        self._events.append(Event(self._clock.unix_ns(), level, self._drive.name, code, text))
+        self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
 
     def _refused(self, what: str, check: str) -> InstrumentRefused:
         return InstrumentRefused(self._drive.name, self._drive.address, what, check)

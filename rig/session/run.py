@@ -210,7 +210,8 @@ class _Run:
         """Say what is looked at while the sequence waits, and what the log gets of it."""
         acquisition, logbook = self._acquisition, self._logbook
         self._watch.checks += [acquisition.check, self._guard.check, motion.check, self._supervisor.check]
-        logbook.events.append(motion.events)
+        actuator = self._devices.actuator.name
+        logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
         logbook.clocks.append(acquisition.base.refit)
         logbook.clocks.append(lambda _: motion.clocks(acquisition.base))
         if encoder is not None:

@@ -8,11 +8,14 @@ import threading
 from daq.clock import Clock
 from daq.errors import InterlockTripped
 from daq.log.records import Event
+from rig.session.held import Held
 from rig.session.shaft_speed import Shown
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 OFF_SHARE, OFF_S = 0.05, 0.5
 """A turn's mean off by more than a healthy drive's ever is, and for how long before the run ends."""
+BACK_SHARE = 0.04
+"""How near a speed that has been off must come to count as back."""
 UNKNOWN_S = 1.0
 """How long a run goes on blind. A marker has by then missed more than three marks in a row, besides."""
 SPEED_GUARDED = (
@@ -25,21 +28,24 @@ SPEED_GUARDED = (
 class SpeedGuard:
     """Looks at every block in the acquisition thread, between `arm` and `disarm`.
 
-    A speed that leaves the wanted one by more than 5 % is an event at once and `tripped` after half a second;
-    one that no instrument shows is an event at once and `tripped` after a second. Both times are the card's.
+    A speed that leaves the wanted one by more than 5 %, either way, is an event at once and `tripped` after
+    half a second; one that no instrument shows is an event at once and `tripped` after a second. Either is
+    over only after 0.15 s within 4 %, or seen: one wrong reading, as a glitch on a marker makes it, stops
+    nothing, and a speed that chatters about the limit does. Both times are the card's; readings come every
+    0.1 s, so that a shaft that runs away has tripped it 0.6 s after the card shows that, at the latest.
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._lock = threading.Lock()
         self._wanted_rad_s: float | None = None
-        self._since: dict[str, float] = {}
+        self._off, self._unknown = Held(OFF_S), Held(UNKNOWN_S)
         self.tripped: str | None = None
 
     def arm(self, wanted_rad_s: float) -> None:
         """Hold the shaft to a speed from now on."""
         with self._lock:
-            self._since.clear()
+            self._off, self._unknown = Held(OFF_S), Held(UNKNOWN_S)
             self._wanted_rad_s = wanted_rad_s
 
     def disarm(self) -> None:
@@ -58,26 +64,23 @@ class SpeedGuard:
             wanted = self._wanted_rad_s
             if wanted is None:
                 return []
-            unknown = not shown.valid
-            off = not unknown and abs(shown.speed_rad_s - wanted) > OFF_SHARE * wanted
+            apart = abs(shown.speed_rad_s - wanted) / wanted if shown.valid else math.nan
             rpm, wanted_rpm = shown.speed_rad_s * _RPM_PER_RAD_S, wanted * _RPM_PER_RAD_S
+            unseen = "no instrument shows the shaft's speed"
+            off = f"shaft at {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
             told = [
-                *self._held("unknown", unknown, card_s, UNKNOWN_S, "no instrument shows the shaft's speed"),
-                *self._held(
-                    "off", off, card_s, OFF_S, f"shaft at {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
-                ),
+                *self._judge("unknown", self._unknown, card_s, not shown.valid, shown.valid, unseen),
+                *self._judge("off", self._off, card_s, apart > OFF_SHARE, apart <= BACK_SHARE, off),
             ]
         return [Event(self._clock.unix_ns(), level, "acquisition", code, text) for level, code, text in told]
 
-    def _held(
-        self, what: str, holds: bool, card_s: float, longest_s: float, text: str
+    def _judge(
+        self, what: str, held: Held, card_s: float, holds: bool, gone: bool, text: str
     ) -> list[tuple[str, str, str]]:
-        if not holds:
-            self._since.pop(what, None)
-            return []
-        news = [] if what in self._since else [("warning", f"speed.{what}", text)]
-        since_s = self._since.setdefault(what, card_s)
-        if card_s - since_s >= longest_s and self.tripped is None:
-            self.tripped = f"{text} for {card_s - since_s:.1f} s"
+        known = held.began
+        lasted_s = held.look(card_s, holds=holds, gone=gone)
+        news = [("warning", f"speed.{what}", text)] if held.began and not known else []
+        if lasted_s is not None and self.tripped is None:
+            self.tripped = f"{text} for {lasted_s:.1f} s"
             news.append(("error", "speed.abort", self.tripped))
         return news

@@ -200,7 +200,7 @@ class Bench:
                 return b""
 
         line = VirtualLine(loop, respond, Disturbance(line_faults or LineFaults()), settings.answer_s)
-        diary = Diary(loop, "inverter")
+        diary = Diary(loop)
         talk = Conversation("inverter", "nowhere", settings.station, line, loop.time)
         motor = Motor(settings, talk, loop, diary)
         keeper = Keeper(settings, motor, talk, line.health, loop, diary)

@@ -122,16 +122,6 @@ def peer(tmp_path: Path) -> Callable[..., AbstractContextManager[Peer]]:
     return running
 
 
-@pytest.fixture(autouse=True)
-def library_logs() -> Iterator[None]:
-    """The driver silences both libraries; leave that as it was."""
-    loggers = [logging.getLogger(name) for name in ("can", "canopen")]
-    levels = [logger.level for logger in loggers]
-    yield
-    for logger, level in zip(loggers, levels, strict=True):
-        logger.setLevel(level)
-
-
 def settings(timeout_s: float = PATIENCE_S) -> EncoderSettings:
     return EncoderSettings("virtual", {"channel": CHANNEL}, NODE, period_s=PERIOD_S, timeout_s=timeout_s)
 
@@ -153,6 +143,18 @@ def test_positions_of_a_foreign_node(peer: RunPeer) -> None:
         assert np.all(np.diff(block.timestamp_s) > 0.0)
         encoder.preset(123)
         assert other.node.sdo[0x6003].raw == 123
+
+
+def test_what_the_libraries_log_reaches_whoever_asks_for_it_and_not_the_screen(
+    peer: RunPeer, caplog: pytest.LogCaptureFixture
+) -> None:
+    with peer(eds()), opened(settings()):
+        for library in ("can", "canopen"):
+            logger = logging.getLogger(library)
+            assert logger.level == logging.NOTSET
+            assert any(isinstance(handler, logging.NullHandler) for handler in logger.handlers)
+            logger.warning("%s says so", library)
+    assert {"can says so", "canopen says so"} <= set(caplog.messages)
 
 
 def read_on(encoder: CanopenEncoder) -> None:

@@ -8,6 +8,13 @@ from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
 from drivers.mitsubishi_fr.emulator import LineFaults
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance
 from drivers.mitsubishi_fr.frames import WRITE, Request
+from drivers.mitsubishi_fr.registers import (
+    CHOOSE_NETWORK,
+    CHOOSE_PANEL,
+    OPERATION_MODE,
+    RUNNING_FREQUENCY,
+    STATUS_AND_COMMAND,
+)
 from tests.drivers.fr_bench import FORWARD, HZ, STOP, ZERO, Bench, latched, on_bench
 
 
@@ -46,7 +53,7 @@ def test_a_fifth_of_bad_answers_leaves_it_running_or_safely_stopped(
         else:
             assert bench.motor.state is not None
             assert bench.motor.state.degraded
-            assert any(event.code == "inverter.line" for event in bench.diary.take())
+            assert any(notice.code == "inverter.line" for notice in bench.diary.take())
             return
         await bench.wait(4.0)
         assert bench.load.at(bench.loop.time()) == 0.0
@@ -78,17 +85,59 @@ def test_orders_on_a_bad_line_are_done_or_the_motor_stops(seed: int) -> None:
     on_bench(work)
 
 
+def without_answers_to_writes(bench: Bench) -> None:
+    respond = bench.line.respond
+
+    def answers(request: Request) -> bytes:
+        answer = respond(request)
+        return b"" if request.function == WRITE else answer
+
+    bench.line.respond = answers
+
+
+def test_a_lost_answer_to_stop_is_looked_into_and_not_repeated() -> None:
+    """The set value zero is absolute and may be said twice; run is withdrawn once, and seen to be."""
+
+    async def work(bench: Bench) -> list[tuple[int, int]]:
+        await bench.run_at(HZ)
+        written = len(bench.line.writes())
+        without_answers_to_writes(bench)
+        await bench.motor.stop()
+        assert not (await bench.keeper.look()).running
+        return bench.line.writes()[written:]
+
+    assert on_bench(work) == [ZERO, ZERO, STOP]
+
+
+def test_a_lost_answer_to_the_choice_of_mode_is_looked_into_and_not_repeated() -> None:
+    async def work(bench: Bench) -> list[tuple[int, int]]:
+        bench.drive.access(OPERATION_MODE.number, 1, [CHOOSE_PANEL])
+        await bench.keeper.check_in()
+        without_answers_to_writes(bench)
+        await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
+        return bench.line.writes()
+
+    assert on_bench(work).count((OPERATION_MODE.number, CHOOSE_NETWORK)) == 1
+
+
+def test_no_parameter_is_written_and_nothing_reset_in_a_whole_session_on_a_bad_line() -> None:
+    """Parameters are in an EEPROM, and a reset lets the motor coast: neither belongs into a run."""
+
+    async def work(bench: Bench) -> set[int]:
+        await bench.run_at(HZ)
+        bench.line.disturbance = Disturbance(LineFaults(0.1, tuple(KINDS), 2))
+        await bench.wait(10.0)
+        await bench.keeper.close()
+        return {number for number, _ in bench.line.writes()}
+
+    assert on_bench(work) == {STATUS_AND_COMMAND.number, OPERATION_MODE.number, RUNNING_FREQUENCY.number}
+
+
 def test_a_lost_answer_to_run_is_looked_into_and_not_repeated() -> None:
     async def work(bench: Bench) -> list[tuple[int, int]]:
         await bench.keeper.check_in()
         await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
-        respond = bench.line.respond
-
-        def without_answers_to_commands(request: Request) -> bytes:
-            answer = respond(request)
-            return b"" if request.function == WRITE else answer
-
-        bench.line.respond = without_answers_to_commands
+        without_answers_to_writes(bench)
         await bench.motor.run_forward(bench.loop.time() + 3.0)
         return bench.line.writes()
 

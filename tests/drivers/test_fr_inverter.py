@@ -22,6 +22,7 @@ from drivers.mitsubishi_fr import FrInverter, InverterMisconfigured, InverterSet
 from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, Trip, start_inverter
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
+from drivers.mitsubishi_fr.inverter import _Open
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
 from drivers.protocols import InverterOutput, SpeedDrive
 from tests.drivers.fr_peer import PlainServer
@@ -126,12 +127,32 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         assert ends.await_output(lambda output: output.target_hz == 0.0).on
         assert inverter.health is not None
         assert inverter.health.asked > 10
-    assert [event.code for event in inverter.events()] == [
+    assert [notice.code for notice in inverter.take_notices()] == [
         "inverter.set",
         "inverter.run",
         "inverter.zero",
         "inverter.off",
     ]
+
+
+def test_a_stop_that_its_caller_cannot_wait_for_goes_on(
+    bench: tuple[EmulatedInstrument, Ends], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    emulator, ends = bench
+    with opened(settings_for(emulator.address)) as inverter:
+        inverter.set_speed(200.0)
+        inverter.start()
+        ends.await_output(lambda output: output.target_hz > 0.0)
+        monkeypatch.setattr(_Open, "longest_stop_s", 0.1)
+        # A shaft that seems to turn on holds the stop up for one and a half ramps, 0.5 s at least.
+        with pytest.raises(InstrumentSilent, match=r"its stop, which goes on, has not ended within 0\.1 s"):
+            inverter.stop(lambda: 200.0)
+        deadline_s = time.monotonic() + DEADLINE_S
+        codes: list[str] = []
+        while "inverter.off" not in codes:
+            assert time.monotonic() < deadline_s
+            codes += [notice.code for notice in inverter.take_notices()]
+        assert not inverter.read().running
 
 
 def test_it_is_a_speed_drive(bench: tuple[EmulatedInstrument, Ends]) -> None:
@@ -252,11 +273,12 @@ def plain_registers() -> dict[int, int]:
     blocks = [register.number for block in (STATUS_BLOCK, MONITOR_BLOCK) for register in block.registers]
     zeros = dict.fromkeys([*blocks, *(fault.number for fault in FAULTS), RUNNING_FREQUENCY.number], 0)
     parameters = {41000 + number: raw for number, raw in (PARAMETERS | FAST).items()}
-    return zeros | parameters | {40010: 4, 40201: 321, 40202: 87, 40203: 1104, 40501: 0xB1}
+    return zeros | parameters | {40010: 4, 40202: 87, 40203: 1104, 40501: 0xB1}
 
 
 def test_a_foreign_modbus_device_is_read_and_written() -> None:
     with PlainServer(plain_registers()) as peer, opened(settings_for(peer.port)) as inverter:
+        peer.put({40201: 321})
         state = inverter.read()
         assert state.output_frequency_hz == pytest.approx(3.21, abs=1e-12)
         assert state.output_current_a == pytest.approx(0.87, abs=1e-12)
@@ -268,10 +290,18 @@ def test_a_foreign_modbus_device_is_read_and_written() -> None:
 
 def test_a_foreign_device_that_is_no_drive_does_not_run() -> None:
     """Plain registers keep what is written to them, and no status follows from it."""
-    with PlainServer(plain_registers() | {40201: 0}) as peer, opened(settings_for(peer.port)) as inverter:
+    with PlainServer(plain_registers()) as peer, opened(settings_for(peer.port)) as inverter:
         assert inverter.set_speed(200.0) == pytest.approx(200.1, abs=1e-9)
         with pytest.raises(InstrumentRefused, match="not obeyed: run forward; it reads 2"):
             inverter.start()
+
+
+def test_a_foreign_device_that_already_runs_is_refused_and_not_written_to() -> None:
+    with PlainServer(plain_registers() | {40009: 0x000B, 40014: 500}) as peer:
+        told = r"inverter at socket://.*: it already runs: its output is at 0 Hz .*, its set value is 150 rpm"
+        for _ in range(2):  # plain registers would show the second time what the first had written
+            with pytest.raises(InstrumentRefused, match=told):
+                FrInverter(settings_for(peer.port)).open()
 
 
 def test_a_foreign_device_without_a_register_is_told_which() -> None:

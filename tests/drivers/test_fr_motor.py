@@ -9,10 +9,11 @@ import pytest
 
 from daq.errors import InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.emulator import DriveFaults
+from drivers.mitsubishi_fr.emulator import DriveFaults, LineFaults
+from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, Piece
 from drivers.mitsubishi_fr.frames import Answer, Request
 from drivers.mitsubishi_fr.orders import OvertakenOrder
-from drivers.mitsubishi_fr.registers import Status
+from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import InverterMisconfigured
 from tests.drivers.fr_bench import FORWARD, HZ, LOOK_S, RAMP_S, SETTINGS, STOP, ZERO, Bench, latched, on_bench
 
@@ -58,6 +59,38 @@ def test_a_tripped_drive_is_refused_and_not_reset() -> None:
         return bench.line.writes()
 
     assert on_bench(work) == []
+
+
+@pytest.mark.parametrize("how", ["at speed", "coming down", "told to run at zero"])
+def test_a_drive_that_already_runs_is_refused_and_left_alone(how: str) -> None:
+    """Somebody else's motor: whoever runs it has to stop it, and nothing here may brake or turn it."""
+
+    async def work(bench: Bench) -> tuple[str, list[tuple[int, int]]]:
+        bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [0 if how == "told to run at zero" else 667])
+        bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.FORWARD])
+        bench.loop.sleep(1.0)
+        if how == "coming down":
+            bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.STOP])
+        with pytest.raises(InstrumentRefused, match="inverter at nowhere: it already runs") as caught:
+            await bench.keeper.check_in()
+        await bench.keeper.close()
+        assert caught.value.code == "running"
+        return str(caught.value), bench.line.writes()
+
+    text, writes = on_bench(work)
+    assert writes == []
+    if how == "at speed":
+        assert "6.67 Hz (200.1 rpm), its set value is 200.1 rpm; nothing was sent to it" in text
+    assert "stop it there, and wait until the motor stands" in text
+
+
+def test_a_set_value_that_somebody_left_does_not_hold_up_a_start() -> None:
+    async def work(bench: Bench) -> bool:
+        bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [667])
+        await bench.keeper.check_in()
+        return (await bench.keeper.look()).running
+
+    assert not on_bench(work)
 
 
 def test_it_runs_at_the_set_speed_and_keeps_the_watchdog_quiet() -> None:
@@ -119,7 +152,7 @@ def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
         await bench.run_at(HZ)
         began_s = bench.loop.time()
         await bench.motor.stop(lambda: HZ)
-        assert any("still at 6.67 Hz" in event.text for event in bench.diary.take())
+        assert any("still at 6.67 Hz" in notice.text for notice in bench.diary.take())
         return bench.withdrawn_s() - began_s
 
     assert on_bench(work) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
@@ -156,6 +189,84 @@ def test_a_stop_that_never_ends_is_over_in_time_and_stays_an_error() -> None:
         bench.drive.put_faults(DriveFaults())
         await bench.wait(bench.motor.parameters.watchdog_s + 0.1)
         assert bench.drive.access(fr.FAULTS[0].number, 1, None) == [fr.COMMUNICATION_FAULT]
+
+    on_bench(work)
+
+
+class SlowLine(Disturbance):
+    """Every answer takes a tenth of a second more, so that a stop takes two."""
+
+    def __init__(self) -> None:
+        super().__init__(LineFaults())
+
+    def spoil(self, request: bytes, answer: bytes) -> Piece:
+        return Piece(0.1, answer)
+
+
+def test_a_stop_is_carried_through_although_its_caller_gives_up() -> None:
+    """On a slow line, nobody waits for the end of the stop."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        written = len(bench.line.writes())
+        bench.line.disturbance = SlowLine()
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(bench.keeper.stop(), 0.3)
+        assert STOP not in bench.line.writes()[written:]
+        await bench.wait(5.0)
+        assert bench.line.writes()[written:] == [ZERO, STOP]
+        assert bench.load.at(bench.loop.time()) == 0.0
+        assert "inverter.off" in [notice.code for notice in bench.diary.take()]
+
+    on_bench(work)
+
+
+def test_a_stop_that_fails_after_its_caller_gave_up_stays_an_error() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(stuck=True))
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(bench.keeper.stop(), 0.3)
+        assert bench.keeper.error is None
+        assert isinstance(await latched(bench, bench.motor.longest_stop_s(HZ) + 2.0), InstrumentSilent)
+
+    on_bench(work)
+
+
+def test_an_order_that_is_given_up_takes_its_stop_not_with_it() -> None:
+    """The ramp of the stop that follows an order not obeyed may outlast whoever gave the order."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        written = len(bench.line.writes())
+        # Every order but the first is obeyed, and the ramp down takes 3.3 s.
+        bench.drive.access(fr.DECELERATION_TIME.number, 1, [300])
+        bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.RUNNING_FREQUENCY.number})))
+        order = asyncio.create_task(
+            bench.keeper.order(bench.motor.set_frequency(8.0, bench.loop.time() + 3.0))
+        )
+        await latched(bench, 1.0)
+        bench.drive.put_faults(DriveFaults())
+        order.cancel()
+        await bench.wait(8.0)
+        assert bench.line.writes()[written:][-2:] == [ZERO, STOP]
+        assert bench.load.at(bench.withdrawn_s()) <= 0.05
+
+    on_bench(work)
+
+
+def test_closing_waits_for_a_stop_that_was_given_up() -> None:
+    """That one still waits for a shaft when the closing one has seen the output at zero."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(bench.keeper.stop(lambda: HZ), 0.1)
+        await bench.keeper.close()
+        assert bench.line.writes()[-1] == (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL)
+        sent = len(bench.line.sent)
+        await asyncio.sleep(2.0)
+        assert len(bench.line.sent) == sent
 
     on_bench(work)
 

@@ -92,6 +92,31 @@ def test_scpi_error_names_setting_and_code() -> None:
     assert caught.value.code == "-221"
 
 
+@pytest.mark.parametrize(
+    ("first", "code"),
+    [(b'-350,"Queue overflow"\n', "-350"), (b'-410,"Query INTERRUPTED"\n', "-410"), (b'-420,"x"\n', "-420")],
+)
+def test_a_filled_error_queue_is_emptied_and_the_next_setting_is_taken(first: bytes, code: str) -> None:
+    queue = [first, *[b'-222,"Data out of range"\n'] * 19]
+
+    class Filled(Echo):
+        def __call__(self, line: str) -> bytes | None:
+            if line == "SYST:ERR?" and self.kept.get("FREQ") == "21" and queue:
+                return queue.pop(0)
+            return super().__call__(line)
+
+    with ScriptedInstrument(Filled({})) as instrument:
+        driver = ScpiGenerator(GeneratorSettings(instrument.resource, 5.0, timeout_s=0.4))
+        driver.open()
+        driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+        with pytest.raises(InstrumentRefused, match=f"frequency = 21 Hz: {code} ") as caught:
+            driver.set_frequency(21.0)
+        assert (caught.value.code, queue) == (code, [])
+        driver.set_frequency(22.0)
+        assert instrument.lines[-3:] == ["FREQ 22", "FREQ?", "SYST:ERR?"]
+        driver.close()
+
+
 def test_a_late_answer_is_not_taken_for_the_next() -> None:
     late = [b""]
 

@@ -10,6 +10,7 @@ from itertools import pairwise
 from multiprocessing.connection import Connection
 
 import numpy as np
+import psutil
 import pytest
 import pyvisa
 
@@ -19,6 +20,7 @@ from drivers.emulator_process import EmulatedInstrument
 from drivers.protocols import DriveGenerator, DriveSettings
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from drivers.scpi.emulator import GeneratorSetup, start_function_generator
+from drivers.scpi.link import ScpiLink
 
 DEADLINE_S = 5.0
 
@@ -50,6 +52,20 @@ def heard(outputs: tuple[tuple[str, ...], Connection], count: int) -> list[Drive
         settings.append(outputs[1].recv())
     assert not outputs[1].poll(0)
     return settings
+
+
+def test_opened_twice_it_is_connected_once(generator_emulator: EmulatedInstrument) -> None:
+    link = ScpiLink("signal generator", generator_emulator.address)
+    port = int(generator_emulator.address.split("::")[2])
+    try:
+        link.open()
+        first = link._visa  # held, as by a traceback: it must not take the garbage collector to close it
+        link.open()
+        assert link._visa is not first
+        ends = [each.raddr for each in psutil.Process().net_connections(kind="tcp") if each.raddr]
+        assert [end.port for end in ends].count(port) == 1
+    finally:
+        link.close()
 
 
 def test_says_who_it_is(generator: DriveGenerator) -> None:

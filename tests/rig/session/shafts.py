@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from daq.errors import InstrumentRefused
-from daq.log.records import Event
-from drivers.protocols import MotorState
+from drivers.protocols import MotorState, Notice
 
 RPM_PER_HZ = 10.0
 STEP_RPM = 0.01 * RPM_PER_HZ
@@ -49,6 +48,7 @@ class FakeDrive:
     step_rpm: float = STEP_RPM
     error: Exception | None = None
     told: list[tuple[object, ...]] = field(default_factory=list)
+    notices: list[Notice] = field(default_factory=list)
     _from: tuple[float, float] = (0.0, 0.0)
     _set_rpm: float = 0.0
     _run: bool = False
@@ -109,5 +109,6 @@ class FakeDrive:
     def fault_history(self) -> tuple[str, ...]:
         return ()
 
-    def events(self) -> tuple[Event, ...]:
-        return ()
+    def take_notices(self) -> tuple[Notice, ...]:
+        notices, self.notices = tuple(self.notices), []
+        return notices

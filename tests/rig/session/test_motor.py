@@ -8,7 +8,7 @@ import pytest
 
 from daq.errors import InstrumentRefused, InterlockTripped
 from rig.session.clocks import CardClock
-from rig.session.motor import Motor, MotorActuator
+from rig.session.motor import OVERSPEED_S, Motor, MotorActuator
 from tests.rig.session.shafts import STEP_RPM, FakeDrive, SteppedClock
 
 RAD_S = 200.0 * math.tau / 60.0
@@ -40,7 +40,7 @@ def test_the_shaft_turns_as_wanted_within_half_a_step_of_the_inverter(slip: floa
     drive = FakeDrive(SteppedClock(), slip=slip)
     moved = started(drive, rpm)
     assert drive.shaft_rpm() == pytest.approx(rpm, abs=STEP_RPM / 2 + 1e-9)
-    assert [event.code for event in moved.events()] == ["motor.trimmed"]
+    assert [notice.code for notice in moved.take_notices()] == ["motor.trimmed"]
 
 
 def test_a_speed_that_ripples_within_a_turn_is_trimmed_in_its_mean() -> None:
@@ -67,7 +67,7 @@ def test_a_shaft_between_two_steps_ends_the_trimming_at_the_nearer_one() -> None
     moved = started(drive)
     assert len([each for each in drive.told if each[0] == "set_speed"]) < 12
     assert abs(drive.output_rpm - 200.0) < 1.0
-    assert moved.events()
+    assert moved.take_notices()
 
 
 def test_a_shaft_that_turns_at_another_speed_is_a_wrong_bench() -> None:
@@ -78,10 +78,43 @@ def test_a_shaft_that_turns_at_another_speed_is_a_wrong_bench() -> None:
 
 def test_a_shaft_that_is_geared_up_is_stopped_on_the_ramp_before_it_is_there() -> None:
     drive = FakeDrive(SteppedClock(), slip=-1.0)  # twice as fast as the bench file says
-    with pytest.raises(InterlockTripped, match=r"the shaft turns at 30\d rpm where 200 rpm is wanted"):
+    began_s = drive.clock.now_s
+    with pytest.raises(InterlockTripped, match=r"shaft turns at .* rpm where 200 rpm is wanted, for 0\.6 s"):
         started(drive)
-    # One step of the loop beyond one and a half times the speed.
-    assert drive.shaft_rpm() == pytest.approx(1.5 * 200.0, abs=2 * 0.02 * 100.0 + 1e-6)
+    # One and a half times the speed after 1.5 s of ramp, for 0.3 s and a turn; and a step of the loop each.
+    assert drive.clock.now_s - began_s == pytest.approx(1.5 + OVERSPEED_S + 0.3, abs=2 * 0.02 + 1e-6)
+
+
+@pytest.mark.parametrize("from_s", [1.0, 2.1, 4.0])
+def test_a_glitch_that_shows_three_times_the_speed_until_the_next_mark_stops_nothing(from_s: float) -> None:
+    """On the ramp, once it is there, and while it is trimmed; a turn takes 0.3 s."""
+    clock = SteppedClock()
+    glitch = clock.now_s + from_s
+    drive = FakeDrive(clock, ripple=lambda now_s: 400.0 if 0.0 <= now_s - glitch < 0.3 else 0.0)
+    started(drive)
+    assert clock.now_s > glitch + 0.3
+
+
+def test_a_shaft_that_runs_away_while_it_is_trimmed_is_stopped_in_time() -> None:
+    clock = SteppedClock()
+    away_s = clock.now_s + 4.0
+    drive = FakeDrive(clock, ripple=lambda now_s: 150.0 if now_s > away_s else 0.0)
+    with pytest.raises(InterlockTripped, match=r"shaft turns at .* rpm where 200 rpm is wanted, for 0\.6 s"):
+        started(drive)
+    # 0.3 s and a turn, a step of the loop, and a poll of the inverter that may come between.
+    assert 0.0 < clock.now_s - away_s < OVERSPEED_S + 0.3 + 0.02 + 0.06 + 1e-6
+
+
+def test_a_speed_that_chatters_about_the_limit_runs_away_all_the_same() -> None:
+    clock = SteppedClock()
+    away_s = clock.now_s + 4.0
+
+    def chatter(now_s: float) -> float:
+        return (110.0 if int(now_s / 0.1) % 2 else 60.0) if now_s > away_s else 0.0
+
+    with pytest.raises(InterlockTripped, match=r"the shaft turns at 30\d rpm .*, for 0\.6 s"):
+        started(FakeDrive(clock, ripple=chatter))
+    assert clock.now_s - away_s < OVERSPEED_S + 0.3 + 0.3
 
 
 def test_an_inverter_that_stays_where_it_is_is_refused_when_the_ramp_has_overrun() -> None:
@@ -100,7 +133,7 @@ def test_a_shaft_that_nobody_sees_turn_is_an_interlock() -> None:
 def test_trimming_stops_at_the_highest_speed() -> None:
     drive = FakeDrive(SteppedClock(), slip=0.03)
     moved = started(drive, 299.0)
-    codes = [event.code for event in moved.events()]
+    codes = [notice.code for notice in moved.take_notices()]
     assert codes == ["motor.limit", "motor.off_speed"]
     assert drive.output_rpm == pytest.approx(299.0)
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channel import Channel
+from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import STALE_S, ShaftSpeed
 from tests.rig.session.shafts import SteppedClock
 
@@ -83,6 +84,20 @@ def test_a_shaft_that_turns_backwards_has_a_negative_speed() -> None:
 def test_a_marker_gives_the_speed_of_a_turn(rpm: float) -> None:
     _, said = shown(MARKER, marked(turned(rpm, 6.0)))
     assert said[-1] == pytest.approx(rpm, rel=1e-4)
+
+
+def test_a_glitch_while_the_shaft_comes_up_shows_a_wrong_speed_for_less_than_a_turn() -> None:
+    """Which is why a shaft runs away only after a turn: until then nothing tells one glitch from it."""
+    rpm, turn_s = 40.0, 1.5
+    time_s = np.arange(round(9.0 * RATE)) / RATE
+    signal = marked(np.cumsum(np.minimum(time_s, 1.0) * rpm * math.tau / 60.0) / RATE + 1.0)
+    longest_s = []
+    for at_s in np.arange(2.0, 7.0, 0.12):
+        glitched = signal.copy()
+        glitched[round(at_s * RATE) :][:77] = 5.0  # 3 ms
+        too_fast = np.array(shown(MARKER, glitched)[1]) > OVERSPEED * rpm
+        longest_s.append(0.1 * np.count_nonzero(too_fast))
+    assert 0.3 < max(longest_s) < turn_s
 
 
 def test_a_mark_that_is_overdue_leaves_the_speed_unknown_and_valid_until_four_are() -> None:

@@ -55,6 +55,50 @@ def test_a_speed_that_comes_back_in_time_is_told_again_when_it_leaves_again() ->
     guard.check()
 
 
+@pytest.mark.parametrize("wrong", [Shown(2.0 * WANTED, valid=True), Shown(0.4 * WANTED, valid=True), UNKNOWN])
+def test_one_wrong_reading_now_and_then_stops_nothing(wrong: Shown) -> None:
+    """A doubled marker pulse, a slip of the count, a block that is no number."""
+    guard = armed()
+    told = [
+        codes(guard, shown, 0.4 * turn + at, 0.1 * blocks)
+        for turn in range(50)
+        for shown, at, blocks in ((wrong, 0.0, 1), (GOOD, 0.1, 3))
+    ]
+    assert len([code for each in told for code in each]) == 50
+    guard.check()
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.0, 10.0])
+def test_real_overspeed_is_stopped_within_the_stated_time(factor: float) -> None:
+    guard, away = armed(), Shown(factor * WANTED, valid=True)
+    assert codes(guard, GOOD, 0.0, 1.0) == []
+    assert "speed.abort" in codes(guard, away, 1.0, 0.6)
+    with pytest.raises(InterlockTripped, match="the motor is off"):
+        guard.check()
+
+
+@pytest.mark.parametrize("back", [1.0, 1.045])
+def test_a_speed_that_chatters_about_the_limit_is_told_once_and_trips(back: float) -> None:
+    guard = armed()
+    readings = [Shown(WANTED * (1.06 if number % 2 == 0 else back), valid=True) for number in range(10)]
+    told = [event.code for number, each in enumerate(readings) for event in guard.look(each, 0.1 * number)]
+    assert told == ["speed.off", "speed.abort"]
+
+
+def test_what_is_seen_for_a_moment_now_and_then_is_not_seen() -> None:
+    guard = armed()
+    readings = [GOOD if number % 5 == 4 else UNKNOWN for number in range(20)]
+    told = [event.code for number, each in enumerate(readings) for event in guard.look(each, 0.1 * number)]
+    assert told == ["speed.unknown", "speed.abort"]
+
+
+def test_an_overdue_mark_neither_ends_nor_trips_what_was_off() -> None:
+    guard, off = armed(), Shown(0.9 * WANTED, valid=True)
+    assert codes(guard, off, 0.0, 0.1) == ["speed.off"]
+    assert codes(guard, OVERDUE, 0.1, 0.9) == []
+    assert codes(guard, off, 1.0, 0.1) == ["speed.abort"]
+
+
 @pytest.mark.parametrize("shown", [GOOD, OVERDUE, Shown(WANTED * (1 + 0.99 * OFF_SHARE), valid=True)])
 def test_what_a_healthy_drive_does_and_one_overdue_mark_are_nothing(shown: Shown) -> None:
     guard = armed()

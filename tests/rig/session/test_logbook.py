@@ -1,0 +1,47 @@
+"""What instruments tell goes into the log at the run's time, whatever happens to the wall clock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from daq.log import LogReader, LogWriter
+from daq.recorder import Recorder
+from daq.time_base import RunClock
+from drivers.protocols import Notice
+from rig.session.hub import Hub
+from rig.session.logbook import Logbook
+from rig.session.motor import Motor
+from rig.session.sinks import LogSink
+from tests.rig.session.fakes import silent_screen
+from tests.rig.session.shafts import FakeDrive, SteppedClock
+
+
+class SetClock(SteppedClock):
+    """A host whose wall clock somebody sets."""
+
+    set_by_s = 0.0
+
+    def unix_ns(self) -> int:
+        return super().unix_ns() + round(self.set_by_s * 1e9)
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 0.0, 3600.0])
+def test_a_trip_is_logged_when_it_was_although_the_wall_clock_was_set(tmp_path: Path, step_s: float) -> None:
+    host = SetClock()
+    clock, drive, log = RunClock(host), FakeDrive(host), tmp_path / "log.mcap"
+    motor = Motor(drive, 20.0, host.sleep, drive.shaft_rpm, host)
+    with Recorder(LogWriter(log), clock) as recorder:
+        logbook = Logbook(clock, recorder, Hub([LogSink(recorder)]), silent_screen())
+        logbook.events.append(lambda: logbook.stamped("inverter", motor.take_notices()))
+        began_ns = clock.unix_ns()
+        with logbook:
+            host.set_by_s = step_s
+            host.sleep(2.0)
+            drive.notices.append(Notice(host.now_s, "error", "inverter.E.OC1", "it has tripped: E.OC1"))
+            host.sleep(0.5)
+    with LogReader(log) as reader:
+        (trip,) = [event for event in reader.events() if event.source == "inverter"]
+    assert trip.time_ns - began_ns == 2_000_000_000
+    assert (trip.level, trip.code, trip.text) == ("error", "inverter.E.OC1", "it has tripped: E.OC1")
