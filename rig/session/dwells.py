@@ -151,7 +151,8 @@ class _Dwells:
         """Say what is looked at while the motor turns, and what the log gets of it."""
         acquisition = self._acquisition
         self._watch.checks += [acquisition.check, self._guard.check, motor.check, self._supervisor.check]
-        logbook.events.append(motor.events)
+        inverter = self._devices.actuator.name
+        logbook.events.append(lambda: logbook.stamped(inverter, motor.take_notices()))
         logbook.clocks += [acquisition.base.refit, lambda _: motor.clocks(acquisition.base)]
         if encoder is not None:
             self._watch.checks.append(encoder.check)
