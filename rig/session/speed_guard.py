@@ -26,11 +26,14 @@ class SpeedGuard:
     """Looks at every block in the acquisition thread, between `arm` and `disarm`.
 
     A speed that leaves the wanted one by more than 5 % is an event at once and `tripped` after half a second;
-    one that no instrument shows is an event at once and `tripped` after a second. Both times are the card's.
+    one that no instrument shows is an event at once and `tripped` after a second. Both times are those of
+    the instrument that shows it; `shows` and `shows_not` say in words which that is.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+    def __init__(
+        self, clock: Clock, shows: str = "shaft at", shows_not: str = "no instrument shows the shaft's speed"
+    ) -> None:
+        self._clock, self._shows, self._shows_not = clock, shows, shows_not
         self._lock = threading.Lock()
         self._wanted_rad_s: float | None = None
         self._since: dict[str, float] = {}
@@ -53,7 +56,7 @@ class SpeedGuard:
             raise InterlockTripped(f"interlock: {self.tripped}; the motor is off")
 
     def look(self, shown: Shown, card_s: float) -> list[Event]:
-        """Judge what a block that ends `card_s` after the start of the card showed; what to tell of it."""
+        """Judge what a block that ends at `card_s`, by any even clock, showed; what to tell of it."""
         with self._lock:
             wanted = self._wanted_rad_s
             if wanted is None:
@@ -62,9 +65,9 @@ class SpeedGuard:
             off = not unknown and abs(shown.speed_rad_s - wanted) > OFF_SHARE * wanted
             rpm, wanted_rpm = shown.speed_rad_s * _RPM_PER_RAD_S, wanted * _RPM_PER_RAD_S
             told = [
-                *self._held("unknown", unknown, card_s, UNKNOWN_S, "no instrument shows the shaft's speed"),
+                *self._held("unknown", unknown, card_s, UNKNOWN_S, self._shows_not),
                 *self._held(
-                    "off", off, card_s, OFF_S, f"shaft at {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
+                    "off", off, card_s, OFF_S, f"{self._shows} {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
                 ),
             ]
         return [Event(self._clock.unix_ns(), level, "acquisition", code, text) for level, code, text in told]

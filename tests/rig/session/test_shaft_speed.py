@@ -130,3 +130,10 @@ def test_passages_of_zero_are_noted_by_both() -> None:
     assert by_angle.marks[:9] == pytest.approx(expected[:9], abs=1e-3)
     by_marker, _ = shown(MARKER, marked(angle))
     assert by_marker.marks[:9] == pytest.approx(expected[:9], abs=1.0)
+
+
+def test_a_coarse_angle_of_a_slow_shaft_has_the_speed_of_its_turns() -> None:
+    # 360 counts a turn, 6.4 of them in a tenth of a second: one more or less is no other speed
+    step, channel = math.tau / 360, Channel("crank.angle", "rad", scale=math.tau / 360, raw_unit="count")
+    _, said = shown(channel, np.floor(turned(10.67, 12.0) / step) * step)
+    assert said[-40:] == pytest.approx([10.67] * 40, rel=2 / 360)
