@@ -9,7 +9,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from types import TracebackType
 
@@ -109,6 +109,8 @@ class EncoderRecord:
         self._thread.join()
         with suppress(InstrumentError):
             self._encoder.stop()
+        with suppress(RattleError):  # the log may have failed; that is told elsewhere
+            self._tell_of_frames()
 
     def begin(self, card_s: float) -> None:
         """Record positions from this time on, s since the card's sample 0."""
@@ -252,6 +254,17 @@ class EncoderRecord:
                 before_s = (first - self._first) * self._encoder.period_s
                 time_ns = self._base.unix_ns(self._begin_s + before_s)
                 yield Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause)
+
+    def _tell_of_frames(self) -> None:
+        """Tell what was wrong with the frames of the whole run, where anything was."""
+        counts = asdict(self._encoder.statistics)
+        del counts["period_ppm"]
+        frames = counts.pop("frames")
+        wrong = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
+        if wrong:
+            time_ns = self._base.unix_ns(float(self._base.card_s(self._base.now_s())))
+            text = f"of {frames} positions: {wrong}"
+            self._hub.event(Event(time_ns, "warning", self._encoder.name, "encoder.frames", text))
 
     def _event(self, arrival_s: float, level: str, code: str, text: str) -> None:
         self._hub.event(Event(self._unix_ns(arrival_s), level, self._encoder.name, code, text))

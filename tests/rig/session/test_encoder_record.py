@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag
 from daq.errors import DeviceLost, InterlockTripped
-from daq.log.records import Gap
+from daq.log.records import Event, Gap
 from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
@@ -23,7 +23,7 @@ from tests.rig.session.fakes import ListSink
 from tests.rig.session.shafts import SteppedClock
 
 Array = NDArray[np.float64]
-COUNTS, RANGE, PERIOD_S, BLOCK = 4096, 4096, 1e-3, 100
+COUNTS, PERIOD_S, BLOCK = 4096, 1e-3, 100
 OMEGA = 200.0 * math.tau / 60.0
 DELAY_S = 2e-3
 
@@ -36,7 +36,7 @@ class SteppedEncoder:
     """Sends the blocks that the test lets through; `missing` frames never come. `angle` is in rad over s."""
 
     name, address, identity = "encoder", "fake", "a fake"
-    counts_per_revolution, total_range, period_s = COUNTS, RANGE, PERIOD_S
+    counts_per_revolution, total_range, period_s = COUNTS, COUNTS, PERIOD_S
     statistics = PositionStatistics()
 
     def __init__(self, missing: frozenset[int], angle: Callable[[Array], Array]) -> None:
@@ -65,7 +65,7 @@ class SteppedEncoder:
         self._next += count
         kept = np.array([each not in self._missing for each in number])
         taken = number * PERIOD_S
-        counts = np.floor(self._angle(taken) / math.tau * COUNTS).astype(np.int64) % RANGE
+        counts = np.floor(self._angle(taken) / math.tau * COUNTS).astype(np.int64) % self.total_range
         gaps = tuple(PositionGap(int(each), 1, "lost on the bus") for each in number[~kept])
         arrival = self._zero_s + taken + DELAY_S
         return PositionBlock(number[kept], arrival[kept], 5e5 + taken[kept], counts[kept], gaps)
@@ -82,7 +82,10 @@ class Lab:
     """An encoder record that has begun, and what came of it."""
 
     def __init__(
-        self, missing: frozenset[int] = frozenset(), angle: Callable[[Array], Array] = steady
+        self,
+        missing: frozenset[int] = frozenset(),
+        angle: Callable[[Array], Array] = steady,
+        turns: int = 1,
     ) -> None:
         self.clock, self.sink, self.gaps = SteppedClock(), ListSink(), list[Gap]()
         self.base = CardClock(self.clock, 25_600.0)
@@ -93,6 +96,7 @@ class Lab:
             self.base.arrived(number * 2560)
         self.base.refit(at_last=True)
         self.encoder = SteppedEncoder(missing, angle)
+        self.encoder.total_range = turns * COUNTS
         self.encoder.sends_from(zero_s)
         self.guard = SpeedGuard(self.clock, "encoder shows", "the encoder shows no speed")
         hub, fastest = Hub([self.sink]), 1.5 * OMEGA
@@ -251,3 +255,35 @@ def test_one_wrong_position_is_told_and_trips_nothing() -> None:
     assert guarded(lab, 20) == ["speed.unknown"]
     assert "encoder.ambiguous" in lab.sink.codes()
     lab.guard.check()
+
+
+def rocking(at: Array) -> Array:
+    return 0.4 * math.tau / COUNTS * np.sin(700.0 * at)  # to and fro over the end of its range
+
+
+@pytest.mark.parametrize("turns", [1, 16, 4096])
+@pytest.mark.parametrize("angle", [steady, lambda at: -steady(at), rocking])
+def test_the_end_of_its_range_leaves_no_trace(turns: int, angle: Callable[[Array], Array]) -> None:
+    # It passes the end half a second after the record has begun.
+    lab = Lab(angle=lambda at: angle(at - 0.85), turns=turns)
+    values = np.concatenate([block.values for block in lab.recorded(0.35, 1.25, 12)])
+    counts = np.rint(values / math.tau * COUNTS)
+    begun = round((lab.sink.blocks(ENCODER_CHANNEL)[0].time_ns - lab.base.start_ns) / 1e6) - 2
+    taken = (begun + np.arange(len(values))) * PERIOD_S
+    expected = np.floor(angle(taken - 0.85) / math.tau * COUNTS)
+    assert counts - counts[0] == pytest.approx(
+        expected - expected[0], abs=14
+    )  # begun to a frame: 13.7 counts
+    steps, moves = np.diff(counts), np.diff(expected)
+    assert (steps.min(), steps.max()) == (moves.min(), moves.max())
+    assert "encoder.ambiguous" not in lab.sink.codes()
+
+
+def test_what_was_wrong_with_its_frames_is_told_at_the_end() -> None:
+    lab = Lab()
+    lab.encoder.statistics = PositionStatistics(frames=1700, duplicates=2, wrong_length=1, period_ppm=12.5)
+    lab.recorded(0.35, 1.25, 12)
+    (event,) = [
+        each for _, each in lab.sink.items if isinstance(each, Event) and each.code == "encoder.frames"
+    ]
+    assert (event.level, event.text) == ("warning", "of 1700 positions: duplicates 2, wrong length 1")
