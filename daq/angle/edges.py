@@ -61,6 +61,7 @@ class RisingEdges:
     def find(self, values_v: ArrayLike) -> Edges:
         """Edges that the next samples (V, shape (n,)) make certain."""
         values = np.asarray(values_v, np.float64)
+        values = np.where(np.isfinite(values), values, np.nan)
         confirmed = self._confirmed(values)
         crossings, positions = self._crossings(values)
         found = []

@@ -17,7 +17,7 @@ from drivers.canopen_cia406 import objects, startup
 from drivers.canopen_cia406.frames import NmtCommand, NmtState
 from drivers.canopen_cia406.link import CanLink
 from drivers.canopen_cia406.objects import PositionLayout
-from drivers.canopen_cia406.order import HOLD
+from drivers.canopen_cia406.order import most_held
 from drivers.canopen_cia406.settings import EncoderSettings, problems
 from drivers.canopen_cia406.stream import HEARTBEATS_MISSED, PositionStream
 from drivers.protocols import Emergency, Notice, PositionBlock, PositionStatistics
@@ -98,7 +98,7 @@ class CanopenEncoder:
         self._opened()
         # Long enough for heartbeats to tell a silent encoder from a lost one.
         late_s = max(self.settings.timeout_s, HEARTBEATS_MISSED * self._heartbeat_s + _ANSWER_MARGIN_S)
-        return self._stream.take(count, (count + HOLD) * self.period_s + late_s)
+        return self._stream.take(count, (count + most_held(self.period_s)) * self.period_s + late_s)
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call."""

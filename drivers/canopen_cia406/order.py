@@ -6,18 +6,23 @@ import bisect
 import math
 from typing import NamedTuple
 
+from drivers.canopen_cia406.slots import Slot, Slots
+
 HOLD = 4
 """Frames that wait for one that was overtaken."""
+_PATIENCE_S = 0.05
+"""So long frames wait until it is certain which are missing: interfaces that stamp by software stall less."""
 _SAME = 0.25
 """Two frames with the same counts closer than this share of a period are one frame, sent twice."""
 _STEP_S = 0.1
 """A clock that moved by more than this against ours was set; transport only ever delays."""
 _FOLLOW = 1e-3
 """How fast two clocks may drift apart before it is a step."""
-_LEAST = 50
-"""Frames from which on the measured period is used."""
-_FURTHEST = 0.01
-"""The measured period is not used where it is this far from the nominal one: too much is missing."""
+
+
+def most_held(period_s: float) -> int:
+    """Frames sent every `period_s` that wait until it is certain which are missing."""
+    return max(HOLD, round(_PATIENCE_S / period_s))
 
 
 class PositionFrame(NamedTuple):
@@ -29,37 +34,40 @@ class PositionFrame(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A frame with its number; `stepped` where the clock of the timestamps was set just before it."""
+    """A frame with its number; `stepped` where the clock of the timestamps was set just before it.
+
+    `certain`: that number cannot be another; see `Slots`.
+    """
 
     number: int
     frame: PositionFrame
     stepped: bool
+    certain: bool = True
 
 
 class FrameOrder:
-    """Numbers frames that are sent every `period_s`; each is given back once `HOLD` later ones are there."""
+    """Numbers frames that are sent every `period_s`; each is given back once `HOLD` later ones are there.
+
+    Where it is not certain what is missing before it, it waits for up to `most_held`; see `Slots`.
+    """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
+        self._most_held = most_held(period_s)
         self._held: list[PositionFrame] = []
         self._past: list[PositionFrame] = []
         self._newest: PositionFrame | None = None
         self._last: Placed | None = None
         self._stepped = False
         self._least_delay_s = math.inf
-        self._line = _Line()
+        self._slots = Slots(period_s)
         self.frames = self.missing = self.duplicates = self.reordered = self.late = self.clock_steps = 0
-
-    @property
-    def period_s(self) -> float:
-        """Period in the clock of the timestamps (least squares), the nominal one until it can be told."""
-        slope = self._line.slope
-        return slope if abs(slope / self._period_s - 1.0) < _FURTHEST else self._period_s
+        self.uncertain = 0
 
     @property
     def period_ppm(self) -> float:
         """By how much the measured period is longer than the nominal one; NaN until it can be told."""
-        return (self._line.slope / self._period_s - 1.0) * 1e6
+        return self._slots.period_ppm
 
     def put(self, frame: PositionFrame) -> list[Placed]:
         """Take a frame; return those that have their final place now, in order."""
@@ -73,16 +81,14 @@ class FrameOrder:
             placed = self._new_line()
         self._give_up_past()
         self._hold(frame)
-        if len(self._held) > HOLD:
-            placed.append(self._place(self._held.pop(0)))
-        return placed
+        return placed + self._place_ripe()
 
     def flush(self) -> list[Placed]:
         """Return the frames that are still held; no more will come."""
         self._give_up_past()
         placed: list[Placed] = []
         while self._held:
-            placed.append(self._place(self._held.pop(0)))
+            placed.append(self._place(self._slot()))
         return placed
 
     def _is_duplicate(self, frame: PositionFrame) -> bool:
@@ -102,8 +108,7 @@ class FrameOrder:
         placed = self._new_line()
         for earlier in past:
             self._hold(earlier)
-        placed.append(self._place(self._held.pop(0)))
-        return placed
+        return placed + self._place_ripe()
 
     def _give_up_past(self) -> None:
         self.late += len(self._past)
@@ -122,7 +127,6 @@ class FrameOrder:
         placed = self.flush()
         self.clock_steps += 1
         self._stepped, self._newest, self._least_delay_s = True, None, math.inf
-        self._line = _Line()
         return placed
 
     def _hold(self, frame: PositionFrame) -> None:
@@ -132,50 +136,40 @@ class FrameOrder:
             self._newest = frame
         bisect.insort(self._held, frame)
 
-    def _place(self, frame: PositionFrame) -> Placed:
-        stepped, self._stepped = self._stepped, False
-        missing = 0 if self._last is None else self._missing_since(self._last.frame, frame, stepped)
-        number = 0 if self._last is None else self._last.number + 1 + missing
-        self.missing += missing
+    def _place_ripe(self) -> list[Placed]:
+        placed: list[Placed] = []
+        while len(self._held) > HOLD:
+            slot = self._slot()
+            if not slot.certain and len(self._held) <= self._most_held:
+                break
+            placed.append(self._place(slot))
+        return placed
+
+    def _slot(self) -> Slot:
+        """Number of the first frame that is held."""
+        if self._last is None:
+            return Slot(0, certain=True)
+        if self._stepped:
+            missing = self._missing_over_step()
+            return Slot(self._last.number + 1 + missing, certain=not missing)
+        return self._slots.first([frame.timestamp_s for frame in self._held])
+
+    def _missing_over_step(self) -> int:
+        """By our own clock, which alone can tell; it sees delays of transport as well."""
+        if self._last is None:
+            return 0
+        passed_s = self._held[0].arrival_s - self._last.frame.arrival_s
+        return max(round(passed_s / self._slots.period_s) - 1, 0) if passed_s >= _STEP_S else 0
+
+    def _place(self, slot: Slot) -> Placed:
+        frame = self._held.pop(0)
+        if self._last is not None:
+            self.missing += slot.number - self._last.number - 1
+        if self._stepped:
+            self._slots = Slots(self._period_s)
+        self._slots.take(slot, frame.timestamp_s)
         self.frames += 1
-        self._line.add(number, frame.timestamp_s)
-        self._last = Placed(number, frame, stepped)
+        self.uncertain += not slot.certain
+        self._last = Placed(slot.number, frame, self._stepped, slot.certain)
+        self._stepped = False
         return self._last
-
-    def _missing_since(self, last: PositionFrame, frame: PositionFrame, stepped: bool) -> int:
-        if stepped:  # only our own clock can tell; it sees delays of transport as well
-            passed_s = frame.arrival_s - last.arrival_s
-            return max(round(passed_s / self.period_s) - 1, 0) if passed_s >= _STEP_S else 0
-        # Where the interface stamps by software, frames that waited in it come late and all at once: it is
-        # the frame with the least delay, among this one and those held behind it, that tells.
-        period_s, behind = self.period_s, (frame, *self._held)
-        before = [
-            round((each.timestamp_s - last.timestamp_s) / period_s) - n for n, each in enumerate(behind)
-        ]
-        return max(min(before) - 1, 0)
-
-
-class _Line:
-    """Least squares of timestamps over frame numbers, one point at a time."""
-
-    def __init__(self) -> None:
-        self._first: tuple[int, float] | None = None
-        self._n = 0
-        self._x = self._y = self._xx = self._xy = 0.0
-
-    def add(self, number: int, timestamp_s: float) -> None:
-        if self._first is None:
-            self._first = (number, timestamp_s)
-        x, y = number - self._first[0], timestamp_s - self._first[1]
-        self._n += 1
-        self._x += x
-        self._y += y
-        self._xx += x * x
-        self._xy += x * y
-
-    @property
-    def slope(self) -> float:
-        """Seconds a frame; NaN from too few."""
-        if self._n < _LEAST:
-            return math.nan
-        return (self._n * self._xy - self._x * self._y) / (self._n * self._xx - self._x**2)

@@ -14,6 +14,7 @@ from daq import Flag
 from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
 from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import BusError, NmtState
+from drivers.canopen_cia406.gaps import Gaps
 from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import FrameOrder, Placed, PositionFrame
 from drivers.canopen_cia406.settings import EncoderSettings
@@ -23,7 +24,6 @@ HEARTBEATS_MISSED = 3
 _ATTENTIVE_S = 0.1
 """The link looks twice as often; what passes beyond that is a stall of this machine and no silence."""
 _MOST_NOTICES = 1000
-_MISSING = "frames missing"
 
 
 class PositionStream:
@@ -68,6 +68,7 @@ class PositionStream:
                 reordered=order.reordered,
                 late=order.late,
                 clock_steps=order.clock_steps,
+                uncertain=order.uncertain,
                 period_ppm=order.period_ppm,
             )
 
@@ -87,12 +88,10 @@ class PositionStream:
             self._order = FrameOrder(self._settings.period_s)
             self._capacity = max(round(self._settings.buffer_s / self._settings.period_s), 10)
             self._queue: deque[Placed] = deque()
-            self._gaps: deque[PositionGap] = deque()
+            self._gaps = Gaps()
             self._counts = PositionStatistics()
             self._enqueued = 0
-            self._last: Placed | None = None
-            self._cause = ""
-            self._suspect = self._operational = False
+            self._suspect = self._unsure = self._operational = False
             self._wanted = 1
             self._beat_limit_s = HEARTBEATS_MISSED * heartbeat_s
             self._streaming = True
@@ -138,7 +137,7 @@ class PositionStream:
             if not self._ended and len(self._queue) < count:
                 raise self._silent(count, seconds)
             placed = [self._queue.popleft() for _ in range(min(count, len(self._queue)))]
-            gaps = self._gaps_before(placed[-1].number)
+            gaps = self._gaps.before(placed[-1].number)
             flags = Flag.SAMPLES_MISSING_BEFORE if gaps or self._suspect else Flag.GOOD
             self._suspect = False
         return _block(placed, gaps, flags)
@@ -178,11 +177,13 @@ class PositionStream:
         if not self._streaming or self._fault is not None:
             return
         if message.dlc != self._layout.length or len(message.data) != message.dlc:
-            self._reject("wrong_length", f"a frame of {message.dlc} bytes instead of {self._layout.length}")
+            what = f"a frame of {message.dlc} bytes instead of {self._layout.length}"
+            self._reject("wrong_length", message.timestamp, what)
             return
         counts = self._layout.decode(message.data)
         if counts >= self._total_range:
-            self._reject("out_of_range", f"position {counts} beyond the total range of {self._total_range}")
+            what = f"position {counts} beyond the total range of {self._total_range}"
+            self._reject("out_of_range", message.timestamp, what)
             return
         for placed in self._order.put(PositionFrame(message.timestamp, arrival_s, counts)):
             self._enqueue(placed)
@@ -191,22 +192,28 @@ class PositionStream:
         if placed.stepped:
             text = "the clock of the timestamps was set"
             self._note(placed.frame.arrival_s, "warning", "encoder.clock_step", text)
+        self._note_unsure(placed)
         if len(self._queue) >= self._capacity:
-            if self._cause != "not read in time":
+            if self._gaps.not_read():
                 text = f"positions are lost: nobody read for {self._settings.buffer_s:g} s"
                 self._note(placed.frame.arrival_s, "error", "encoder.overrun", text)
-            self._cause = "not read in time"
             self._count("queue_overruns")
             return
-        expected = 0 if self._last is None else self._last.number + 1
-        if placed.number > expected:
-            cause, self._cause = self._cause or _MISSING, ""
-            self._gaps.append(PositionGap(expected, placed.number - expected, cause))
+        self._gaps.keep(placed)
         self._queue.append(placed)
-        self._last = placed
         self._enqueued += 1
         if len(self._queue) >= self._wanted:
             self._changed.notify_all()
+
+    def _note_unsure(self, placed: Placed) -> None:
+        """Tell where numbers begin to be uncertain."""
+        if not (placed.certain or self._unsure):
+            text = (
+                f"frame {placed.number}: positions come too unevenly to tell which are missing, "
+                "numbers may be off from here on; a bus or interface that stalls?"
+            )
+            self._note(placed.frame.arrival_s, "warning", "encoder.numbering", text)
+        self._unsure = not placed.certain
 
     def _heartbeat(self, message: can.Message, arrival_s: float) -> None:
         try:
@@ -252,15 +259,16 @@ class PositionStream:
             self.lost("the bus is off")
         elif kind & BusError.CONTROLLER and _overflowed(message):
             self._suspect = True
-            self._cause = "receive buffer of the interface overran"
+            cause = "receive buffer of the interface overran"
+            self._gaps.lost(message.timestamp, cause)
             self._count("receiver_overruns")
-            self._note(arrival_s, "error", "encoder.receiver_overrun", f"the {self._cause}")
+            self._note(arrival_s, "error", "encoder.receiver_overrun", f"the {cause}")
         else:
             text = f"error frame, class {message.arbitration_id:03X}h"
             self._note(arrival_s, "warning", "encoder.error_frame", text)
 
-    def _reject(self, counter: str, cause: str) -> None:
-        self._cause = cause
+    def _reject(self, counter: str, timestamp_s: float, cause: str) -> None:
+        self._gaps.lost(timestamp_s, cause)
         self._count(counter)
 
     def _count(self, counter: str) -> None:
@@ -269,12 +277,6 @@ class PositionStream:
     def _close_order(self) -> None:
         for placed in self._order.flush():
             self._enqueue(placed)
-
-    def _gaps_before(self, number: int) -> tuple[PositionGap, ...]:
-        gaps: list[PositionGap] = []
-        while self._gaps and self._gaps[0].first_frame < number:
-            gaps.append(self._gaps.popleft())
-        return tuple(gaps)
 
     def _note(self, arrival_s: float, level: str, code: str, text: str) -> None:
         self._notices.append(Notice(arrival_s, level, code, text))
@@ -289,9 +291,10 @@ class PositionStream:
         return InstrumentSilent(self._settings.name, self._settings.address, what, check)
 
     def _last_good(self) -> str:
-        if self._last is None:
+        last = self._gaps.last
+        if last is None:
             return "no position came"
-        number, frame = self._last.number, self._last.frame
+        number, frame = last.number, last.frame
         return f"last good position: frame {number}, {frame.counts} counts at {frame.timestamp_s:.6f} s"
 
 
@@ -301,7 +304,7 @@ def _overflowed(message: can.Message) -> bool:
 
 
 def _block(placed: list[Placed], gaps: tuple[PositionGap, ...], flags: Flag) -> PositionBlock:
-    if any(item.stepped for item in placed):
+    if any(item.stepped or not item.certain for item in placed):
         flags |= Flag.CLOCK_NOT_LOCKED
     return PositionBlock(
         number=np.array([item.number for item in placed], dtype=np.int64),

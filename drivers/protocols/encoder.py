@@ -47,7 +47,8 @@ class PositionStatistics:
 
     `frames` were kept and `missing` are known not to have come; of these `queue_overruns` were thrown away
     here because nobody read, and `late`, `wrong_length` and `out_of_range` were rejected. `reordered` were
-    put in their place, `duplicates` dropped. `period_ppm` is by how much frames lie further apart than asked
+    put in their place, `duplicates` dropped; `uncertain` have a number that may be another, and carry
+    CLOCK_NOT_LOCKED. `period_ppm` is by how much frames lie further apart than asked
     for, in the clock of the timestamps; NaN until known.
     """
 
@@ -62,6 +63,7 @@ class PositionStatistics:
     receiver_overruns: int = 0
     error_frames: int = 0
     clock_steps: int = 0
+    uncertain: int = 0
     emergencies: int = 0
     period_ppm: float = math.nan
 

@@ -180,7 +180,8 @@ class Acquisition:
         if not name.endswith(".angle"):
             return row
         if name not in self.turned_off:
-            self.turned_off[name] = math.tau * float(np.floor(np.nan_to_num(row[0]) / math.tau))
+            first = float(row[0]) if np.isfinite(row[0]) else 0.0
+            self.turned_off[name] = math.tau * math.floor(first / math.tau)
         return row - self.turned_off[name]
 
     def _event(self, level: str, code: str, text: str) -> None:

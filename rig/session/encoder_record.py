@@ -9,7 +9,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from types import TracebackType
 
@@ -25,6 +25,8 @@ from drivers.protocols import PositionBlock, PositionEncoder
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
 from rig.session.hub import Hub
+from rig.session.shaft_speed import ByAngle, Shown
+from rig.session.speed_guard import SpeedGuard
 
 Array = NDArray[np.float64]
 
@@ -48,12 +50,16 @@ def encoder_channel(encoder: PositionEncoder) -> Channel:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """Consecutive positions: number of the first, its place on the time base (s), unwrapped angle in rad."""
+    """Consecutive positions: number of the first, its place on the time base (s), unwrapped angle in rad.
+
+    `ambiguous`: whole turns may have been lost within it or before it.
+    """
 
     number: int
     card_s: float
     angle_rad: Array
     flags: Flag
+    ambiguous: bool
 
 
 class EncoderRecord:
@@ -62,6 +68,7 @@ class EncoderRecord:
     Nothing is resampled: a block says where its first position lies by the clock models of that moment, and
     carries CLOCK_NOT_LOCKED while these do not stand. The first error of the thread ends it. Over missing
     positions the angle is certain as long as a shaft at `fastest_rad_s` could not have gone half way round.
+    Every block is shown to `guard`: whichever way round the encoder counts, it has to turn as the shaft does.
     """
 
     def __init__(
@@ -71,8 +78,10 @@ class EncoderRecord:
         hub: Hub,
         on_gap: Callable[[Gap], None],
         fastest_rad_s: float,
+        guard: SpeedGuard,
     ) -> None:
         self._encoder, self._base, self._hub, self._on_gap = encoder, base, hub, on_gap
+        self._guard, self._speed = guard, self._new_speed()
         self._clock = DeviceClock(ENCODER_DEVICE, base)
         self._count = max(1, round(BLOCK_S / encoder.period_s))
         self._per_count = math.tau / encoder.counts_per_revolution
@@ -102,6 +111,8 @@ class EncoderRecord:
         self._thread.join()
         with suppress(InstrumentError):
             self._encoder.stop()
+        with suppress(RattleError):  # the log may have failed; that is told elsewhere
+            self._tell_of_frames()
 
     def begin(self, card_s: float) -> None:
         """Record positions from this time on, s since the card's sample 0."""
@@ -171,6 +182,7 @@ class EncoderRecord:
         self._backlog.extend(stretches)
         angle_rad = np.concatenate([stretch.angle_rad for stretch in stretches])
         self._seen.append((block.timestamp_s, block.arrival_s, angle_rad))
+        self._show(stretches)
         while self._backlog and self._place(self._backlog[0]):
             self._backlog.popleft()
 
@@ -178,15 +190,33 @@ class EncoderRecord:
         number = int(block.number[low])
         missing, self._next_number = number - self._next_number, int(block.number[high - 1]) + 1
         unwrapped = self._unwrapper.unwrap(block.counts[low:high], missing)
-        if unwrapped.ambiguous.any():
-            text = f"{missing} positions missing at frame {number}: whole turns may be lost"
+        ambiguous = bool(unwrapped.ambiguous.any())
+        if ambiguous:
+            what = f"{missing} positions missing" if missing else "a jump beyond what the shaft can turn"
+            text = f"{what} at frame {number}: whole turns may be lost"
             self._event(float(block.arrival_s[low]), "warning", "encoder.ambiguous", text)
         flags = block.flags & ~Flag.SAMPLES_MISSING_BEFORE
         flags |= Flag.SAMPLES_MISSING_BEFORE if missing else Flag.GOOD
         flags |= Flag.GOOD if self._clock.locked else Flag.CLOCK_NOT_LOCKED
         at = self._clock.card_s(block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1])
         angle_rad = np.asarray(unwrapped.counts * self._per_count, np.float64)
-        return _Stretch(number, float(at[0]), angle_rad, flags)
+        return _Stretch(number, float(at[0]), angle_rad, flags, ambiguous)
+
+    def _show(self, stretches: list[_Stretch]) -> None:
+        """Show the guard how fast the encoder turns; that is not known where whole turns may be lost."""
+        shown = Shown()
+        for stretch in stretches:
+            if stretch.ambiguous:
+                self._speed = self._new_speed()
+            shown = self._speed.take(stretch.number, stretch.angle_rad)
+        if any(stretch.ambiguous for stretch in stretches):
+            shown = Shown()
+        shown = replace(shown, speed_rad_s=abs(shown.speed_rad_s))
+        for event in self._guard.look(shown, self._next_number * self._encoder.period_s):
+            self._hub.event(event)
+
+    def _new_speed(self) -> ByAngle:
+        return ByAngle(1.0 / self._encoder.period_s, math.tau / self._encoder.counts_per_revolution)
 
     def _place(self, stretch: _Stretch) -> bool:
         """Record what of a stretch belongs to the record; False while that cannot be known."""
@@ -226,6 +256,17 @@ class EncoderRecord:
                 before_s = (first - self._first) * self._encoder.period_s
                 time_ns = self._base.unix_ns(self._begin_s + before_s)
                 yield Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause)
+
+    def _tell_of_frames(self) -> None:
+        """Tell what was wrong with the frames of the whole run, where anything was."""
+        counts = asdict(self._encoder.statistics)
+        del counts["period_ppm"]
+        frames = counts.pop("frames")
+        wrong = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
+        if wrong:
+            time_ns = self._base.unix_ns(float(self._base.card_s(self._base.now_s())))
+            text = f"of {frames} positions: {wrong}"
+            self._hub.event(Event(time_ns, "warning", self._encoder.name, "encoder.frames", text))
 
     def _event(self, arrival_s: float, level: str, code: str, text: str) -> None:
         self._hub.event(Event(self._unix_ns(arrival_s), level, self._encoder.name, code, text))

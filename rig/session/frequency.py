@@ -113,7 +113,7 @@ class DriveMeter:
 
     def result(self) -> DriveFrequency:
         """The verdict on all that has come."""
-        drive = np.nan_to_num(np.concatenate(self._means)) if self._means else np.empty(0)
+        drive = _finite(np.concatenate(self._means)) if self._means else np.empty(0)
         drive = drive[_begins(drive) :]
         if len(drive) < _PER_CYCLE:
             return self._unseen()
@@ -160,6 +160,11 @@ class DriveMeter:
         lasts_s = len(drive) / self._rate
         deviation_hz = sqrt(6 / len(drive)) * fit.residual / (pi * fit.amplitude * lasts_s)
         return deviation_hz / self._nominal
+
+
+def _finite(drive: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Zero where it is no number, which is noise to the fit and makes the frequency less certain."""
+    return np.where(np.isfinite(drive), drive, 0.0)
 
 
 def _begins(drive: NDArray[np.float64]) -> int:

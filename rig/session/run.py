@@ -110,6 +110,8 @@ class _Run:
         self._watch = Watch(clock)
         self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
         self._guard = SpeedGuard(clock)
+        self._encoder_guard = SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
+        self._guards = (self._guard, self._encoder_guard)
         self._marks = MarkWatch(devices.card.channels)
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None
@@ -177,7 +179,7 @@ class _Run:
             acquisition=acquisition,
             encoder=encoder,
             feed=self._feed,
-            guard=self._guard,
+            guards=self._guards,
             supervisor=self._supervisor,
             watch=self._watch,
             screen=self._screen,
@@ -204,12 +206,14 @@ class _Run:
         if encoder is None:
             return None
         fastest_rad_s = OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
-        return EncoderRecord(encoder, acquisition.base, self._hub, self._recorder.gap, fastest_rad_s)
+        gap, guard = self._recorder.gap, self._encoder_guard
+        return EncoderRecord(encoder, acquisition.base, self._hub, gap, fastest_rad_s, guard)
 
     def _follow(self, motion: Motion, encoder: EncoderRecord | None) -> None:
         """Say what is looked at while the sequence waits, and what the log gets of it."""
         acquisition, logbook = self._acquisition, self._logbook
-        self._watch.checks += [acquisition.check, self._guard.check, motion.check, self._supervisor.check]
+        self._watch.checks += [acquisition.check, *(guard.check for guard in self._guards)]
+        self._watch.checks += [motion.check, self._supervisor.check]
         actuator = self._devices.actuator.name
         logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
         logbook.clocks.append(acquisition.base.refit)
@@ -236,7 +240,8 @@ class _Run:
         if self._marks.channel is not None:
             row = reading.values[self._names.index(self._marks.channel)]
             self._marks.take(row, acquisition.records(reading))
-        if acquisition.tripped is None and self._guard.tripped is None and not self._watch.hangs:
+        tripped = any(each.tripped is not None for each in (acquisition, *self._guards))
+        if not tripped and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
             self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
@@ -272,8 +277,13 @@ class _Run:
         """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
         marks = self._shaft.marks if self._marks.channel is None else self._marks.marks
         skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
-        if skew is not None:
+        if skew is None:
+            return
+        if self._marks.channel is not None:
             self._logbook.tell("info", "encoder.at_mark", str(skew))
+        else:  # an angle's own zero need not be the crank's, nor the same in the next run
+            text = f"against the zero of {self._shaft.channel}, not the crank's mark: {skew}"
+            self._logbook.tell("info", "encoder.at_angle_zero", text)
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]

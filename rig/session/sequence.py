@@ -38,7 +38,7 @@ class Sequence:
     acquisition: Acquisition
     encoder: EncoderRecord | None
     feed: TwinFeed
-    guard: SpeedGuard
+    guards: tuple[SpeedGuard, ...]
     supervisor: Supervisor
     watch: Watch
     screen: Screen
@@ -71,7 +71,8 @@ class Sequence:
 
     def bring_to_rest(self, stop: Callable[[], None]) -> None:
         """Stop the drive; the supervisor waits as long as that may take."""
-        self.guard.disarm()
+        for guard in self.guards:
+            guard.disarm()
         if self.motion.longest_stop_s > 0.0:
             self.supervisor.beat(self.motion.longest_stop_s + SILENCE_S)
         stop()
@@ -122,7 +123,8 @@ class Sequence:
     def _start(self) -> None:
         self.motion.start(starts_softly(self.wanted))
         if self.motion.speed_rad_s is not None:
-            self.guard.arm(self.motion.speed_rad_s)
+            for guard in self.guards:
+                guard.arm(self.motion.speed_rad_s)
         self.tell("info", "drive.on", self.motion.what)
 
     def _until(self, sample: int, show: Callable[[], None] = lambda: None) -> None:

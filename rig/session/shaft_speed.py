@@ -79,17 +79,22 @@ class ShaftSpeed:
         return self._shown.speed_rad_s * _RPM_PER_RAD_S
 
 
-class _ByAngle:
-    """From an unwrapped angle: the mean of the last turn, of the last tenth of a second where they differ."""
+class ByAngle:
+    """From an unwrapped angle: the mean of the last turn, of the last tenth of a second where they differ.
 
-    def __init__(self, sample_rate: float) -> None:
+    `count_rad`: a step of the angle. A tenth of a second may show two more or fewer, which is no difference.
+    """
+
+    def __init__(self, sample_rate: float, count_rad: float = 0.0) -> None:
         self._rate = sample_rate
+        self._alike_rad_s = 2.0 * count_rad / _LATEST_S
         self._every = max(1, round(_POINT_S * sample_rate))
         self._points: deque[tuple[float, float]] = deque(maxlen=round(_KEPT_S / _POINT_S))
         self._last: float | None = None
         self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+        """Take the next samples, shape (n,); those that a hole left out are passed over at an even speed."""
         if not len(values) or not np.isfinite(values).all():
             self._last = None
             return Shown()
@@ -104,7 +109,7 @@ class _ByAngle:
         time, angle = (np.array(column) for column in zip(*self._points, strict=True))
         start = max(float(time[0]), float(time[-1]) - _LATEST_S)
         if start >= time[-1]:
-            return 0.0
+            return math.nan
         latest = float((angle[-1] - np.interp(start, time, angle)) / (time[-1] - start))
         turned = np.abs(angle[-1] - angle)
         a_turn_ago = np.flatnonzero(turned >= math.tau)
@@ -113,7 +118,8 @@ class _ByAngle:
         low = int(a_turn_ago[-1])
         share = (turned[low] - math.tau) / (turned[low] - turned[low + 1])
         turn = math.copysign(math.tau, latest) / (time[-1] - time[low] - share * (time[low + 1] - time[low]))
-        return float(turn) if abs(turn - latest) <= _STEADY_SHARE * abs(turn) else latest
+        steady = abs(turn - latest) <= _STEADY_SHARE * abs(turn) + self._alike_rad_s
+        return float(turn) if steady else latest
 
     def _forget_old(self) -> None:
         """Keep a turn, and what of a slower one is less than `_LATEST_S` old."""
@@ -161,8 +167,11 @@ def shows_marks(channel: Channel) -> bool:
 def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:
     """The channel that shows the shaft best, an angle before a marker, and how it does; None for neither."""
     channels = list(channels)
-    for suffix, unit, kind in ((".angle", "rad", _ByAngle), (".marker", "V", _ByMarker)):
-        for channel in channels:
-            if channel.name.endswith(suffix) and channel.unit == unit:
-                return channel.name, kind(sample_rate)
+    for channel in channels:
+        if channel.name.endswith(".angle") and channel.unit == "rad":
+            counts = channel.scale if channel.raw_unit == "count" else None
+            return channel.name, ByAngle(sample_rate, counts or 0.0)
+    for channel in channels:
+        if shows_marks(channel):
+            return channel.name, _ByMarker(sample_rate)
     return None, None

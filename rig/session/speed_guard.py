@@ -31,12 +31,15 @@ class SpeedGuard:
     A speed that leaves the wanted one by more than 5 %, either way, is an event at once and `tripped` after
     half a second; one that no instrument shows is an event at once and `tripped` after a second. Either is
     over only after 0.15 s within 4 %, or seen: one wrong reading, as a glitch on a marker makes it, stops
-    nothing, and a speed that chatters about the limit does. Both times are the card's; readings come every
-    0.1 s, so that a shaft that runs away has tripped it 0.6 s after the card shows that, at the latest.
+    nothing, and a speed that chatters about the limit does. Both times are those of the instrument that shows
+    it; readings come every 0.1 s, so that a shaft that runs away has tripped it 0.6 s after that is shown, at
+    the latest. `shows` and `shows_not` say in words which instrument it is.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+    def __init__(
+        self, clock: Clock, shows: str = "shaft at", shows_not: str = "no instrument shows the shaft's speed"
+    ) -> None:
+        self._clock, self._shows, self._shows_not = clock, shows, shows_not
         self._lock = threading.Lock()
         self._wanted_rad_s: float | None = None
         self._off, self._unknown = Held(OFF_S), Held(UNKNOWN_S)
@@ -59,17 +62,16 @@ class SpeedGuard:
             raise InterlockTripped(f"interlock: {self.tripped}; the motor is off")
 
     def look(self, shown: Shown, card_s: float) -> list[Event]:
-        """Judge what a block that ends `card_s` after the start of the card showed; what to tell of it."""
+        """Judge what a block that ends at `card_s`, by any even clock, showed; what to tell of it."""
         with self._lock:
             wanted = self._wanted_rad_s
             if wanted is None:
                 return []
             apart = abs(shown.speed_rad_s - wanted) / wanted if shown.valid else math.nan
             rpm, wanted_rpm = shown.speed_rad_s * _RPM_PER_RAD_S, wanted * _RPM_PER_RAD_S
-            unseen = "no instrument shows the shaft's speed"
-            off = f"shaft at {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
+            off = f"{self._shows} {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
             told = [
-                *self._judge("unknown", self._unknown, card_s, not shown.valid, shown.valid, unseen),
+                *self._judge("unknown", self._unknown, card_s, not shown.valid, shown.valid, self._shows_not),
                 *self._judge("off", self._off, card_s, apart > OFF_SHARE, apart <= BACK_SHARE, off),
             ]
         return [Event(self._clock.unix_ns(), level, "acquisition", code, text) for level, code, text in told]

@@ -336,3 +336,15 @@ def test_faults_that_do_not_exist() -> None:
 
 def test_shafts_are_in_radians() -> None:
     assert slow_shaft()(1.0) == pytest.approx(1.7 * math.tau)
+
+
+def test_an_encoder_that_is_stuck_sends_on_and_only_its_position_shows_it() -> None:
+    with (
+        emulated(EncoderSetup(faults=(EncoderFault("stuck", 100),))) as address,
+        opened(socketcand(address)) as encoder,
+    ):
+        encoder.start()
+        block = read_all(encoder, 300)
+        assert encoder.take_notices() == ()
+    moves = np.flatnonzero(np.diff(block.counts))
+    assert 95 <= moves[-1] < 100  # 7 counts a frame up to there

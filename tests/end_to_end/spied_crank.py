@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.canopen_cia406.emulator import start_encoder
+from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.mitsubishi_fr import InverterSettings
 from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, start_inverter
@@ -178,7 +179,9 @@ class SpiedCrank:
 
 
 @contextmanager
-def spied_crank(folder: Path, slips_after_s: float = math.inf) -> Iterator[SpiedCrank]:
+def spied_crank(
+    folder: Path, slips_after_s: float = math.inf, encoder: EncoderSetup | None = None
+) -> Iterator[SpiedCrank]:
     """A crank's bench without physics but for its shaft."""
     wiring = CardWiring(
         {"cDAQ1Mod1/ai0": Wire("crank.marker", 1.0, range_v=10.0)},
@@ -191,10 +194,10 @@ def spied_crank(folder: Path, slips_after_s: float = math.inf) -> Iterator[Spied
         inverter = start_inverter(InverterWiring(fork, None, ordered), InverterSetup(parameters))
         ordered.close()
         card = start_daq_card(Slipping(slips_after_s), wiring, shown.receiver)
-        encoder = start_encoder(ShaftFactory(MOTOR, sensed.receiver))
+        sensor = start_encoder(ShaftFactory(MOTOR, sensed.receiver), encoder)
         spied.sender.close()
         spy = InverterSpy(spied.receiver)
-        host, _, port = encoder.address.rpartition(":")
+        host, _, port = sensor.address.rpartition(":")
         text = BENCH.format(
             inverter=inverter.address, rpm_per_hz=RPM_PER_HZ, card=card.address, host=host, port=port
         )
@@ -202,9 +205,9 @@ def spied_crank(folder: Path, slips_after_s: float = math.inf) -> Iterator[Spied
         scenario.write_text(SCENARIO)
         bench.write_text(re.sub(r"valid_until = 2036", "valid_until = 2096", text))
         try:
-            yield SpiedCrank(scenario, bench, inverter, card, encoder, spy, rehearsal)
+            yield SpiedCrank(scenario, bench, inverter, card, sensor, spy, rehearsal)
         finally:
-            for instrument in (inverter, card, encoder):
+            for instrument in (inverter, card, sensor):
                 instrument.close()
             rehearsal.close()
             spy.join()

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from daq.log import LogReader
+from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
 from drivers.mitsubishi_fr.emulator import LineFaults
 from drivers.protocols import InverterOutput
 from tests.end_to_end.command import Command, Ended, await_gone, command
@@ -90,6 +91,36 @@ def test_a_shaft_that_slips_is_an_interlock(tmp_path: Path) -> None:
         ended = stopped(run, crank)
         assert ended.code == 3
         assert "interlock: shaft at 240 rpm, wanted 300 rpm for 0.5 s; the motor is off" in ended.err
+        codes = events(ended.log)
+        assert [code for code in codes if code.startswith("speed.")] == ["speed.off", "speed.abort"]
+
+
+def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> None:
+    # Positions come from before the motor starts; it is up to speed after two seconds and trims for some.
+    setup = EncoderSetup(faults=(EncoderFault("emergency", 4000, 0x5000),))
+    with (
+        spied_crank(tmp_path, encoder=setup) as crank,
+        command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
+    ):
+        ended = stopped(run, crank)
+        assert ended.code == 3
+        assert "interlock: emergency 5000h of the encoder (Device Hardware); the motor is off" in ended.err
+        assert came_down_on_its_ramp(crank.spy.heard)
+        codes = events(ended.log)
+        assert "encoder.emergency" in codes
+        assert "inverter.off" in codes
+
+
+def test_an_encoder_that_stands_while_the_shaft_turns_is_an_interlock(tmp_path: Path) -> None:
+    setup = EncoderSetup(faults=(EncoderFault("stuck", 4000),))
+    with (
+        spied_crank(tmp_path, encoder=setup) as crank,
+        command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
+    ):
+        ended = stopped(run, crank)
+        assert ended.code == 3
+        assert "interlock: encoder shows 0 rpm, wanted 300 rpm for 0." in ended.err
+        assert came_down_on_its_ramp(crank.spy.heard)
         codes = events(ended.log)
         assert [code for code in codes if code.startswith("speed.")] == ["speed.off", "speed.abort"]
 

@@ -46,6 +46,7 @@ class EmulatedEncoder:
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
         self._silent = False
+        self._stuck_s = math.inf
         self._frame, self._start_s = -1, 0.0
         self._beat_s, self._beat_due_s = 0.0, math.inf
         # canopen's heartbeat has a thread of its own, which on a busy machine falls behind the positions.
@@ -100,7 +101,8 @@ class EmulatedEncoder:
             self._send(0x280, self._position(now_s).to_bytes(4, "little"), now_s)
 
     def _position(self, time_s: float) -> int:
-        turned = self._shaft(time_s - self._setup.lag_s) / math.tau * self._setup.counts_per_revolution
+        shown_s = min(time_s - self._setup.lag_s, self._stuck_s)
+        turned = self._shaft(shown_s) / math.tau * self._setup.counts_per_revolution
         return (math.floor(turned) + self._zero) % self._setup.total_range
 
     def _stamp(self, time_s: float) -> float:
@@ -141,7 +143,7 @@ class EmulatedEncoder:
     def _send_position(self, frame: int, due_s: float) -> None:
         kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
         for kind, value in kinds.items():
-            self._fail(kind, value)
+            self._fail(kind, value, due_s)
         if self._silent or kinds.keys() & {"missing", "receive_overrun"}:
             return
         data = b"".join(
@@ -173,7 +175,7 @@ class EmulatedEncoder:
             is_extended_id=False,
         )
 
-    def _fail(self, kind: str, value: float) -> None:
+    def _fail(self, kind: str, value: float, due_s: float) -> None:
         acts: dict[str, Callable[[], None]] = {
             "error_frame": lambda: self._report(_BUS_ERROR),
             "receive_overrun": lambda: self._report(_CONTROLLER),
@@ -182,6 +184,7 @@ class EmulatedEncoder:
             "garbage": lambda: self._bus.say(_GARBAGE),
             "heartbeat_stops": self._node.nmt.stop_heartbeat,
             "positions_stop": lambda: setattr(self, "_silent", True),
+            "stuck": lambda: setattr(self, "_stuck_s", due_s),
             "emergency": lambda: self._node.emcy.send(int(value), 0x01 if value else 0x00),
             "pre_operational": lambda: setattr(self._node.nmt, "state", "PRE-OPERATIONAL"),
             "restart": self._boot,

@@ -20,6 +20,7 @@ FaultKind = Literal[
     "garbage",  # the server sends what is no frame
     "heartbeat_stops",
     "positions_stop",
+    "stuck",  # it goes on sending the position that it has, as when its coupling came off
     "emergency",  # value: its code; 0 takes all back
     "pre_operational",
     "restart",  # boot-up message, then pre-operational

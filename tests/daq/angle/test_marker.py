@@ -76,9 +76,19 @@ def test_a_signal_that_begins_on_the_mark_has_no_edge_there() -> None:
     assert RisingEdges().find([5.0, 5.0, 0.0, 0.0, 5.0]).position.tolist() == [3.5]
 
 
-def test_samples_that_are_no_number_are_no_edge_and_hide_where_it_was() -> None:
-    edges = RisingEdges().find([0.0, 0.0, np.nan, 5.0, 5.0, np.nan, 5.0])
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_not_finite_are_no_edge_and_hide_where_it_was(odd: float) -> None:
+    edges = RisingEdges().find([0.0, 0.0, odd, 5.0, 5.0, odd, 5.0])
     assert edges.position.tolist() == [3.0]
+
+
+def test_no_mark_is_made_of_infinite_samples() -> None:
+    values = marker(steady(30))
+    clean = tracked(values)[1]
+    values[round(14.2 * 1000.3) : round(14.2 * 1000.3) + 20] = np.inf
+    tracker, marks, _ = tracked(values)
+    assert np.array_equal(marks.position, clean.position)
+    assert tracker.extra == 0
 
 
 def test_thresholds_the_wrong_way_round_are_refused() -> None:

@@ -96,6 +96,21 @@ def test_a_flag_is_told_when_it_rises_and_kept_with_its_blocks() -> None:
     assert acquiring.overloads == {"a": 3, "b": 3}
 
 
+@pytest.mark.parametrize("begins", [np.nan, np.inf, -np.inf, -0.0, 1e-40])
+def test_odd_values_are_recorded_as_they_are_to_the_bit(begins: float) -> None:
+    odd = np.array([begins, np.nan, np.inf, -np.inf, -0.0, 1e-40, -1e-45, 2.5], np.float32)
+    names = (Channel("pin.force", "N"), Channel("crank.angle", "rad"))
+    card, sink = SteppedCard(names, lambda n, _: odd[n % 8].astype(np.float64)), ListSink()
+    with acquisition(card, sink) as acquiring:
+        acquiring.start_record(2 * COUNT)
+        advance(acquiring, card, 2)
+        card.let()
+    expected = odd[np.arange(2 * COUNT) % 8]
+    for name, dtype in (("pin.force", np.float32), ("crank.angle", np.float64)):
+        values = np.concatenate([block.values for block in sink.blocks(name)])
+        assert values.tobytes() == expected.astype(dtype).tobytes()
+
+
 def test_an_abort_limit_trips_and_a_warning_only_tells() -> None:
     sink, card = ListSink(), SteppedCard(CHANNELS)
     limits = (Limit("a", "N", 1.5 * COUNT, None, 0.0), Limit("b", "N", None, 3.5 * COUNT, 0.0))

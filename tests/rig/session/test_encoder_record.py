@@ -9,30 +9,38 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.block import Flag
 from daq.errors import DeviceLost, InterlockTripped
-from daq.log.records import Gap
+from daq.log.records import Event, Gap
 from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.hub import Hub
+from rig.session.speed_guard import SpeedGuard
 from tests.rig.session.fakes import ListSink
 from tests.rig.session.shafts import SteppedClock
 
-COUNTS, RANGE, PERIOD_S, BLOCK = 4096, 4096, 1e-3, 100
+Array = NDArray[np.float64]
+COUNTS, PERIOD_S, BLOCK = 4096, 1e-3, 100
 OMEGA = 200.0 * math.tau / 60.0
 DELAY_S = 2e-3
 
 
+def steady(taken_s: Array) -> Array:
+    return OMEGA * taken_s
+
+
 class SteppedEncoder:
-    """Sends the blocks that the test lets through; `missing` frames never come."""
+    """Sends the blocks that the test lets through; `missing` frames never come. `angle` is in rad over s."""
 
     name, address, identity = "encoder", "fake", "a fake"
-    counts_per_revolution, total_range, period_s = COUNTS, RANGE, PERIOD_S
+    counts_per_revolution, total_range, period_s = COUNTS, COUNTS, PERIOD_S
     statistics = PositionStatistics()
 
-    def __init__(self, missing: frozenset[int] = frozenset()) -> None:
+    def __init__(self, missing: frozenset[int], angle: Callable[[Array], Array]) -> None:
+        self._angle = angle
         self.emergencies: tuple[Emergency, ...] = ()
         self.notices: list[Notice] = []
         self.lost = False
@@ -57,7 +65,7 @@ class SteppedEncoder:
         self._next += count
         kept = np.array([each not in self._missing for each in number])
         taken = number * PERIOD_S
-        counts = np.floor(OMEGA * taken / math.tau * COUNTS).astype(np.int64) % RANGE
+        counts = np.floor(self._angle(taken) / math.tau * COUNTS).astype(np.int64) % self.total_range
         gaps = tuple(PositionGap(int(each), 1, "lost on the bus") for each in number[~kept])
         arrival = self._zero_s + taken + DELAY_S
         return PositionBlock(number[kept], arrival[kept], 5e5 + taken[kept], counts[kept], gaps)
@@ -73,7 +81,12 @@ class SteppedEncoder:
 class Lab:
     """An encoder record that has begun, and what came of it."""
 
-    def __init__(self, missing: frozenset[int] = frozenset()) -> None:
+    def __init__(
+        self,
+        missing: frozenset[int] = frozenset(),
+        angle: Callable[[Array], Array] = steady,
+        turns: int = 1,
+    ) -> None:
         self.clock, self.sink, self.gaps = SteppedClock(), ListSink(), list[Gap]()
         self.base = CardClock(self.clock, 25_600.0)
         self.base.start(lambda: None)
@@ -82,9 +95,12 @@ class Lab:
             self.clock.now_s = zero_s + number * 0.1 + 1e-3
             self.base.arrived(number * 2560)
         self.base.refit(at_last=True)
-        self.encoder = SteppedEncoder(missing)
+        self.encoder = SteppedEncoder(missing, angle)
+        self.encoder.total_range = turns * COUNTS
         self.encoder.sends_from(zero_s)
-        self.record = EncoderRecord(self.encoder, self.base, Hub([self.sink]), self.gaps.append, 1.5 * OMEGA)  # type: ignore[arg-type]
+        self.guard = SpeedGuard(self.clock, "encoder shows", "the encoder shows no speed")
+        hub, fastest = Hub([self.sink]), 1.5 * OMEGA
+        self.record = EncoderRecord(self.encoder, self.base, hub, self.gaps.append, fastest, self.guard)
         self._let = 0
 
     def advance(self, blocks: int) -> None:
@@ -193,3 +209,81 @@ def test_a_lost_encoder_ends_the_run_in_its_own_words() -> None:
         lab.advance(1)
         with pytest.raises(DeviceLost, match="last good position: frame 42"):
             lab.record.check()
+
+
+def guarded(lab: Lab, blocks: int, before: int = 10) -> list[str]:
+    """Arm the guard once the encoder has been seen for a second; what is told from there on."""
+    with lab.record:
+        lab.advance(before)
+        lab.guard.arm(OMEGA)
+        lab.advance(blocks)
+        lab.end()
+    return [code for code in lab.sink.codes() if code.startswith("speed.")]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_an_encoder_that_turns_as_the_shaft_does_is_nothing_whichever_way_it_counts(way: float) -> None:
+    # 2 % of ripple, losses of 1 % and of a burst that a shaft cannot have turned half way round in
+    lost = frozenset({*range(1500, 1560), *np.random.default_rng(1).integers(0, 3000, 30).tolist()})
+    lab = Lab(lost, lambda at: way * (steady(at) + 0.02 * np.sin(steady(at))))
+    assert guarded(lab, 20) == []
+    lab.guard.check()
+
+
+@pytest.mark.parametrize(
+    ("after", "said"),
+    [
+        (0.0, "encoder shows 0 rpm, wanted 200 rpm for 0.5 s"),  # its coupling came off
+        (0.8, "encoder shows 160 rpm, wanted 200 rpm for 0.5 s"),  # its belt slips
+        (1.2, "encoder shows 240 rpm, wanted 200 rpm for 0.5 s"),  # it runs away
+        (3.0, "the encoder shows no speed for 1.0 s"),  # faster than its turns can be counted
+    ],
+)
+def test_an_encoder_that_contradicts_the_wanted_speed_is_an_interlock(after: float, said: str) -> None:
+    lab = Lab(angle=lambda at: OMEGA * (np.minimum(at, 2.0) + after * np.maximum(at - 2.0, 0.0)))
+    codes = guarded(lab, 27)
+    assert codes[-1] == "speed.abort"
+    with pytest.raises(InterlockTripped, match=f"interlock: {said}; the motor is off"):
+        lab.guard.check()
+
+
+def test_one_wrong_position_is_told_and_trips_nothing() -> None:
+    def glitched(at: Array) -> Array:
+        return steady(at) + np.where(np.round(at / PERIOD_S) == 2050, 2.0, 0.0)
+
+    lab = Lab(angle=glitched)
+    assert guarded(lab, 20) == ["speed.unknown"]
+    assert "encoder.ambiguous" in lab.sink.codes()
+    lab.guard.check()
+
+
+def rocking(at: Array) -> Array:
+    return 0.4 * math.tau / COUNTS * np.sin(700.0 * at)  # to and fro over the end of its range
+
+
+@pytest.mark.parametrize("turns", [1, 16, 4096])
+@pytest.mark.parametrize("angle", [steady, lambda at: -steady(at), rocking])
+def test_the_end_of_its_range_leaves_no_trace(turns: int, angle: Callable[[Array], Array]) -> None:
+    # It passes the end half a second after the record has begun.
+    lab = Lab(angle=lambda at: angle(at - 0.85), turns=turns)
+    values = np.concatenate([block.values for block in lab.recorded(0.35, 1.25, 12)])
+    counts = np.rint(values / math.tau * COUNTS)
+    begun = round((lab.sink.blocks(ENCODER_CHANNEL)[0].time_ns - lab.base.start_ns) / 1e6) - 2
+    taken = (begun + np.arange(len(values))) * PERIOD_S
+    expected = np.floor(angle(taken - 0.85) / math.tau * COUNTS)
+    assert counts - counts[0] == pytest.approx(
+        expected - expected[0], abs=14
+    )  # begun to a frame: 13.7 counts
+    steps, moves = np.diff(counts), np.diff(expected)
+    assert (steps.min(), steps.max()) == (moves.min(), moves.max())
+    assert "encoder.ambiguous" not in lab.sink.codes()
+
+
+def test_what_was_wrong_with_its_frames_is_told_at_the_end() -> None:
+    lab = Lab()
+    lab.encoder.statistics = PositionStatistics(frames=1700, duplicates=2, wrong_length=1, period_ppm=12.5)
+    lab.recorded(0.35, 1.25, 12)
+    (event,) = [
+        each for _, each in lab.sink.items if isinstance(each, Event) and each.code == "encoder.frames"
+    ]
+    assert (event.level, event.text) == ("warning", "of 1700 positions: duplicates 2, wrong length 1")

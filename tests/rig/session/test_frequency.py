@@ -139,6 +139,18 @@ def test_only_what_clocks_may_differ_by_is_corrected(off: float, corrected: bool
     assert (20.0 / (1 + found.off)) * (1 + off) == pytest.approx(20.0, rel=1e-5)
 
 
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("at", [slice(9000, 9001), slice(5000, 12_000), slice(0, None)])
+def test_samples_that_are_not_finite_never_become_a_correction(odd: float, at: slice) -> None:
+    values, hold = drive(20.0 * (1 + 6e-4), 0.4), FrequencyHold(20.0, RATE)
+    values[at] = odd
+    hold.begin()
+    hold.take(values)
+    found = hold.end()
+    assert not found.known
+    assert not found.correctable
+
+
 def test_a_ramp_in_the_measurement_is_not_taken_for_a_frequency() -> None:
     hold = FrequencyHold(20.0, RATE)
     hold.begin()

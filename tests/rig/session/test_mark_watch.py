@@ -54,6 +54,37 @@ def test_a_missing_mark_and_a_glitch_are_counted() -> None:
     assert not np.any(np.abs(watch.marks - (9 - 1.0 / math.tau) * TURN) < 0.2 * TURN)
 
 
+@pytest.mark.parametrize("share", [0.01, 0.1])
+def test_marks_missing_here_and_there_are_counted_and_the_others_kept(share: float) -> None:
+    values, rng = marker(200), np.random.default_rng(17)
+    missing = [number for number in range(6, 195) if rng.random() < share]
+    for number in missing:
+        values = without_mark(values, number)
+    watch = watched(values)
+    assert watch.fault.startswith(f"crank.marker: {len(missing)} marks missing in the record")
+    seen = np.round(watch.marks / TURN + 1.0 / math.tau).astype(int).tolist()
+    assert seen == [number for number in range(1, 201) if number not in missing]
+
+
+def test_doubled_marks_are_rejected_one_by_one() -> None:
+    values = marker(40)
+    for number in range(10, 31):
+        begin = round((number - 1.0 / math.tau + 0.05) * TURN)
+        values[begin : begin + 5] = 5.0
+    assert watched(values).fault.endswith(
+        "0 marks missing in the record, put in evenly; 21 edges rejected as no marks"
+    )
+
+
+def test_samples_of_the_marker_that_are_not_finite_are_no_marks() -> None:
+    values = marker(20)
+    for number, odd in ((7, np.nan), (11, np.inf), (14, -np.inf)):
+        values[round((number + 0.3) * TURN)] = odd
+    watch = watched(values)
+    assert watch.fault == ""
+    assert watch.marks == pytest.approx((np.arange(1, 21) - 1.0 / math.tau) * TURN, abs=1.0)
+
+
 def test_what_came_before_the_record_is_no_fault_of_it() -> None:
     assert watched(without_mark(marker(20), 9), recorded_from=round(12 * TURN)).fault == ""
 

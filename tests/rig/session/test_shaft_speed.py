@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from daq.channel import Channel
 from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import STALE_S, ShaftSpeed
+from rig.session.speed_guard import SpeedGuard
 from tests.rig.session.shafts import SteppedClock
 
 RATE, BLOCK = 25_600.0, 2560
@@ -119,12 +120,40 @@ def test_a_speed_that_no_block_renews_is_unknown() -> None:
     assert math.isnan(speed.rpm())
 
 
-def test_values_that_are_not_finite_are_no_speed() -> None:
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_no_speed(odd: float) -> None:
     values = turned(200.0, 0.5)
-    values[-10] = np.nan
+    values[-10] = odd
     speed, said = shown(ANGLE, values)
     assert math.isnan(said[-1])
     assert not speed.shown.valid
+
+
+@pytest.mark.parametrize("odd", [5e-324, -5e-324, -0.0])
+def test_a_shaft_that_stands_at_hardly_anything_stands(odd: float) -> None:
+    _, said = shown(ANGLE, np.full(3 * BLOCK, odd))
+    assert said == [0.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("missing", "expected"),
+    [(1, []), (3, []), (4, ["speed.unknown"]), (6, ["speed.unknown", "speed.abort"])],
+)
+def test_more_than_three_marks_missing_in_a_row_are_told_and_an_interlock_a_second_later(
+    missing: int, expected: list[str]
+) -> None:
+    values = marked(turned(230.0, 8.0))
+    turn = 60.0 / 230.0 * RATE
+    values[round(9.5 * turn) : round((9.5 + missing) * turn)] = 0.0
+    clock = SteppedClock()
+    speed, guard = ShaftSpeed((MARKER,), RATE, clock), SpeedGuard(clock)
+    guard.arm(230.0 * math.tau / 60.0)
+    told = []
+    for first in range(0, len(values), BLOCK):
+        speed.take(first, values[first : first + BLOCK])
+        if first >= 2 * RATE:  # it has seen a few marks by then
+            told += guard.look(speed.shown, (first + BLOCK) / RATE)
+    assert [event.code for event in told] == expected
 
 
 def test_no_passage_of_zero_is_made_up_over_values_that_are_not_finite() -> None:
@@ -145,3 +174,11 @@ def test_passages_of_zero_are_noted_by_both() -> None:
     assert by_angle.marks[:9] == pytest.approx(expected[:9], abs=1e-3)
     by_marker, _ = shown(MARKER, marked(angle))
     assert by_marker.marks[:9] == pytest.approx(expected[:9], abs=1.0)
+
+
+def test_a_coarse_angle_of_a_slow_shaft_has_the_speed_of_its_turns() -> None:
+    # 100 counts a turn, 3.3 of them in a tenth of a second: one more or less is no other speed
+    step = math.tau / 100
+    channel = Channel("crank.angle", "rad", scale=step, raw_unit="count")
+    _, said = shown(channel, np.floor(turned(20.0, 9.0) / step) * step)
+    assert said[-40:] == pytest.approx([20.0] * 40, rel=2 / 100)
