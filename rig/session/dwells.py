@@ -27,13 +27,12 @@ from rig.session.encoder_record import EncoderRecord, encoder_channel
 from rig.session.hub import Hub
 from rig.session.limits import LimitWatch
 from rig.session.logbook import Logbook
-from rig.session.motor import OVERSPEED, Motor
+from rig.session.motor import Motor
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
-from rig.session.shaft_speed import ShaftSpeed
+from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink
-from rig.session.speed_guard import SpeedGuard
 from rig.session.supervisor import SILENCE_S, Supervisor
 from rig.session.watch import Watch
 from rig.twin.overlay import DWELLS
@@ -96,8 +95,8 @@ class _Dwells:
         self._rate = card.sample_rate
         self._watch = Watch(clock)
         self._watch.checks.append(stop.check)
-        self._shaft, self._guard = ShaftSpeed(card.channels, self._rate, clock), SpeedGuard(clock)
-        self._row = _row(self._shaft.channel, devices)
+        self._shaft = ShaftWatch(card.channels, self._rate, clock)
+        self._shaft.required(request.bench.source)
         self._supervisor = Supervisor(devices.spare)
         self._ended = False
 
@@ -126,7 +125,7 @@ class _Dwells:
                 running.enter_context(encoder)
             running.enter_context(drive_off_after(motor, self._devices.spare, self._screen))
             self._dwell(motor, encoder, logbook)
-            self._guard.disarm()
+            self._shaft.disarm()
             self._supervisor.beat(motor.longest_stop_s + SILENCE_S)
             motor.ramp_down()
             logbook.tell("info", "drive.off", "drive ramped down and off")
@@ -143,14 +142,15 @@ class _Dwells:
     def _encoder(self, recorder: Recorder) -> EncoderRecord | None:
         if self._devices.encoder is None:
             return None
-        fastest_rad_s = OVERSPEED * max(self._request.speeds_rad_s)
-        base = self._acquisition.base
-        return EncoderRecord(self._devices.encoder, base, self._hub, recorder.gap, fastest_rad_s)
+        fastest_rad_s = max(self._request.speeds_rad_s)
+        return self._shaft.recording(
+            self._devices.encoder, self._acquisition, self._hub, recorder.gap, fastest_rad_s
+        )
 
     def _follow(self, motor: Motor, encoder: EncoderRecord | None, logbook: Logbook) -> None:
         """Say what is looked at while the motor turns, and what the log gets of it."""
         acquisition = self._acquisition
-        self._watch.checks += [acquisition.check, self._guard.check, motor.check, self._supervisor.check]
+        self._watch.checks += [acquisition.check, self._shaft.check, motor.check, self._supervisor.check]
         inverter = self._devices.actuator.name
         logbook.events.append(lambda: logbook.stamped(inverter, motor.take_notices()))
         logbook.clocks += [acquisition.base.refit, lambda _: motor.clocks(acquisition.base)]
@@ -164,7 +164,7 @@ class _Dwells:
         """From speed to speed; the record begins with the first dwell and ends with the last."""
         acquisition, speeds = self._acquisition, self._request.speeds_rad_s
         for number, speed in enumerate(speeds, start=1):
-            self._guard.disarm()
+            self._shaft.disarm()
             if number == 1:
                 motor.start(soft=True)
                 begin = acquisition.start_record(round(_LONGEST_S * self._rate))
@@ -172,7 +172,7 @@ class _Dwells:
                     encoder.begin(begin / self._rate)
             else:
                 motor.go_to(speed)
-            self._guard.arm(speed)
+            self._shaft.arm(speed)
             logbook.tell("info", "dwell.start", motor.what)
             self._stay(f"dwell {number} of {len(speeds)}")
             logbook.tell("info", "dwell.end", motor.what)
@@ -199,10 +199,9 @@ class _Dwells:
     def _on_reading(self, reading: CardReading) -> None:
         """In the acquisition thread: the shaft's speed, and a sign of life."""
         acquisition = self._acquisition
-        self._shaft.take(reading.first_sample, reading.values[self._row])
-        for event in self._guard.look(self._shaft.shown, acquisition.acquired / self._rate):
+        for event in self._shaft.take(reading, acquisition):
             self._hub.event(event)
-        if acquisition.tripped is None and self._guard.tripped is None and not self._watch.hangs:
+        if acquisition.tripped is None and not self._shaft.tripped and not self._watch.hangs:
             self._supervisor.beat()
 
     def _declare(self, recorder: Recorder, run_id: str) -> None:
@@ -213,13 +212,3 @@ class _Dwells:
             recorder.declare("measured", channel)
         if self._devices.encoder is not None:
             recorder.declare("measured", encoder_channel(self._devices.encoder))
-
-
-def _row(shown_by: str | None, devices: Devices) -> int:
-    """Row of the channel that shows the shaft; raises ConfigurationError where none does."""
-    names = [channel.name for channel in devices.card.channels]
-    if shown_by is None:
-        allowed = "one that shows the crank turn: its angle on a counter, or its marker"
-        problem = Problem("daq_card.channels", ", ".join(names), allowed)
-        raise ConfigurationError(devices.card.address, [problem])
-    return names.index(shown_by)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from daq.channel import Channel
 from daq.clock import Clock
-from daq.errors import ConfigurationError, Problem
 from daq.log import LogWriter
 from daq.log.reader import Origin
 from daq.recorder import Recorder
@@ -24,21 +23,17 @@ from rig.session.acquisition import Acquisition, Recorded
 from rig.session.deriving import derive_live
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
-from rig.session.encoder_check import encoder_at_marks
 from rig.session.encoder_record import EncoderRecord, encoder_channel
 from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.limits import LimitWatch
 from rig.session.logbook import Logbook
-from rig.session.mark_watch import MarkWatch
-from rig.session.motor import OVERSPEED
 from rig.session.progress import Screen
 from rig.session.provenance import new_run, run_record
 from rig.session.sequence import Sequence, starts_softly
-from rig.session.shaft_speed import ShaftSpeed
+from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
-from rig.session.speed_guard import SpeedGuard
 from rig.session.supervisor import Supervisor
 from rig.session.twin_feed import TwinFeed
 from rig.session.watch import Watch
@@ -48,8 +43,6 @@ from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
 
-_ANY_SPEED_RAD_S = 314.0
-"""3000 rpm: what a shaft may turn at where nothing is wanted of it."""
 DRIVE_FORCE = "drive.force"
 """The channel that shows a shaker's sine."""
 
@@ -108,11 +101,7 @@ class _Run:
         self._rate = devices.card.sample_rate
         self._names = [channel.name for channel in devices.card.channels]
         self._watch = Watch(clock)
-        self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
-        self._guard = SpeedGuard(clock)
-        self._encoder_guard = SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
-        self._guards = (self._guard, self._encoder_guard)
-        self._marks = MarkWatch(devices.card.channels)
+        self._shaft = ShaftWatch(devices.card.channels, self._rate, clock)
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None
         self._hold, self._frequency = self._frequency_watched()
@@ -156,10 +145,8 @@ class _Run:
     def _motion(self) -> Motion:
         """The motion; raises ConfigurationError for a crank that no channel shows."""
         motion = self._devices.motion(self._watch.wait, self._shaft.rpm)
-        if motion.speed_rad_s is not None and self._shaft.channel is None:
-            allowed = "one that shows the crank turn: its angle on a counter, or its marker"
-            problem = Problem("daq_card.channels", ", ".join(self._names), allowed)
-            raise ConfigurationError(self._request.bench.source, [problem])
+        if motion.speed_rad_s is not None:
+            self._shaft.required(self._request.bench.source)
         return motion
 
     def _unseen(self, motion: Motion) -> Callable[[str], None]:
@@ -179,7 +166,7 @@ class _Run:
             acquisition=acquisition,
             encoder=encoder,
             feed=self._feed,
-            guards=self._guards,
+            shaft=self._shaft,
             supervisor=self._supervisor,
             watch=self._watch,
             screen=self._screen,
@@ -195,9 +182,12 @@ class _Run:
                 running.enter_context(encoder)
             running.enter_context(drive_off_after(sequence, self._devices.spare, self._screen))
             sequence.drive_and_record()
-        self._tell_of_marks()
+        for code, text in self._shaft.faults(acquisition):
+            self._logbook.tell("warning", code, text)
+            self._screen.warn(text)
         if encoder is not None:
-            self._compare(encoder)
+            for code, text in self._shaft.encoder_at_mark(encoder):
+                self._logbook.tell("info", code, text)
         if self._frequency is not None:
             self._verify(self._frequency)
 
@@ -205,15 +195,13 @@ class _Run:
         encoder = self._devices.encoder
         if encoder is None:
             return None
-        fastest_rad_s = OVERSPEED * (motion.speed_rad_s or _ANY_SPEED_RAD_S)
-        gap, guard = self._recorder.gap, self._encoder_guard
-        return EncoderRecord(encoder, acquisition.base, self._hub, gap, fastest_rad_s, guard)
+        gap, wanted_rad_s = self._recorder.gap, motion.speed_rad_s
+        return self._shaft.recording(encoder, acquisition, self._hub, gap, wanted_rad_s)
 
     def _follow(self, motion: Motion, encoder: EncoderRecord | None) -> None:
         """Say what is looked at while the sequence waits, and what the log gets of it."""
         acquisition, logbook = self._acquisition, self._logbook
-        self._watch.checks += [acquisition.check, *(guard.check for guard in self._guards)]
-        self._watch.checks += [motion.check, self._supervisor.check]
+        self._watch.checks += [acquisition.check, self._shaft.check, motion.check, self._supervisor.check]
         actuator = self._devices.actuator.name
         logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
         logbook.clocks.append(acquisition.base.refit)
@@ -232,16 +220,9 @@ class _Run:
     def _on_reading(self, reading: CardReading) -> None:
         """In the acquisition thread: a sign of life, the shaft's speed, and the twin's share."""
         acquisition = self._acquisition
-        if self._shaft.channel is not None:
-            row = reading.values[self._names.index(self._shaft.channel)]
-            self._shaft.take(reading.first_sample, row)
-            for event in self._guard.look(self._shaft.shown, acquisition.acquired / self._rate):
-                self._hub.event(event)
-        if self._marks.channel is not None:
-            row = reading.values[self._names.index(self._marks.channel)]
-            self._marks.take(row, acquisition.records(reading))
-        tripped = any(each.tripped is not None for each in (acquisition, *self._guards))
-        if not tripped and not self._watch.hangs:
+        for event in self._shaft.take(reading, acquisition):
+            self._hub.event(event)
+        if acquisition.tripped is None and not self._shaft.tripped and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
             self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
@@ -261,29 +242,6 @@ class _Run:
         self._logbook.tell("info" if found.code == HELD else "warning", found.code, str(found))
         if found.code != HELD:
             self._screen.warn(str(found))
-
-    def _tell_of_marks(self) -> None:
-        """Say what was wrong with the recorded marks, and whether the card's angle contradicts them."""
-        begin, end = self._acquisition.record_from or 0, self._acquisition.record_until or 0
-        apart = ""
-        if self._marks.channel is not None and self._shaft.channel not in (None, self._marks.channel):
-            apart = self._marks.contradiction(str(self._shaft.channel), self._shaft.marks, begin, end)
-        for code, text in (("marker.irregular", self._marks.fault), ("marker.contradicted", apart)):
-            if text:
-                self._logbook.tell("warning", code, text)
-                self._screen.warn(text)
-
-    def _compare(self, encoder: EncoderRecord) -> None:
-        """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
-        marks = self._shaft.marks if self._marks.channel is None else self._marks.marks
-        skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
-        if skew is None:
-            return
-        if self._marks.channel is not None:
-            self._logbook.tell("info", "encoder.at_mark", str(skew))
-        else:  # an angle's own zero need not be the crank's, nor the same in the next run
-            text = f"against the zero of {self._shaft.channel}, not the crank's mark: {skew}"
-            self._logbook.tell("info", "encoder.at_angle_zero", text)
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]

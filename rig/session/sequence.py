@@ -12,7 +12,7 @@ from rig.session.drive import Motion
 from rig.session.encoder_record import EncoderRecord
 from rig.session.frequency import ON_THEIR_WAY_S, FrequencyHold, Trimmed
 from rig.session.progress import Screen
-from rig.session.speed_guard import SpeedGuard
+from rig.session.shaft_watch import ShaftWatch
 from rig.session.supervisor import SILENCE_S, Supervisor
 from rig.session.twin_feed import TwinFeed
 from rig.session.watch import Watch
@@ -38,7 +38,7 @@ class Sequence:
     acquisition: Acquisition
     encoder: EncoderRecord | None
     feed: TwinFeed
-    guards: tuple[SpeedGuard, ...]
+    shaft: ShaftWatch
     supervisor: Supervisor
     watch: Watch
     screen: Screen
@@ -71,8 +71,7 @@ class Sequence:
 
     def bring_to_rest(self, stop: Callable[[], None]) -> None:
         """Stop the drive; the supervisor waits as long as that may take."""
-        for guard in self.guards:
-            guard.disarm()
+        self.shaft.disarm()
         if self.motion.longest_stop_s > 0.0:
             self.supervisor.beat(self.motion.longest_stop_s + SILENCE_S)
         stop()
@@ -123,8 +122,7 @@ class Sequence:
     def _start(self) -> None:
         self.motion.start(starts_softly(self.wanted))
         if self.motion.speed_rad_s is not None:
-            for guard in self.guards:
-                guard.arm(self.motion.speed_rad_s)
+            self.shaft.arm(self.motion.speed_rad_s)
         self.tell("info", "drive.on", self.motion.what)
 
     def _until(self, sample: int, show: Callable[[], None] = lambda: None) -> None:
