@@ -34,10 +34,6 @@ class Onward(Protocol):
         """Take an impact."""
         ...
 
-    def event(self, event: Event) -> None:
-        """Take an event."""
-        ...
-
 
 Note = Callable[[str, Mapping[str, str]], None]
 
