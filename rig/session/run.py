@@ -284,16 +284,17 @@ class _Run:
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
+        derived = derived_channels(self._origins, self._scenario)
         if self._frequency is not None:
             sinks.append(self._frequency)
         if self._request.live:
             picture = picture_of(twin)
             channels = (self._origins["measured"], self._origins["predicted"])
-            view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
+            view = stack.enter_context(LiveView(self._scenario.name, *channels, picture, derived=derived))
             self._screen.say(f"live view  {view.url}")
             self._view = view
             sinks.append(ViewSink(view))
-        for channel in derived_channels(self._origins, self._scenario):
+        for channel in derived:
             self._recorder.declare("derived", channel)
         self._derived.deliver_to(Hub(sinks), self._recorder.metadata)
         stack.callback(lambda: self._derived.finish(self._logbook.note))  # however the run ends
