@@ -11,7 +11,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, BinaryIO
 
@@ -24,6 +24,7 @@ from daq.formats.boundary import opened
 from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, time_axis
 from daq.formats.description import Description
 from daq.formats.file_format import FileFormat, Warn
+from daq.formats.impact_table import as_csv, from_csv, impact_path
 from daq.formats.recording import Recording
 from daq.formats.samples import Samples, Scratch
 from daq.formats.tables import (
@@ -38,6 +39,7 @@ from daq.formats.tables import (
 )
 
 _MARK = "# rattle "
+_IMPACTS_MARK = "# rattle impacts "
 _ROWS_OF_EXCEL = 1_048_576
 _HEAD_LINES = 3
 _LONGEST_LINE = 1 << 26
@@ -47,14 +49,20 @@ _NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
 
 
 def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
-    """Write a file for every time base; raises RattleError."""
+    """Write a file for every time base, and one of the impacts; raises RattleError."""
     tables = tables_of(recording, warn)
     paths = table_paths(path, tables)
     if max(table.end - table.first for table in tables) > _ROWS_OF_EXCEL - _HEAD_LINES:
         warn(f"more rows than Excel shows ({_ROWS_OF_EXCEL})")
+    if recording.impacts:
+        paths = (*paths, impact_path(path))
     with ExitStack() as stack:
-        for file, table in zip(new_files(stack, paths), tables, strict=True):
+        files = new_files(stack, paths)
+        for file, table in zip(files, tables, strict=False):
             _write_table(file, table, recording)
+        if recording.impacts:
+            marked = f"{_IMPACTS_MARK}{description.encode(recording, ())}\n{as_csv(recording.impacts)}"
+            files[-1].write(marked.encode())
     return paths
 
 
@@ -89,6 +97,9 @@ class _Head:
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file:
+        if file.read(len(_IMPACTS_MARK)) == _IMPACTS_MARK.encode():
+            return _impacts(file)
+        file.seek(0)
         head = _head(file)
         described = description.decode(head.own) if head.own else None
         found = _columns(file, head, described, scratch)
@@ -99,6 +110,12 @@ def read(path: Path, scratch: Scratch) -> Contents:
             return described_table(described, found, min(starts, default=0))
         axis = None if times is None else time_axis(times, _seconds(head.units.get(str(time), "s")))
         return foreign_table(found, head.units, axis)
+
+
+def _impacts(file: BinaryIO) -> Contents:
+    described, _, table = file.read().decode().partition("\n")
+    rest = description.decode(described).rest
+    return Contents((), replace(rest, impacts=from_csv(table)))
 
 
 def _seconds(unit: str) -> float:

@@ -40,6 +40,7 @@ def read_log(log: LogReader, scratch: Scratch) -> Recording:
         log.events(),
         log.gaps(),
         log.clocks(),
+        log.impacts(),
     )
 
 
@@ -111,6 +112,8 @@ def _record_entries(recording: Recording, writer: LogWriter) -> Iterator[_Entry]
         entries.append((gap.time_ns, partial(writer.add_gap, gap, gap.time_ns)))
     for clock in recording.clocks:
         entries.append((clock.time_ns, partial(writer.add_clock, clock)))
+    for impact in recording.impacts:
+        entries.append((impact.time_ns, partial(writer.add_impact, impact, impact.time_ns)))
     return iter(sorted(entries, key=lambda entry: entry[0]))
 
 

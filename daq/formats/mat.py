@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,6 +23,7 @@ from daq.formats.arrays import Arrays, vector
 from daq.formats.boundary import new_file, opened
 from daq.formats.contents import Contents, described_contents
 from daq.formats.file_format import FileFormat, Warn
+from daq.formats.impact_table import KINDS, TABLE, columns_of, impacts_of
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch
 
@@ -57,6 +59,8 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
         names = variable_names(track.name for track in recording.tracks)
         for name, track in zip(names, recording.tracks, strict=True):
             _append(file, name, _struct(track))
+        if recording.impacts:
+            _append(file, TABLE, _impacts(recording))
     return (path,)
 
 
@@ -67,12 +71,12 @@ def _append(file: Any, name: str, struct: dict[str, Any]) -> None:
 
 def variable_names(names: Iterable[str]) -> list[str]:
     """MATLAB's names of these channels, each another: `measured_contact_force_upper`."""
-    taken = [_MARK]
+    taken = [_MARK, TABLE]
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST_NAME]
         numbered = (f"{plain[: _LONGEST_NAME - 5]}_{number}" for number in itertools.count(2))
         taken.append(next(each for each in itertools.chain([plain], numbered) if each not in taken))
-    return taken[1:]
+    return taken[2:]
 
 
 def _struct(track: Track) -> dict[str, Any]:
@@ -94,6 +98,13 @@ def _struct(track: Track) -> dict[str, Any]:
     ).reshape(-1, 3)
     fields["values"] = track.samples.read(0, len(track.samples))
     return fields
+
+
+def _impacts(recording: Recording) -> dict[str, Any]:
+    """A struct of columns; texts are a cell array."""
+    kinds: dict[type, Any] = {int: np.int64, float: np.float64, str: object}
+    columns = columns_of(recording.impacts)
+    return {name: np.array(columns[name], kinds[kind]) for name, kind in KINDS.items()}
 
 
 def read(path: Path, scratch: Scratch) -> Contents:
@@ -151,7 +162,19 @@ def _described(file: BinaryIO, names: Iterable[str], scratch: Scratch) -> Conten
         fields = struct[0, 0]
         track = f"{_text(fields['origin'])}/{_text(fields['name'])}"
         found[track] = scratch.keep(vector(fields["values"], name))
-    return described_contents(description.decode(text), found)
+    contents = described_contents(description.decode(text), found)
+    return contents if TABLE not in names else _with_impacts(contents, _load(file, TABLE))
+
+
+def _with_impacts(contents: Contents, struct: NDArray[Any]) -> Contents:
+    columns = {
+        name: [
+            str(cell.item()) if struct[0, 0][name].dtype == object else cell
+            for cell in struct[0, 0][name].flat
+        ]
+        for name in struct.dtype.names or ()
+    }
+    return replace(contents, rest=replace(contents.rest, impacts=impacts_of(columns)))
 
 
 FORMAT = FileFormat("mat", (".mat",), read, write)

@@ -6,6 +6,7 @@ Read by pandas, polars, DuckDB, and by MATLAB's `parquetread`.
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -19,6 +20,7 @@ from daq.formats import description
 from daq.formats.boundary import opened
 from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, TimeAxis, time_axis
 from daq.formats.file_format import FileFormat, Warn
+from daq.formats.impact_table import KINDS, columns_of, impact_path, impacts_of
 from daq.formats.recording import Recording
 from daq.formats.samples import Scratch
 from daq.formats.tables import (
@@ -34,18 +36,34 @@ from daq.formats.tables import (
 )
 
 _MARK = b"rattle"
+_IMPACTS_MARK = b"rattle impacts"
 _ROW_GROUP = 1 << 20
 _STAMP = pa.timestamp("ns", tz="UTC")
 
 
 def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
-    """Write a file for every time base; raises RattleError."""
+    """Write a file for every time base, and one of the impacts; raises RattleError."""
     tables = tables_of(recording, warn)
     paths = table_paths(path, tables)
+    if recording.impacts:
+        paths = (*paths, impact_path(path))
     with ExitStack() as stack:
-        for file, table in zip(new_files(stack, paths), tables, strict=True):
+        files = new_files(stack, paths)
+        for file, table in zip(files, tables, strict=False):
             _write_table(file, table, recording)
+        if recording.impacts:
+            _write_impacts(files[-1], recording)
     return paths
+
+
+def _write_impacts(file: IO[bytes], recording: Recording) -> None:
+    kinds = {int: pa.int64(), float: pa.float64(), str: pa.string()}
+    columns = columns_of(recording.impacts)
+    schema = pa.schema(
+        [pa.field(name, kinds[kind], nullable=False) for name, kind in KINDS.items()],
+        metadata={_IMPACTS_MARK: description.encode(recording, ())},
+    )
+    pq.write_table(pa.table(columns, schema=schema), file)
 
 
 def _write_table(file: IO[bytes], table: TrackTable, recording: Recording) -> None:
@@ -81,6 +99,9 @@ def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file, pq.ParquetFile(file) as table:
         schema = table.schema_arrow
+        if (described := (schema.metadata or {}).get(_IMPACTS_MARK)) is not None:
+            rest = description.decode(described.decode()).rest
+            return Contents((), replace(rest, impacts=impacts_of(table.read().to_pydict())))
         mark = (schema.metadata or {}).get(_MARK)
         return _foreign(table, scratch) if mark is None else _described(table, mark.decode(), scratch)
 

@@ -11,7 +11,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.samples import MOST_SAMPLES, Samples
 from daq.log.reader import Origin
-from daq.log.records import ClockRecord, Event, Gap
+from daq.log.records import ClockRecord, Event, Gap, Impact
 
 _LATEST_NS = 1 << 63
 
@@ -121,6 +121,7 @@ class Recording:
     gaps: Sequence[Gap] | None = None
     """The gap ledger; None where none was kept, so that it has to follow from the samples."""
     clocks: Sequence[ClockRecord] = ()
+    impacts: Sequence[Impact] = ()
 
     @property
     def run_id(self) -> str:

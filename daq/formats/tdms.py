@@ -7,7 +7,7 @@ so the nanosecond survives; `wf_increment` is a double.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -22,6 +22,7 @@ from daq.formats import description
 from daq.formats.boundary import new_file, readable
 from daq.formats.contents import Column, Contents, StatedRate, described_contents
 from daq.formats.file_format import FileFormat, Warn
+from daq.formats.impact_table import KINDS, TABLE, columns_of, impacts_of
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch, precision
 from daq.log.reader import Origin
@@ -53,7 +54,16 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
                 values = track.samples.read(start, min(start + _SEGMENT, len(track.samples)))
                 tdms.write_segment([ChannelObject(track.origin, track.channel.name, values, properties)])
                 properties = None
+        if recording.impacts:
+            tdms.write_segment(_impacts(recording))
     return (path,)
+
+
+def _impacts(recording: Recording) -> list[ChannelObject]:
+    """A group with a channel for each column."""
+    columns = columns_of(recording.impacts)
+    kinds: dict[type, Any] = {int: np.int64, float: np.float64, str: str}
+    return [ChannelObject(TABLE, name, np.array(columns[name], kinds[kind])) for name, kind in KINDS.items()]
 
 
 def _properties(track: Track) -> dict[str, Any]:
@@ -127,9 +137,14 @@ def _described(tdms: TdmsFile) -> Contents:
     found: dict[str, Samples] = {
         f"{group.name}/{channel.name}": _InTdms(channel)
         for group in tdms.groups()
+        if group.name != TABLE
         for channel in group.channels()
     }
-    return described_contents(description.decode(str(tdms.properties[_MARK])), found)
+    contents = described_contents(description.decode(str(tdms.properties[_MARK])), found)
+    if not any(group.name == TABLE for group in tdms.groups()):
+        return contents
+    impacts = impacts_of({channel.name: channel[:] for channel in tdms[TABLE].channels()})
+    return replace(contents, rest=replace(contents.rest, impacts=impacts))
 
 
 def _foreign(tdms: TdmsFile) -> Contents:

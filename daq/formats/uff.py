@@ -82,6 +82,8 @@ def unbroken(track: Track) -> Iterator[Stretch]:
 
 def _warn(recording: Recording, warn: Callable[[str], None]) -> None:
     warn("uff holds no events, clock records, causes of gaps, nor the scenario: import needs --scenario")
+    if recording.impacts:
+        warn(f"uff holds no impacts: {len(recording.impacts)} of /impact left out")
     empty = [track.name for track in recording.tracks if not track.stretches]
     if empty:
         warn(f"uff holds no channel without samples: {', '.join(empty)} left out")

@@ -8,8 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-import mcap.writer
-import zstandard
 from mcap.writer import CompressionType, Writer
 
 from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
@@ -20,20 +18,7 @@ from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.schema import embedded_schema
 
 MAXIMUM_CHUNK_AGE_S = 0.25
-_ZSTD_LEVEL = 1
-"""Samples are noise in their lower bits: level 3 saves a tenth of the file for four times the time."""
 _CHUNK_BYTES = 1 << 20
-
-
-class _QuickZstd:
-    """The mcap package has no setting for the level and takes zstd's default, 3."""
-
-    @staticmethod
-    def compress(data: bytes) -> bytes:
-        return zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(data)
-
-
-setattr(mcap.writer, "zstandard", _QuickZstd)  # noqa: B010 - it does not export the name
 
 
 class LogWriter:

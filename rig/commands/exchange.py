@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import re
 from collections.abc import Mapping, Sequence
@@ -142,7 +143,9 @@ def _contents(files: Sequence[Path], scratch: Scratch) -> Contents:
     if len(ids) > 1:
         raise ConfigurationError("files", [Problem("run", ", ".join(sorted(ids)), "files of one run")])
     columns = tuple(column for each in found for column in each.columns)
-    return Contents(columns, found[0].rest, [note for each in found for note in each.notes])
+    impacts = [impact for each in found for impact in each.rest.impacts]
+    rest = dataclasses.replace(found[0].rest, impacts=impacts)
+    return Contents(columns, rest, [note for each in found for note in each.notes])
 
 
 def _carried_scenario(contents: Contents, source: str) -> Scenario:
@@ -154,8 +157,6 @@ def _carried_scenario(contents: Contents, source: str) -> Scenario:
 
 def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path]) -> Recording:
     """The recording with the scenario in it, and with where it came from in its `run` record."""
-    import dataclasses
-
     starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
     run = {
         "id": files[0].stem,

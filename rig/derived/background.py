@@ -1,13 +1,11 @@
-"""Derives in a thread of its own, so that nobody who hands over a block ever waits for it."""
+"""Derives in a process of its own, so that nobody who hands over a block ever waits for it."""
 
 from __future__ import annotations
 
-import queue
-import sys
-import threading
-import traceback
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from types import TracebackType
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,47 +16,88 @@ from daq.errors import RecorderFailed
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
 from daq.signals.running_figures import warm_up
-from rig.derived.sink import DerivedSink, Onward
+from rig.derived.sink import DerivedSink, Note, Onward
+from rig.files.scenario import Scenario
+from rig.worker_process import QUEUE_ITEMS, WorkerFailed, WorkerProcess
 
-QUEUE_BLOCKS = 16_384
-"""About 13 s of 64 channels, measured and predicted, in blocks of 0.1 s (4 bytes a sample: 330 MB)."""
-_LAST_S = 20.0
-_IDLE_S = 0.1
+_LAST_S = 30.0
+"""The fullest queue is worked off in that time, by a worker that is half as fast as the data."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Settled:
+    """A metadata record: what everything else was derived by."""
+
+    name: str
+    record: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Derive:
+    """The task: takes blocks with their origins, gives blocks, impacts and metadata records."""
+
+    channels: Mapping[Origin, tuple[str, ...]]
+    scenario: Scenario
+
+    def prepare(self) -> None:
+        """Compile."""
+        warm_up()
+
+    def run(self, items: Iterator[tuple[Origin, SampleBlock]], send: Callable[[object], None]) -> None:
+        """Derive from all that comes and, once that ends, what waits for more."""
+        note: Note = lambda name, record: send(_Settled(name, dict(record)))  # noqa: E731
+        derived = DerivedSink(_Sent(send), self.channels, self.scenario, note=note)
+        for origin, block in items:
+            derived.block(origin, block)
+        derived.finish()
+
+
+class _Sent:
+    """Sends what is derived."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        self._send = send
+
+    def block(self, origin: Origin, block: SampleBlock) -> None:
+        self._send(block)
+
+    def impact(self, impact: Impact) -> None:
+        self._send(impact)
 
 
 class InBackground:
-    """A `DerivedSink` behind a queue. The first fault, or a queue that is full, ends it with an event.
+    """A sink whose blocks go to a process that derives; `deliver_to` says who gets what that finds.
 
-    What was recorded does not depend on it: a replay of the log derives all of it.
+    `worker` is a context of its own. A fault, or a queue that is full, ends it, and `events` tells. What was
+    recorded does not depend on it: a replay of the log derives all of it.
     """
 
-    def __init__(self, derived: DerivedSink, onward: Onward, clock: Clock) -> None:
-        self._derived, self._onward, self._clock = derived, onward, clock
-        self._queue: queue.Queue[tuple[Origin, SampleBlock] | None] = queue.Queue(QUEUE_BLOCKS)
-        self._thread = threading.Thread(target=self._run, name="derived", daemon=True)
-        self._stopped = threading.Event()
-        self.high_water = 0
-
-    def __enter__(self) -> InBackground:
-        warm_up()
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    def __init__(
+        self,
+        channels: Mapping[Origin, tuple[str, ...]],
+        scenario: Scenario,
+        clock: Clock,
+        queue_blocks: int = QUEUE_ITEMS,
     ) -> None:
-        self._stopped.set()
-        self._thread.join(_LAST_S)
+        self._clock = clock
+        self._onward: Onward | None = None
+        self._note: Note = lambda name, record: None
+        self._told = False
+        task = Derive(channels, scenario)
+        self.worker = WorkerProcess("derivation", task, self._deliver, queue_blocks)
+
+    def deliver_to(self, onward: Onward, note: Note) -> None:
+        """Say who gets what is derived, and who the metadata record; to be called before the first block."""
+        self._onward, self._note = onward, note
+
+    def wait_ready(self, check: Callable[[], None]) -> None:
+        """Wait until it is compiled, or has failed at that; raises what `check` raises meanwhile."""
+        with suppress(WorkerFailed):
+            self.worker.wait_ready(check)
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Queue a block; returns at once."""
-        if self._stopped.is_set():
-            return
-        try:
-            self._queue.put_nowait((origin, block))
-        except queue.Full:
-            self._stop("it is slower than the data")
-        self.high_water = max(self.high_water, self._queue.qsize())
+        """Hand a block over; returns at once."""
+        self.worker.give((origin, block))
 
     def event(self, event: Event) -> None:
         """Nothing follows from an event."""
@@ -69,41 +108,35 @@ class InBackground:
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Nothing follows from a shape."""
 
-    def finish(self) -> None:
-        """Derive what waits and the end of the record; to be called after the last block of all origins."""
-        if self._stopped.is_set():
-            return
-        try:
-            self._queue.put(None, timeout=_LAST_S)
-        except queue.Full:
-            self._stop("it is slower than the data")
-        self._thread.join(_LAST_S)
-        if self._thread.is_alive():
-            self._stop("it did not come to its end")
+    def finish(self, tell: Callable[[Event], None]) -> None:
+        """Derive what waits and the end of the record; `tell` hears what `events` has not told.
 
-    def _run(self) -> None:
-        try:
-            while not self._stopped.is_set():
-                with suppress(queue.Empty):
-                    if self._take(self._queue.get(timeout=_IDLE_S)):
-                        return
-        except RecorderFailed:
-            self._stopped.set()  # whoever records hears of it, and stops the rig
-        except Exception as error:  # top of a thread: nothing that is derived is worth a run
-            traceback.print_exc(file=sys.stderr)
-            self._stop(f"{type(error).__name__}: {error}")
+        To be called after the last block of all origins; a second call does nothing.
+        """
+        with suppress(WorkerFailed):
+            self.worker.finish(_LAST_S)
+        for event in self.events():
+            with suppress(RecorderFailed):  # that is what ends the run
+                tell(event)
 
-    def _take(self, item: tuple[Origin, SampleBlock] | None) -> bool:
-        """Derive from a block; True after the last."""
-        if item is None:
-            self._derived.finish()
-            self._stopped.set()
-            return True
-        self._derived.block(*item)
-        return False
-
-    def _stop(self, why: str) -> None:
-        self._stopped.set()
+    def events(self) -> tuple[Event, ...]:
+        """Once, that nothing more is derived; nothing while all is well."""
+        why = self.worker.error
+        if not why or self._told:
+            return ()
+        self._told = True
         text = f"nothing is derived from here on: {why}; rattle replay derives it"
-        with suppress(RecorderFailed):
-            self._onward.event(Event(self._clock.unix_ns(), "warning", "derived", "derived.stopped", text))
+        return (Event(self._clock.unix_ns(), "warning", "derived", "derived.stopped", text),)
+
+    def _deliver(self, found: Any) -> None:
+        """In the worker's thread."""
+        onward = self._onward
+        if onward is None:
+            return
+        with suppress(RecorderFailed):  # whoever records hears of it, and stops the rig
+            if isinstance(found, _Settled):
+                self._note(found.name, found.record)
+            elif isinstance(found, SampleBlock):
+                onward.block("derived", found)
+            else:
+                onward.impact(found)

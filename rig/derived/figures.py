@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from daq.angle.begins import Cycles
 from daq.block import BLIND, SampleBlock
+from daq.derived_names import CYCLE_PEAK, CYCLE_RMS
 from daq.signals.running_figures import CycleScanner
 from rig.derived.series import Emit, Series
 
-RMS, PEAK = "cycle_rms", "cycle_peak"
 _BLOCK_S = 1.0
 _LOOK_S = 0.5
 _NO_SAMPLES = np.empty(0, np.float32)
@@ -56,7 +56,7 @@ class CycleFigures:
     def __init__(self, name: str, cycles: Cycles, cycle_hz: float, sample_rate: float, start_ns: int) -> None:
         self._begins, self._rate = cycles.begins, sample_rate
         per_block = max(round(_BLOCK_S * cycle_hz), 1)
-        names = f"{name}.{RMS}", f"{name}.{PEAK}"
+        names = f"{name}.{CYCLE_RMS}", f"{name}.{CYCLE_PEAK}"
         self._series = Series(names, cycle_hz, per_block, sample_rate, start_ns)
         self._scanner = CycleScanner()
         self._waiting: list[_Stretch] = []

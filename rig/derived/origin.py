@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from daq.angle.begins import Cycles
 from daq.angle.crank_cycles import MarkerCycles
 from daq.block import BLIND, SampleBlock, sample_time_ns
+from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
 from daq.log.records import Impact
 from rig.derived.figures import CycleFigures
@@ -17,7 +18,7 @@ from rig.derived.impacts import ImpactWatch
 from rig.derived.reference import Nominal, cycles_of, first_look
 from rig.derived.roles import DRIVE, reference_of, role_of
 from rig.derived.settings import Settings, settled
-from rig.derived.speed import SPEED, CrankSpeed
+from rig.derived.speed import CrankSpeed
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
@@ -140,14 +141,9 @@ class OriginDeriver:
             self._cycles = cycles_of(self._reference, settings, rate)
         if name == self._reference and name != DRIVE and self._cycles is not None:
             marker = self._cycles if isinstance(self._cycles, MarkerCycles) else None
-            self._speed = CrankSpeed(derived_name(self.origin, SPEED), marker, rate, start_ns)
+            self._speed = CrankSpeed(derived_name(self.origin, CRANK_SPEED), marker, rate, start_ns)
         if self._cycles is not None and settings.cycle_hz is not None and role_of(name).has_figures:
             series = derived_name(self.origin, name)
             self._figures[name] = CycleFigures(series, self._cycles, settings.cycle_hz, rate, start_ns)
         if name in settings.levels:
             self._impacts[name] = ImpactWatch(self.origin, name, settings, self._cycles, rate, start_ns)
-
-
-def derived_name(origin: Origin, name: str) -> str:
-    """Under /derived/, what was measured keeps its name; what was not says whose it is."""
-    return name if origin == "measured" else f"{origin}.{name}"

@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.channel import Channel
+from daq.derived_names import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, derived_name
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
-from rig.derived.figures import PEAK, RMS
-from rig.derived.origin import OriginDeriver, derived_name
+from rig.derived.origin import OriginDeriver
 from rig.derived.reference import nominal_of
 from rig.derived.roles import DRIVE, reference_of, role_of
 from rig.derived.settings import RECORD, Settings, as_record
-from rig.derived.speed import SPEED
 from rig.files.scenario import Scenario
 
-ORIGINS: tuple[Origin, ...] = ("measured", "predicted")
+ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 
 
 class Onward(Protocol):
@@ -32,10 +31,6 @@ class Onward(Protocol):
 
     def impact(self, impact: Impact) -> None:
         """Take an impact."""
-        ...
-
-    def event(self, event: Event) -> None:
-        """Take an event."""
         ...
 
 
@@ -111,13 +106,13 @@ def derived_channels(
         if reference is None:
             continue
         if reference != DRIVE:
-            found.append(Channel(derived_name(origin, SPEED), "rpm", "speed", "crank"))
+            found.append(Channel(derived_name(origin, CRANK_SPEED), "rpm", "speed", "crank"))
         for channel in declared:
             if role_of(channel.name).has_figures:
-                found += [_figure(origin, channel, which) for which in (RMS, PEAK)]
+                found += [_figure(origin, channel, which) for which in (CYCLE_RMS, CYCLE_PEAK)]
     return found
 
 
 def _figure(origin: Origin, channel: Channel, which: str) -> Channel:
-    name = f"{derived_name(origin, channel.name)}.{which}"
+    name = derived_name(origin, channel.name, which)
     return Channel(name, channel.unit, channel.quantity, channel.location)

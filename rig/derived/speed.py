@@ -7,7 +7,6 @@ from daq.angle.speed import AngleSpeed, MarkerSpeed, Run, samples_per_speed
 from daq.block import SampleBlock
 from rig.derived.series import Emit, Series
 
-SPEED = "crank.speed"
 _BLOCK_S = 0.5
 
 

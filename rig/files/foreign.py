@@ -220,4 +220,9 @@ def _with_rest(tracks: tuple[Track, ...], rest: Recording, names: Mapping[str, s
     gaps = rest.gaps
     if gaps is not None:
         gaps = [dataclasses.replace(gap, channel=names[gap.channel]) for gap in gaps if gap.channel in names]
-    return Recording(tracks, rest.metadata, rest.events, gaps, rest.clocks)
+    impacts = [
+        dataclasses.replace(impact, channel=names[impact.channel])
+        for impact in rest.impacts
+        if impact.channel in names
+    ]
+    return Recording(tracks, rest.metadata, rest.events, gaps, rest.clocks, impacts)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import rerun.blueprint as rrb
 
 from daq.log.reader import Origin
 from rig.live import paths, spectrum_picture
+from rig.live.cycle_figures import figure_views
 from rig.live.layout import Layout
 from rig.live.picture import OwnViews
 from rig.live.series import newest, newest_axis
@@ -50,21 +52,33 @@ def _channels(layout: Layout, own: OwnViews) -> rrb.Container:
     spectra = [
         _spectrum_view(channel, unit) for channel, unit in layout.units.items() if channel not in own.plain
     ]
+    cycles = figure_views(layout)
     if len(traces) <= _FEW_CHANNELS:
         shares = [_PLAIN_SHARE if channel in own.plain else 1.0 for channel in layout.units]
-        beside: rrb.Container = rrb.Vertical(*spectra, name="Spectra")
-        if own.beside:
-            beside = rrb.Tabs(rrb.Vertical(*own.beside, name="Orders"), beside)
+        beside = _tabs(
+            *_stacked(own.beside, "Orders"),
+            rrb.Vertical(*spectra, name="Spectra"),
+            *_stacked(cycles, "Cycles"),
+        )
         upright = rrb.Vertical(*traces, name="Traces", row_shares=shares)
         return rrb.Horizontal(upright, beside, column_shares=[2, 1.3 if own.beside else 1])
     columns = math.ceil(math.sqrt(len(traces))) - bool(own.beside)
-    tabs = rrb.Tabs(
-        rrb.Grid(*traces, grid_columns=columns, name="Traces"),
-        rrb.Grid(*spectra, grid_columns=columns, name="Spectra"),
+    grids: dict[str, Sequence[rrb.View]] = {"Traces": traces, "Spectra": spectra, "Cycles": cycles}
+    tabs = _tabs(
+        *(rrb.Grid(*views, grid_columns=columns, name=name) for name, views in grids.items() if views)
     )
     if not own.beside:
         return tabs
     return rrb.Horizontal(tabs, rrb.Vertical(*own.beside, name="Orders"), column_shares=[2.4, 1])
+
+
+def _stacked(views: Sequence[rrb.View | rrb.Container], name: str) -> list[rrb.Vertical]:
+    return [rrb.Vertical(*views, name=name)] if views else []
+
+
+def _tabs(*containers: rrb.Container) -> rrb.Container:
+    """The first one on top; none where there is but one."""
+    return rrb.Tabs(*containers) if len(containers) > 1 else containers[0]
 
 
 def _side(own: OwnViews) -> rrb.Container:

@@ -21,7 +21,8 @@ def rrd_from_log(log: Path, rrd: Path, picture: Picture | None = None) -> None:
         measured, predicted, nominal = (
             list(reader.channels(origin).values()) for origin in ("measured", "predicted", "nominal")
         )
-        layout = layout_of(log.stem, measured, predicted, picture, nominal=nominal)
+        derived = list(reader.channels("derived").values())
+        layout = layout_of(log.stem, measured, predicted, picture, nominal=nominal, derived=derived)
         recording = rr.RecordingStream("rattle", send_properties=False)
         recording.set_sinks(rr.FileSink(rrd), default_blueprint=blueprint(layout))
         scene = Scene(recording, layout, _SPECTRUM_PERIOD_S)
@@ -29,8 +30,12 @@ def rrd_from_log(log: Path, rrd: Path, picture: Picture | None = None) -> None:
         scene.show_dropped(0)
         for origin, block in reader.blocks(("measured", "nominal", "predicted")):
             scene.add_block(origin, block)
+        for _, block in reader.blocks("derived"):
+            scene.add_derived(block)
+        for impact in reader.impacts():
+            scene.add_impact(impact)
         for event in reader.events():
             scene.add_event(event)
-        scene.flush()
+        scene.finish()
         recording.flush()
         recording.disconnect()

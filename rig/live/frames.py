@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 
 _LENGTHS = struct.Struct("<II")
 _SINGLE = np.dtype(np.float32).itemsize
@@ -38,7 +39,7 @@ class DroppedFrame(NamedTuple):
     frames: int
 
 
-Frame = BlockFrame | ShapeFrame | DroppedFrame | Event
+Frame = BlockFrame | ShapeFrame | DroppedFrame | Event | Impact
 
 
 def encode_block(origin: Origin, block: SampleBlock) -> bytes:
@@ -65,16 +66,12 @@ def encode_shape(time_s: float, points_m: NDArray[np.floating]) -> bytes:
 
 def encode_event(event: Event) -> bytes:
     """Return the frame of an event."""
-    return _frame(
-        {
-            "kind": "event",
-            "time": event.time_ns,
-            "level": event.level,
-            "source": event.source,
-            "code": event.code,
-            "text": event.text,
-        }
-    )
+    return _frame({"kind": "event", "fields": asdict(event)})
+
+
+def encode_impact(impact: Impact) -> bytes:
+    """Return the frame of an impact."""
+    return _frame({"kind": "impact", "fields": asdict(impact)})
 
 
 def encode_dropped(count: int) -> bytes:
@@ -113,6 +110,8 @@ def _decode(header: dict[str, Any], values: bytes) -> Frame:
             points = np.frombuffer(values, "<f4").reshape(header["dimensions"])
             return ShapeFrame(header["time"], points)
         case "event":
-            return Event(header["time"], header["level"], header["source"], header["code"], header["text"])
+            return Event(**header["fields"])
+        case "impact":
+            return Impact(**header["fields"])
         case _:
             return DroppedFrame(header["frames"])

@@ -39,6 +39,7 @@ def layout_of(
     picture: Picture | None = None,
     window_s: float | None = None,
     nominal: Sequence[Channel] = (),
+    derived: Sequence[Channel] = (),
 ) -> Layout:
     """Layout of the channels of all origins: the measured first, then what is only predicted."""
     return Layout(
@@ -49,6 +50,7 @@ def layout_of(
             "nominal": [channel.name for channel in nominal],
             "predicted": [channel.name for channel in predicted],
         },
+        derived=[channel.name for channel in derived],
         picture=picture,
         window_s=window_s,
     )

@@ -31,9 +31,14 @@ def trace(origin: Origin, channel: str) -> str:
     return rr.new_entity_path([origin, channel])
 
 
-def peaks(origin: Origin) -> str:
-    """Largest force of each half cycle."""
+def peaks(origin: str) -> str:
+    """Largest force of each impact."""
     return f"{PEAKS}/{origin}"
+
+
+def derived(name: str) -> str:
+    """Values of a derived channel."""
+    return rr.new_entity_path(["derived", name])
 
 
 def spectrum(channel: str, part: str = "") -> str:

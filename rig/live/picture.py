@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.log.reader import Origin
+from daq.log.records import Impact
 from rig.live import paths
 from rig.live.frames import ShapeFrame
 from rig.live.shown import Shown
@@ -65,8 +66,20 @@ class Play(Protocol):
         """Take a block of any channel."""
         ...
 
+    def add_derived(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
+        """Take a block of a derived channel; its values are those of `times_s`, shape (n,)."""
+        ...
+
+    def add_impact(self, time_s: float, impact: Impact) -> None:
+        """Take an impact that began at `time_s`."""
+        ...
+
     def add_shape(self, shape: ShapeFrame) -> None:
         """Take where the twin's rig is."""
+        ...
+
+    def finish(self) -> None:
+        """Show what waits for more: no more will come."""
         ...
 
 

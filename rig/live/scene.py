@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import rerun as rr
 
-from daq.block import NS_PER_S, SampleBlock
+from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from daq.signals import autospectrum
 from rig.live import paths
+from rig.live.cycle_figures import CycleFigurePlots
 from rig.live.frames import ShapeFrame
 from rig.live.layout import Layout
 from rig.live.picture import OwnViews, Stage
@@ -40,6 +42,7 @@ class Scene:
         traces = sum(len(names) for names in layout.origins.values())
         self._spectrum_period_s = max(spectrum_period_s, traces / _SPECTRA_PER_S)
         self._start_ns: int | None = None
+        self._figures = CycleFigurePlots(self._stage)
         self._play = layout.picture.play(self._stage) if layout.picture else None
         self._traces: dict[tuple[Origin, str], Trace] = {}
         self._recent: dict[tuple[Origin, str], Recent] = {}
@@ -54,18 +57,35 @@ class Scene:
             for name in names:
                 style = line_style(self._layout.whose(origin))
                 self._recording.log(paths.trace(origin, name), style, static=True)
+        self._figures.open()
         if self._play is not None:
             self._play.open()
 
+    def begin(self, block: SampleBlock) -> None:
+        """Take sample 0 of the first block's record for the begin of all time."""
+        if self._start_ns is None:
+            self._start_ns = sample_time_ns(block.time_ns, -block.first_sample, block.sample_rate)
+
     def add_block(self, origin: Origin, block: SampleBlock) -> None:
         """Show a block's envelope, and what is computed from the blocks so far."""
-        if self._start_ns is None:
-            self._start_ns = block.time_ns - round(block.first_sample * NS_PER_S / block.sample_rate)
+        self.begin(block)
         self._trace(origin, block.channel).add(block)
         if self._play is not None:
             self._play.add_block(origin, block)
         if block.channel in self._spectra:
             self._renew_spectrum(origin, block)
+
+    def add_derived(self, block: SampleBlock) -> None:
+        """Show what was computed from blocks."""
+        times_s = self.time_of(block.time_ns) + np.arange(len(block)) / block.sample_rate
+        self._figures.add(times_s, block)
+        if self._play is not None:
+            self._play.add_derived(times_s, block)
+
+    def add_impact(self, impact: Impact) -> None:
+        """Show an impact, where the rig's picture has a place for it."""
+        if self._play is not None:
+            self._play.add_impact(self.time_of(impact.time_ns), impact)
 
     def add_shape(self, shape: ShapeFrame) -> None:
         """Show where the twin's rig is, where it has a picture."""
@@ -74,13 +94,13 @@ class Scene:
 
     def add_event(self, event: Event) -> None:
         """Show an event."""
-        self._stage.at(self.time_of(event))
+        self._stage.at(self.time_of(event.time_ns))
         level = _LEVELS.get(event.level, rr.TextLogLevel.INFO)
         self._recording.log(paths.EVENTS, rr.TextLog(f"{event.source}: {event.text}", level=level))
 
-    def time_of(self, event: Event) -> float:
-        """Seconds from sample 0 to the event; 0 while no sample has come."""
-        return 0.0 if self._start_ns is None else (event.time_ns - self._start_ns) / NS_PER_S
+    def time_of(self, time_ns: int) -> float:
+        """Seconds from sample 0 to a time; 0 while no sample has come."""
+        return 0.0 if self._start_ns is None else (time_ns - self._start_ns) / NS_PER_S
 
     def show_dropped(self, count: int) -> None:
         """Show how many blocks did not reach this view."""
@@ -92,6 +112,12 @@ class Scene:
         """Send what waits for the next batch."""
         for trace in self._traces.values():
             trace.flush()
+
+    def finish(self) -> None:
+        """Show what waits for more: no more will come."""
+        if self._play is not None:
+            self._play.finish()
+        self.flush()
 
     def _trace(self, origin: Origin, channel: str) -> Trace:
         key = origin, channel

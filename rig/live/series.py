@@ -23,12 +23,12 @@ _MARKERS = {
 }
 
 
-def line_style(whose: str) -> rr.SeriesLines:
-    """A line in the colour of `whose` it is."""
+def line_style(whose: str, name: str = "", width: float | None = None) -> rr.SeriesLines:
+    """A line in the colour of `whose` it is; without `name` and `width`, called that and as wide as usual."""
     return rr.SeriesLines(
         colors=[paths.COLOURS[whose]],
-        names=[whose],
-        widths=[paths.WIDTHS[whose]],
+        names=[name or whose],
+        widths=[paths.WIDTHS[whose] if width is None else width],
         aggregation_policy=AggregationPolicy.MinMax,  # the viewer's default averages, and peaks shrink
     )
 
@@ -44,9 +44,21 @@ def scatter_over_time(
     origin: str, name: str, window_s: float | None, legend: bool = True
 ) -> rrb.TimeSeriesView:
     """A plot of all below `origin` that reaches further back than the traces, which show `window_s`."""
+    return _far_back(name, window_s, legend, origin, "$origin/**")
+
+
+def lines_over_time(drawn: list[str], name: str, window_s: float | None, legend: bool) -> rrb.TimeSeriesView:
+    """The same of these entities."""
+    return _far_back(name, window_s, legend, "/", [f"+ {path}" for path in drawn])
+
+
+def _far_back(
+    name: str, window_s: float | None, legend: bool, origin: str, contents: str | list[str]
+) -> rrb.TimeSeriesView:
     reach_s = None if window_s is None else _REACHES * window_s
     return rrb.TimeSeriesView(
         origin=origin,
+        contents=contents,
         name=name,
         plot_legend=rrb.PlotLegend(visible=legend),
         time_ranges=newest(reach_s),

@@ -16,15 +16,16 @@ class Shown:
     """Channels of all origins, drawn in their order.
 
     `units` has the unit of every channel, in the order of the views. `window_s` is how much of the newest
-    data the plots show, None for everything.
+    data the plots show, None for everything. `derived`: channels that are computed from them.
     """
 
     title: str
     units: Mapping[str, str]
     origins: Mapping[Origin, Sequence[str]]
     window_s: float | None = None
+    derived: Sequence[str] = ()
 
-    def whose(self, origin: Origin) -> str:
+    def whose(self, origin: str) -> str:
         """The origin as the view names it: beside a nominal twin, the prediction is the repaired one."""
         return "repaired" if origin == "predicted" and self.origins.get("nominal") else origin
 

@@ -21,8 +21,8 @@ from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.errors import InstrumentAbsent
 from daq.log.reader import Origin
-from daq.log.records import Event
-from rig.live.frames import encode_block, encode_event, encode_shape
+from daq.log.records import Event, Impact
+from rig.live.frames import encode_block, encode_event, encode_impact, encode_shape
 from rig.live.layout import layout_of
 from rig.live.picture import Picture
 from rig.live.sender import FrameSender
@@ -51,10 +51,11 @@ class LiveView:
         patience_s: float = 3.0,
         memory_limit: str = "64MB",
         nominal: Sequence[Channel] = (),
+        derived: Sequence[Channel] = (),
     ) -> None:
         self.url = ""
         self.sink_url = ""
-        self._layout = layout_of(title, measured, predicted, picture, window_s, nominal)
+        self._layout = layout_of(title, measured, predicted, picture, window_s, nominal, derived)
         self._patience_s = patience_s
         self._memory_limit = memory_limit
         self._server: psutil.Process | None = None
@@ -86,7 +87,7 @@ class LiveView:
 
     @property
     def dropped(self) -> int:
-        """Blocks, shapes and events that were offered and will not be shown."""
+        """Blocks, impacts, shapes and events that were offered and will not be shown."""
         return self._sender.dropped
 
     @property
@@ -108,6 +109,11 @@ class LiveView:
         """Show where the twin's rig is at `time_s` (s since sample 0), points as its `shape` gives them."""
         if self._open:
             self._sender.offer(encode_shape(time_s, points_m))
+
+    def offer_impact(self, impact: Impact) -> None:
+        """Show an impact."""
+        if self._open:
+            self._sender.offer(encode_impact(impact))
 
     def offer_event(self, event: Event) -> None:
         """Show an event."""

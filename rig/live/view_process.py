@@ -17,6 +17,7 @@ from functools import partial
 import rerun as rr
 
 from daq.errors import InstrumentAbsent
+from daq.log.records import Impact
 from rig.live.blueprint import blueprint
 from rig.live.frames import BlockFrame, DroppedFrame, Frame, ShapeFrame, read_frames
 from rig.live.layout import Layout
@@ -45,7 +46,11 @@ class Director:
     def take(self, frame: Frame) -> None:
         """Accept a frame and show what is due."""
         match frame:
+            case BlockFrame("derived", block):
+                begin_s = self._scene.time_of(block.time_ns)
+                self._order.add(begin_s, partial(self._scene.add_derived, block))
             case BlockFrame(origin, block):
+                self._scene.begin(block)
                 end_s = block.end_sample / block.sample_rate
                 self._order.note(origin, end_s)
                 self._order.add(end_s, partial(self._scene.add_block, origin, block))
@@ -53,13 +58,16 @@ class Director:
                 self._order.add(frame.time_s, partial(self._scene.add_shape, frame))
             case DroppedFrame(count):
                 self._scene.show_dropped(count)
+            case Impact():
+                self._order.add(self._scene.time_of(frame.time_ns), partial(self._scene.add_impact, frame))
             case _:
-                self._order.add(self._scene.time_of(frame), partial(self._scene.add_event, frame))
+                self._order.add(self._scene.time_of(frame.time_ns), partial(self._scene.add_event, frame))
         self._show(self._order.ready())
 
     def finish(self) -> None:
         """Show what still waits."""
         self._show(self._order.rest())
+        self._scene.finish()
 
     def _show(self, due: list[partial[None]]) -> None:
         for show in due:

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import ConfigurationError, LogError
 from daq.log.reader import LogReader, Origin
-from daq.recorder import Recorder
-from rig.derived import RECORD, DerivedSink, InBackground, derived_channels, from_record
+from rig.derived import RECORD, DerivedSink, InBackground, from_record
 from rig.derived.sink import ORIGINS, Onward
 from rig.files.scenario import Scenario
-from rig.session.hub import Hub, Sink
 from rig.twin.overlay import scenario_of
 
 
 def derive_live(
-    sinks: Sequence[Sink],
-    channels: Mapping[Origin, Iterable[Channel]],
-    scenario: Scenario,
-    recorder: Recorder,
-    clock: Clock,
+    channels: Mapping[Origin, Sequence[Channel]], scenario: Scenario, clock: Clock
 ) -> InBackground:
-    """A sink beside `sinks` that hands on to them what it derives; declares its channels in the log."""
-    for channel in derived_channels(channels, scenario):
-        recorder.declare("derived", channel)
-    onward = Hub(sinks)
-    names = {origin: [channel.name for channel in each] for origin, each in channels.items()}
-    return InBackground(DerivedSink(onward, names, scenario, note=recorder.metadata), onward, clock)
+    """A sink for the run of these channels; its worker is still to be started."""
+    names = {origin: tuple(channel.name for channel in each) for origin, each in channels.items()}
+    return InBackground(names, scenario, clock)
 
 
 def derive_again(log: LogReader, onward: Onward) -> DerivedSink:

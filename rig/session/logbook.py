@@ -41,6 +41,12 @@ class Logbook:
             for told in notices
         )
 
+    def note(self, event: Event) -> None:
+        """Write down what a device or worker has to say."""
+        self._hub.event(event)
+        if event.level != "info":
+            self._screen.warn(f"{event.source}: {event.text}")
+
     def look(self) -> None:
         """Ask for news, if the last time was a second ago."""
         if self._clock.monotonic_s() - self._looked_s >= _EVERY_S:
@@ -63,9 +69,7 @@ class Logbook:
         set_by_somebody = self._clock.look()
         told = () if set_by_somebody is None else (set_by_somebody,)
         for event in (*told, *(event for ask in self.events for event in ask())):
-            self._hub.event(event)
-            if event.level != "info":
-                self._screen.warn(f"{event.source}: {event.text}")
+            self.note(event)
         for clocks in self.clocks:
             for record in clocks(at_last):
                 self._recorder.clock_record(record)

@@ -15,6 +15,7 @@ from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.clock import Clock
 from daq.errors import LogError
 from daq.log import Event, Impact, LogReader, Origin
+from rig.derived import derived_channels
 from rig.live import LiveView
 from rig.session.deriving import derive_again
 from rig.session.hub import Hub, Sink
@@ -149,7 +150,12 @@ class _ShapeFollower:
 def _view(log: LogReader) -> LiveView:
     scenario = scenario_of(log)
     picture = picture_of(twin_of(scenario))
-    measured, predicted, nominal = (
-        list(log.channels(origin).values()) for origin in ("measured", "predicted", "nominal")
+    origins = {origin: list(log.channels(origin).values()) for origin in _ORIGINS}
+    return LiveView(
+        scenario.name,
+        origins["measured"],
+        origins["predicted"],
+        picture,
+        nominal=origins["nominal"],
+        derived=derived_channels(origins, scenario),
     )
-    return LiveView(scenario.name, measured, predicted, picture, nominal=nominal)

@@ -15,6 +15,7 @@ from daq.log.reader import Origin
 from daq.recorder import Recorder
 from daq.time_base import RunClock
 from drivers.protocols import CardReading
+from rig.derived import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
@@ -117,20 +118,27 @@ class _Run:
         self._feed = TwinFeed(
             twin, self._names, self._rate, self._scenario.acquisition.settle, self._unseen(motion)
         )
+        self._origins: dict[Origin, list[Channel]] = {
+            "measured": list(self._devices.card.channels),
+            "predicted": self._predicted(twin),
+        }
+        self._derived = derive_live(self._origins, self._scenario, self._clock)
+        stack.enter_context(self._derived.worker)
         stack.enter_context(self._feed.worker)
         with self._screen.busy("warming up the twin (compiled on the first run)"):
             self._feed.worker.wait_ready(self._stop.check)
+            self._derived.wait_ready(self._stop.check)
         run = new_run(self._request.folder, self._scenario.name, self._clock)
         stack.push(partial(self._tell_of_partial, run.log))
         self._recorder = stack.enter_context(Recorder(LogWriter(run.log), self._clock))
         self._hub = self._feed.hub = Hub(self._sinks(stack, twin))
         self._logbook = Logbook(self._clock, self._recorder, self._hub, self._screen)
         self._feed.tell = self._logbook.tell
-        self._declare(twin, run.id)
+        self._declare(run.id)
         self._move_and_record(motion)
         with self._screen.busy("finishing the prediction"):
             self._feed.finish(self._stop.check)
-        self._derived.finish()
+        self._derived.finish(self._logbook.note)
         if self._view is not None:
             self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
@@ -204,6 +212,7 @@ class _Run:
         self._watch.checks += [acquisition.check, self._shaft.check, motion.check, self._supervisor.check]
         actuator = self._devices.actuator.name
         logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
+        logbook.events.append(self._derived.events)
         logbook.clocks.append(acquisition.base.refit)
         logbook.clocks.append(lambda _: motion.clocks(acquisition.base))
         if encoder is not None:
@@ -245,25 +254,27 @@ class _Run:
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
+        derived = derived_channels(self._origins, self._scenario)
         if self._frequency is not None:
             sinks.append(self._frequency)
         if self._request.live:
             picture = picture_of(twin)
-            channels = (self._devices.card.channels, self._predicted(twin))
-            view = stack.enter_context(LiveView(self._scenario.name, *channels, picture))
+            channels = (self._origins["measured"], self._origins["predicted"])
+            view = stack.enter_context(LiveView(self._scenario.name, *channels, picture, derived=derived))
             self._screen.say(f"live view  {view.url}")
             self._view = view
             sinks.append(ViewSink(view))
-        origins: dict[Origin, list[Channel]] = {"measured": list(self._devices.card.channels)}
-        origins["predicted"] = self._predicted(twin)
-        derived = derive_live(sinks, origins, self._scenario, self._recorder, self._clock)
-        self._derived = stack.enter_context(derived)
-        return [*sinks, derived]
+        for channel in derived:
+            self._recorder.declare("derived", channel)
+        self._derived.deliver_to(Hub(sinks), self._recorder.metadata)
+        stack.callback(lambda: self._derived.finish(self._logbook.note))  # however the run ends
+        stack.callback(self._feed.worker.close)  # what it predicts from then on would not be derived from
+        return [*sinks, self._derived]
 
     def _predicted(self, twin: AnyTwin) -> list[Channel]:
         return [channel for channel in predicted_channels(twin) if channel.name in self._names]
 
-    def _declare(self, twin: AnyTwin, run_id: str) -> None:
+    def _declare(self, run_id: str) -> None:
         self._recorder.metadata("scenario", {"toml": self._scenario.text})
         record = run_record(self._request.bench, self._devices, self._notes, run_id, self._clock)
         self._recorder.metadata("run", record)
@@ -273,7 +284,7 @@ class _Run:
             self._recorder.declare("measured", channel)
         if self._devices.encoder is not None:
             self._recorder.declare("measured", encoder_channel(self._devices.encoder))
-        for channel in self._predicted(twin):
+        for channel in self._origins["predicted"]:
             self._recorder.declare("predicted", channel)
         for warning in self._devices.card.warnings:
             self._screen.warn(warning)

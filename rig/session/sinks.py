@@ -41,16 +41,16 @@ class ViewSink:
         self._view = view
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Offer a block; the view has no place yet for what is derived."""
-        if origin != "derived":
-            self._view.offer(origin, block)
+        """Offer a block."""
+        self._view.offer(origin, block)
 
     def event(self, event: Event) -> None:
         """Offer an event."""
         self._view.offer_event(event)
 
     def impact(self, impact: Impact) -> None:
-        """Not shown."""
+        """Offer an impact."""
+        self._view.offer_impact(impact)
 
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Offer where the twin's rig is."""

@@ -6,14 +6,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from daq.block import SampleBlock
+from daq.block import SampleBlock, as_logged
 from drivers.protocols import CardReading
 from rig.session.acquisition import Acquisition
 from rig.session.hub import Hub
 from rig.twin.alignment import Alignment
 from rig.twin.rigs import kind_of
-from rig.twin.worker import Shape, TwinFailed, TwinWorker
+from rig.twin.worker import Drive, Predict, Recorded, Shape
+from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
+
+_FINISH_S = 600.0
 
 
 class TwinFeed:
@@ -34,7 +37,7 @@ class TwinFeed:
         self._names, self._unseen = names, unseen
         self._reference = kind_of(twin).reference
         self._last = False
-        self.worker = TwinWorker(twin, sample_rate, settle_s, self._deliver)
+        self.worker = WorkerProcess("twin", Predict(twin, sample_rate, settle_s), self._deliver)
         self.hub = Hub(())
         self.tell: Callable[[str, str, str], None] = lambda level, code, text: None
         self.feed_from: int | None = None
@@ -43,21 +46,23 @@ class TwinFeed:
         """In the acquisition thread: hand over the reference, and say how far the record is."""
         feed_from = self.feed_from
         if feed_from is not None and reading.first_sample >= feed_from and self._reference in self._names:
-            self.worker.drive(reading.first_sample, reading.values[self._names.index(self._reference)])
+            row = reading.values[self._names.index(self._reference)]
+            self.worker.give(Drive(reading.first_sample, as_logged(self._reference, row)))
         begin, until = acquisition.record_from, acquisition.record_until
         if begin is not None and until is not None and not self._last:
             end = min(reading.first_sample + reading.values.shape[1], until)
             self._last = end == until
             turned_off = acquisition.turned_off.get(self._reference, 0.0)
-            self.worker.recorded(begin, end - begin, acquisition.record_start_ns, self._last, turned_off)
+            start_ns = acquisition.record_start_ns
+            self.worker.give(Recorded(begin, end - begin, start_ns, self._last, turned_off))
 
     def finish(self, check: Callable[[], None]) -> None:
-        """Wait for the end of the prediction; raises TwinFailed, and what `check` raises meanwhile."""
+        """Wait for the end of the prediction; raises WorkerFailed, and what `check` raises meanwhile."""
         try:
-            self.worker.finish(check)
-        except TwinFailed as error:
+            self.worker.finish(_FINISH_S, check)
+        except WorkerFailed as error:
             self.tell("error", "twin.failed", str(error))
-            raise TwinFailed(
+            raise WorkerFailed(
                 f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
             ) from error
 

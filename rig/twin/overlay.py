@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from daq.block import sample_time_ns
+from daq.block import SampleBlock, sample_time_ns
+from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import LogReader, LogWriter, Origin
 from daq.log.codec import decode_block
-from daq.log.records import Gap
+from daq.log.records import Gap, Impact
+from rig.derived import RECORD, DerivedSink, derived_channels, from_record
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment
@@ -50,6 +52,8 @@ def overlay_run(
 ) -> None:
     """Copy `run` to the new log `target` with /predicted/... of every measured channel in it.
 
+    What follows from the samples of both, /derived/... and /impact, comes with them.
+
     The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets;
     the twin without them then comes too, as /nominal/... `model`: one that every twin is matched by, of which
     `warn` hears what does not hold for this run.
@@ -67,10 +71,12 @@ def overlay_run(
         if effects is not None:
             twins = {"predicted": with_effects(twin, effects), "nominal": twin}
         with LogWriter(target) as copy, removed_if_it_fails(target):
-            _copy(log, copy)
+            derived = _derivation(log, copy, scenario, twins)
+            _copy(log, copy, derived)
             copy.add_metadata("twin", twin_record(effects, fitted) | _nominal_record(log, twins))
             for origin, each in twins.items():
-                _predict(log, copy, scenario, origin, each)
+                _predict(log, copy, scenario, origin, each, derived)
+            derived.finish()
 
 
 def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
@@ -82,7 +88,42 @@ def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Ali
     return kind.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)
 
 
-def _copy(log: LogReader, copy: LogWriter) -> None:
+class _Derived:
+    """Writes what is derived."""
+
+    def __init__(self, copy: LogWriter) -> None:
+        self._copy = copy
+
+    def block(self, origin: Origin, block: SampleBlock) -> None:
+        self._copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), block.sample_rate))
+
+    def impact(self, impact: Impact) -> None:
+        self._copy.add_impact(impact, impact.time_ns)
+
+
+def _derivation(
+    log: LogReader, copy: LogWriter, scenario: Scenario, twins: Mapping[Origin, AnyTwin]
+) -> DerivedSink:
+    """What follows from samples in `copy`, by what the run settled of the measured; declares its channels."""
+    measured = log.channels("measured")
+    channels: dict[Origin, list[Channel]] = {"measured": list(measured.values())}
+    channels |= {origin: _predicted_of(twin, measured) for origin, twin in twins.items()}
+    for channel in derived_channels(channels, scenario):
+        copy.declare("derived", channel)
+    known = {
+        origin: settings
+        for origin, settings in from_record(log.metadata.get(RECORD, {})).items()
+        if origin == "measured"
+    }
+    names = {origin: [channel.name for channel in each] for origin, each in channels.items()}
+    return DerivedSink(_Derived(copy), names, scenario, known, copy.add_metadata)
+
+
+def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:
+    return [channel for channel in predicted_channels(twin) if channel.name in measured]
+
+
+def _copy(log: LogReader, copy: LogWriter, derived: DerivedSink) -> None:
     """Everything but an earlier prediction and what was derived, message by message as it was."""
     for name, record in log.metadata.items():
         if name not in ("twin", "derived"):
@@ -93,6 +134,7 @@ def _copy(log: LogReader, copy: LogWriter) -> None:
     for message in log.messages({f"/measured/{name}" for name in log.channels("measured")}):
         block = decode_block(message.topic.removeprefix("/measured/"), message.data)
         copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
+        derived.block("measured", block)
     for gap in ledger:
         copy.add_gap(gap, gap.time_ns)
     for event in log.events():
@@ -115,9 +157,11 @@ def _nominal_record(log: LogReader, twins: Mapping[Origin, AnyTwin]) -> dict[str
     }
 
 
-def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin) -> None:
+def _predict(
+    log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin, derived: DerivedSink
+) -> None:
     measured = log.channels("measured")
-    wanted = [channel for channel in predicted_channels(twin) if channel.name in measured]
+    wanted = _predicted_of(twin, measured)
     for channel in wanted:
         copy.declare(origin, channel)
     reference = log.series("measured", next(iter(measured)))
@@ -129,3 +173,4 @@ def _predict(log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin
     for block in aligned.blocks(reference.end_sample, start_ns):
         if block.channel in names:
             copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), rate))
+            derived.block(origin, block)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from daq.log import LogReader
 from rig.derived import RECORD
-from tests.end_to_end.files import CHANNELS
+from tests.end_to_end.command import await_true, command
+from tests.end_to_end.files import CHANNELS, write_scenario
 from tests.rig.derived.test_live_and_replay import logged, replayed
 
 
@@ -51,3 +53,16 @@ def test_the_two_sides_are_hit_half_a_cycle_apart(settled_log: Path) -> None:
     # The rig is symmetric; its impacts scatter by under a tenth of a cycle, and there are forty of each.
     assert np.angle(-mean["upper"] / mean["lower"]) / (2 * np.pi) == pytest.approx(0.0, abs=0.05)
     assert min(map(abs, mean.values())) > 0.5
+
+
+def test_a_run_that_is_stopped_has_all_that_follows_from_what_it_recorded(tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=1.0, duration_s=30.0)
+    with command("run", scenario, "--out", tmp_path) as run:
+        run.await_line("recording")
+        (path,) = tmp_path.glob("*.mcap")
+        await_true("two seconds in the log", lambda: path.stat().st_size > 2_500_000)
+        run.signal(signal.SIGINT)
+        assert run.end().code == 130
+    found = logged(path)
+    assert len(found) > 50
+    assert replayed(path) == found

@@ -1,19 +1,24 @@
-"""Impacts over the crank angle at which they were."""
+"""Impacts over the crank angle at which they began."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from dataclasses import dataclass, field
+from math import isfinite
 
 import rerun as rr
 import rerun.blueprint as rrb
 
+from daq.log.records import Impact
 from rig.live import paths
 from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, from_zero
-from rig.live.crank.impact_peaks import IMPACT_HZ, Blow
+from rig.live.picture import Stage
 
 _FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
 _ANGLES = Axis(0.0, 360.0, tuple((float(at), f"{at}°") for at in range(0, 361, 45)))
 _HEADROOM = 1.1
+_DOTS = 600
+_DRAWS_EVERY_S = 1.0
 
 
 def impact_view(group: str, unit: str) -> rrb.Spatial2DView:
@@ -23,33 +28,60 @@ def impact_view(group: str, unit: str) -> rrb.Spatial2DView:
     )
 
 
+@dataclass(slots=True)
+class _Cloud:
+    """The newest dots of one origin: angles in degrees with peaks."""
+
+    dots: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_DOTS))
+    newest_s: float = 0.0
+    drawn_s: float = 0.0
+    waits: bool = False
+
+
 class ImpactPicture:
-    """Blows of one group of channels, a dot each."""
+    """Impacts of one group of channels, a dot each, drawn anew once a second."""
 
-    def __init__(self, recording: rr.RecordingStream, group: str, unit: str) -> None:
-        self._recording, self._group = recording, group
-        what = "contact force" if unit == "N" else f"acceleration above {IMPACT_HZ / 1000:g} kHz"
-        caption = f"largest {what} of each impact, over crank angle"
-        self._axes = AxesPicture(recording, _path(group), _FRAME, caption)
+    def __init__(self, stage: Stage, group: str, unit: str) -> None:
+        self._stage, self._group = stage, group
+        what = "contact force of each impact" if unit == "N" else "acceleration of each burst"
+        caption = f"largest {what}, over the crank angle at which it begins"
+        self._axes = AxesPicture(stage.recording, _path(group), _FRAME, caption)
         self._top = 0.0
+        self._clouds: dict[str, _Cloud] = {}
 
-    def draw(self, whose: str, blows: Sequence[Blow]) -> None:
-        """Log them at the recording's current time, instead of those before."""
-        if not blows:
+    def add(self, whose: str, time_s: float, impact: Impact) -> None:
+        """Take an impact that began at `time_s`; one without an angle has no place here."""
+        if not isfinite(impact.turns):
             return
-        largest = max(blow.peak for blow in blows)
+        cloud = self._clouds.setdefault(whose, _Cloud())
+        cloud.dots.append((360.0 * (impact.turns % 1.0), impact.peak))
+        cloud.newest_s, cloud.waits = max(cloud.newest_s, time_s), True
+        if cloud.newest_s >= cloud.drawn_s + _DRAWS_EVERY_S:
+            self._draw(whose, cloud)
+
+    def finish(self) -> None:
+        """Draw those that wait for more."""
+        for whose, cloud in self._clouds.items():
+            if cloud.waits:
+                self._draw(whose, cloud)
+
+    def _draw(self, whose: str, cloud: _Cloud) -> None:
+        """Draw all dots instead of those before."""
+        cloud.drawn_s, cloud.waits = cloud.newest_s, False
+        self._stage.at(cloud.newest_s)
+        angles, peaks = zip(*cloud.dots, strict=True)
+        largest = max(peaks)
         if largest > self._top:
             axis = from_zero(_HEADROOM * largest)
             self._top = axis.high
             self._axes.fit(_ANGLES, axis)
-        places = self._axes.places([360 * blow.place for blow in blows], [blow.peak for blow in blows])
         dots = rr.Points2D(
-            places,
+            self._axes.places(angles, peaks),
             colors=[paths.COLOURS[whose]],
             radii=rr.Radius.ui_points(3.2 if whose == "measured" else 2.6),
             draw_order=DRAW_ORDER[whose],
         )
-        self._recording.log(f"{_path(self._group)}/{whose}", dots)
+        self._stage.recording.log(f"{_path(self._group)}/{whose}", dots)
 
 
 def _path(group: str) -> str:

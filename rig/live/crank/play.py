@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.block import SampleBlock
+from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
-from rig.live.crank.impact_peaks import BlowsByAngle, ImpactPeaks
+from daq.log.records import Impact
 from rig.live.crank.impact_picture import ImpactPicture
 from rig.live.crank.joints import JointPicture
 from rig.live.crank.mechanism import MovingMechanism
 from rig.live.crank.order_lines import OrderLines
 from rig.live.crank.order_picture import OrderPicture
 from rig.live.crank.speed_plot import SpeedPlot
-from rig.live.crank.turning_speed import TurningSpeed
 from rig.live.crank.turns import KEPT_S, Turns, turns_from
 from rig.live.frames import ShapeFrame
 from rig.live.picture import Stage
@@ -25,7 +26,6 @@ if TYPE_CHECKING:  # it names this module, which fills its views
     from rig.live.crank.picture import CrankPicture
 
 _LOOKS_EVERY_S = 0.25
-_DOTS = 600
 _DRAWS_EVERY_S = 1.0
 
 
@@ -34,27 +34,19 @@ class _Turning:
 
     def __init__(self, picture: CrankPicture, stage: Stage, turns: Turns, channels: tuple[str, ...]) -> None:
         self.turns = turns
-        self.speed = TurningSpeed(turns.channel == picture.marker)
         self.orders = OrderLines()
         self.ordered = {name: Recent(KEPT_S) for name in picture.turning(stage.shown) if name in channels}
         self.ordered_until = 0
         self.drawn_blocks = 0
-        self.peaks: dict[str, tuple[ImpactPeaks, BlowsByAngle]] = {}
-        self.blows: dict[str, BlowsByAngle] = {}
-        for group, names in picture.heard(stage.shown).items():
-            blows = self.blows[group] = BlowsByAngle(_DOTS)
-            for name in names:
-                if name in channels:
-                    self.peaks[name] = ImpactPeaks(stage.shown.units[name]), blows
         self.looked_s = self.drawn_s = 0.0
 
 
 class CrankPlay:
     """Mechanism, joints, orders, impacts and speed.
 
-    Blows are found as blocks come; all that needs the angle waits until that is known: mechanism and speed
-    are looked at four times a second of the origin's own time, orders and impacts once a second. What has
-    waited longer than turns are kept for is left out.
+    Impacts and speed come as the log has them. What is found by the angle here waits until that is known: the
+    mechanism is looked at four times a second of the origin's own time, orders once a second. What has waited
+    longer than turns are kept for is left out.
     """
 
     def __init__(self, picture: CrankPicture, stage: Stage) -> None:
@@ -70,10 +62,11 @@ class CrankPlay:
         self._speed = SpeedPlot(stage, picture.set_rad_s)
         shown, recording = stage.shown, stage.recording
         self._orders = {name: OrderPicture(recording, name) for name in picture.turning(shown)}
-        self._impacts = {
-            group: ImpactPicture(recording, group, shown.units[names[0]])
-            for group, names in picture.heard(shown).items()
-        }
+        self._impacts: dict[str, ImpactPicture] = {}
+        for group, names in picture.heard(shown).items():
+            drawn = ImpactPicture(stage, group, shown.units[names[0]])
+            self._impacts |= dict.fromkeys(names, drawn)
+        self._speeds = {derived_name(origin, CRANK_SPEED): origin for origin in shown.origins}
 
     def open(self) -> None:
         """Log what stays."""
@@ -88,30 +81,38 @@ class CrankPlay:
             return
         if block.channel in turning.ordered:
             turning.ordered[block.channel].add(block)
-        if block.channel in turning.peaks:
-            peaks, blows = turning.peaks[block.channel]
-            blows.add(peaks.add(block))
         if block.channel != turning.turns.channel:
             return
         turning.turns.add(block)
-        turning.speed.add(block)
         end_s = block.end_sample / block.sample_rate
         if not 0 <= end_s - turning.looked_s < _LOOKS_EVERY_S:
             turning.looked_s = end_s
-            self._look(origin, turning, block.sample_rate)
+            self._mechanism.follow(origin, turning.turns, block.sample_rate)
         if not 0 <= end_s - turning.drawn_s < _DRAWS_EVERY_S:
             turning.drawn_s = end_s
             self._order(turning, block.sample_rate)
             self._stage.at(end_s)
             self._draw(origin, turning)
 
+    def add_derived(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
+        """Show the crank's speed."""
+        if block.channel in self._speeds:
+            self._speed.show(self._speeds[block.channel], times_s, block.values)
+
+    def add_impact(self, time_s: float, impact: Impact) -> None:
+        """Show an impact on a channel of one of the groups."""
+        if impact.channel in self._impacts:
+            whose = self._stage.shown.whose(impact.origin)
+            self._impacts[impact.channel].add(whose, time_s, impact)
+
     def add_shape(self, shape: ShapeFrame) -> None:
         """Show where the journals are in their bearings."""
         self._joints.show(shape.time_s, self._picture.eccentricity(shape.points_m))
 
-    def _look(self, origin: Origin, turning: _Turning, sample_rate: float) -> None:
-        self._mechanism.follow(origin, turning.turns, sample_rate)
-        self._speed.show(origin, turning.speed.take())
+    def finish(self) -> None:
+        """Show the last impacts."""
+        for impacts in self._impacts.values():
+            impacts.finish()
 
     def _order(self, turning: _Turning, sample_rate: float) -> None:
         """Hand the samples whose turns are known to the orders, at most what is kept."""
@@ -127,9 +128,6 @@ class CrankPlay:
 
     def _draw(self, origin: Origin, turning: _Turning) -> None:
         whose = self._stage.shown.whose(origin)
-        for group, blows in turning.blows.items():
-            if blows.place(turning.turns):
-                self._impacts[group].draw(whose, list(blows.newest))
         amplitude = turning.orders.amplitude
         if amplitude is not None and turning.orders.blocks != turning.drawn_blocks:
             turning.drawn_blocks = turning.orders.blocks

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from daq.log.reader import Origin
 from rig.live import paths
-from rig.live.crank.turning_speed import Speeds
 from rig.live.picture import Stage
 from rig.live.series import line_style, scatter_over_time
 
@@ -34,11 +33,8 @@ class SpeedPlot:
 
     def __init__(self, stage: Stage, set_rad_s: float) -> None:
         self._stage = stage
-        self._set = {
-            "set": set_rad_s,
-            "upper": (1 + _BAND) * set_rad_s,
-            "lower": (1 - _BAND) * set_rad_s,
-        }
+        rpm = set_rad_s * _RPM
+        self._set_rpm = {"set": rpm, "upper": (1 + _BAND) * rpm, "lower": (1 - _BAND) * rpm}
         self._reached_s = -1.0
 
     def open(self) -> None:
@@ -47,22 +43,22 @@ class SpeedPlot:
         for origin, names in shown.origins.items():
             if names:
                 recording.log(f"{PATH}/{origin}", line_style(shown.whose(origin)), static=True)
-        for name in self._set:
+        for name in self._set_rpm:
             colour = _SET_COLOUR if name == "set" else paths.DIM
             style = rr.SeriesLines(colors=[colour], names=[name], widths=[0.9])
             recording.log(f"{PATH}/{name}", style, static=True)
 
-    def show(self, origin: Origin, speeds: Speeds) -> None:
-        """Add speeds."""
-        if not len(speeds.time_s):
+    def show(self, origin: Origin, times_s: NDArray[np.float64], rpm: NDArray[np.floating]) -> None:
+        """Add speeds in rpm, where they are known, at times in s; both of shape (n,)."""
+        known = np.isfinite(rpm)
+        if not known.any():
             return
-        self._send(origin, speeds.time_s, speeds.speed_rad_s)
-        end_s = float(speeds.time_s[-1])
+        self._send(origin, times_s[known], rpm[known])
+        begin_s, end_s = float(times_s[0]), float(times_s[-1])
         if end_s > self._reached_s:
-            times_s = np.array([min(float(speeds.time_s[0]), end_s), end_s])
-            for name, speed in self._set.items():
-                self._send(name, times_s, np.full(2, speed))
+            for name, speed in self._set_rpm.items():
+                self._send(name, np.array([begin_s, end_s]), np.full(2, speed))
             self._reached_s = end_s
 
-    def _send(self, name: str, times_s: NDArray[np.float64], speeds: NDArray[np.float64]) -> None:
-        self._stage.columns(f"{PATH}/{name}", times_s, rr.Scalars.columns(scalars=speeds * _RPM))
+    def _send(self, name: str, times_s: NDArray[np.float64], rpm: NDArray[np.floating]) -> None:
+        self._stage.columns(f"{PATH}/{name}", times_s, rr.Scalars.columns(scalars=rpm))

@@ -1,4 +1,4 @@
-"""The beam in space, its deflection enlarged until the clearance can be seen, and its half cycles."""
+"""The beam in space, its deflection enlarged until the clearance can be seen, and its impacts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
+from daq.log.records import Impact
 from rig.live import paths
 from rig.live.frames import ShapeFrame
-from rig.live.half_cycle_peaks import LOWER, UPPER, HalfCyclePeaks
 from rig.live.picture import OwnViews, Stage
 from rig.live.series import points_style, scatter_over_time
 from rig.live.shown import Shown
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
     from sim_twin.twin import Twin
 
+_SIDES = ("contact.force_upper", "contact.force_lower")
 _CLEARANCE_ON_SCREEN = 0.12
 """Half the free motion at the tip, drawn as this share of the beam's length."""
 
@@ -53,15 +54,15 @@ class BeamPicture:
         return self.length_m * _CLEARANCE_ON_SCREEN / self.clearance_m
 
     def views(self, shown: Shown) -> OwnViews:
-        """The beam, and where its contact forces are among the channels, their half cycles."""
+        """The beam, and where its contact forces are among the channels, their impacts."""
         beam: tuple[rrb.View, float] = (self._beam_view(), 3.0)
-        if UPPER not in shown.units or LOWER not in shown.units:
+        if not any(side in shown.units for side in _SIDES):
             return OwnViews((beam,))
-        peaks = scatter_over_time(paths.PEAKS, "Largest force of each half cycle [N]", shown.window_s)
+        peaks = scatter_over_time(paths.PEAKS, "Largest force of each impact [N]", shown.window_s)
         return OwnViews((beam, (peaks, 2.5)))
 
     def play(self, stage: Stage) -> _BeamPlay:
-        """What moves the beam and finds its half cycles."""
+        """What moves the beam and shows its impacts."""
         return _BeamPlay(self, stage)
 
     def draw_fixed(self, recording: rr.RecordingStream) -> None:
@@ -122,13 +123,10 @@ class BeamPicture:
 
 
 class _BeamPlay:
-    """The beam's motion, and the peaks of its half cycles."""
+    """The beam's motion, and the peaks of its impacts."""
 
     def __init__(self, picture: BeamPicture, stage: Stage) -> None:
         self._picture, self._stage = picture, stage
-        self._peaks: dict[Origin, HalfCyclePeaks] = {
-            origin: HalfCyclePeaks() for origin in stage.shown.origins
-        }
 
     def open(self) -> None:
         """Log the stops, and how peaks look."""
@@ -139,15 +137,24 @@ class _BeamPlay:
                 recording.log(paths.peaks(origin), points_style(whose(origin)), static=True)
 
     def add_block(self, origin: Origin, block: SampleBlock) -> None:
-        """Show the half cycles that end with it."""
-        for peak in self._peaks[origin].add(block):
-            self._stage.at(peak.time_s)
-            self._stage.recording.log(paths.peaks(origin), rr.Scalars(peak.force_n))
+        """Nothing of a beam follows from a block."""
+
+    def add_derived(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
+        """Nothing of a beam follows from what is derived."""
+
+    def add_impact(self, time_s: float, impact: Impact) -> None:
+        """Show the peak of an impact on a stop."""
+        if impact.channel in _SIDES:
+            self._stage.at(time_s)
+            self._stage.recording.log(paths.peaks(impact.origin), rr.Scalars(impact.peak))
 
     def add_shape(self, shape: ShapeFrame) -> None:
         """Show the beam."""
         self._stage.at(shape.time_s)
         self._picture.draw(self._stage.recording, shape.points_m)
+
+    def finish(self) -> None:
+        """Nothing waits."""
 
 
 def _across(x: float, z: float, width: float) -> list[tuple[float, float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from daq.formats.contents import Column, Contents
 from daq.formats.log_recording import read_log
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch
-from daq.log import ClockRecord, Event, LogReader, LogWriter, Origin
+from daq.log import ClockRecord, Event, Impact, LogReader, LogWriter, Origin
 
 START_NS = 1_790_000_000 * NS_PER_S + 123_456_789
 FORCE = Channel(
@@ -29,6 +30,24 @@ SCENARIO = 'name = "früh"\nrig = "impact_beam"\n'
 EVENT = Event(START_NS + 5, "warning", "rig", "limit.warning", 'früh, "dort"\n# und so')
 CLOCK = ClockRecord(START_NS, "card", 1e-3, -12.5, float("nan"))
 
+IMPACTS = [
+    Impact(START_NS + 7, "measured", FORCE.name, 40, 99, 61, 40.1, 39.9, 0.1 + 0.2, 1e-3, 1, 12.75),
+    Impact(
+        START_NS + 9,
+        "predicted",
+        FORCE.name,
+        2**40,
+        2**40 + 9,
+        2**40 + 3,
+        1e-7,
+        1e-7,
+        1e-300,
+        0.0,
+        0,
+        math.nan,
+    ),
+]
+
 
 def write_run(path: Path) -> Path:
     """The log, by the project's own writer."""
@@ -37,6 +56,8 @@ def write_run(path: Path) -> Path:
         log.add_metadata("run", RUN)
         log.add_event(EVENT)
         log.add_clock(CLOCK)
+        for impact in IMPACTS:
+            log.add_impact(impact, impact.time_ns)
         for origin, channel, blocks in traces():
             log.declare(origin, channel)
             for block in blocks:

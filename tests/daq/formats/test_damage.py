@@ -96,3 +96,22 @@ def test_what_is_no_such_file_is_refused(
     path.write_bytes(content)
     with pytest.raises(LogError, match=path.name):
         read_all(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("first_peak", "peak_one", "no column first_peak"),
+        (",39.9,", ",39.9", "cut short"),
+        (",39.9,", ",a lot,", "is damaged"),
+    ],
+)
+def test_a_damaged_table_of_impacts_is_told(tmp_path: Path, old: str, new: str, match: str) -> None:
+    with Scratch(tmp_path) as scratch:
+        recording = runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch)
+        write = FORMATS["csv"].write
+        assert write is not None
+        *_, path = write(recording, tmp_path / "run.csv", str)
+        path.write_text(path.read_text().replace(old, new))
+        with pytest.raises(LogError, match=rf"run\.impacts\.csv: .*{match}"):
+            FORMATS["csv"].read(path, scratch)

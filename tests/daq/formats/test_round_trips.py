@@ -50,7 +50,8 @@ def exported(
     paths = chosen.write(recording, folder / f"run{chosen.suffixes[0]}", warnings.append)
     found = [format_of(path).read(path, scratch) for path in paths]
     columns = tuple(column for each in found for column in each.columns)
-    return chosen.name, warnings, Contents(columns, found[0].rest)
+    impacts = [impact for each in found for impact in each.rest.impacts]
+    return chosen.name, warnings, Contents(columns, dataclasses.replace(found[0].rest, impacts=impacts))
 
 
 def test_samples_come_back_bit_by_bit_in_their_precision(
@@ -111,6 +112,15 @@ def test_events_clocks_and_records_come_back_or_are_warned_of(
     assert dataclasses.replace(clock, uncertainty_s=0.0) == dataclasses.replace(runs.CLOCK, uncertainty_s=0.0)
 
 
+def test_impacts_come_back_exactly_or_are_warned_of(exported: tuple[str, list[str], Contents]) -> None:
+    name, warnings, contents = exported
+    if name in EXACT:
+        assert repr(contents.rest.impacts) == repr(runs.IMPACTS)  # NaN is not equal to itself
+    else:
+        assert not contents.rest.impacts
+        assert "uff holds no impacts: 2 of /impact left out" in warnings
+
+
 def test_a_channel_without_samples_comes_back_or_is_warned_of(
     exported: tuple[str, list[str], Contents],
 ) -> None:
@@ -130,6 +140,7 @@ def test_the_log_of_a_recording_is_the_log_it_was_read_from(folder: Path, record
         assert two.metadata == one.metadata
         assert two.topic_metadata() == one.topic_metadata()
         assert two.events() == one.events()
+        assert repr(two.impacts()) == repr(one.impacts()) == repr(runs.IMPACTS)
         assert sorted(two.gaps(), key=str) == sorted(one.gaps(), key=str)
         blocks = [sorted(log.blocks(), key=_place) for log in (one, two)]
         for (origin, block), (found_origin, found) in zip(*blocks, strict=True):

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from daq.log import LogReader, Origin, verify_log
+from rig.derived import RECORD
 from rig.report import overall_closeness, summarise
 from rig.twin.overlay import overlay_run
 from tests.rig.commands.cli import Call
+from tests.rig.derived.test_live_and_replay import logged, replayed
 from tests.rig.synthetic_run import SCENARIO, write_log
 
 RUN = f'{SCENARIO}\n[acquisition]\nsample_rate = "51.2 kHz"\nduration = "2 s"\n'
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
+BOTH: tuple[Origin, ...] = ("measured", "predicted")
 FRAME = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
 needs_samples = pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
 
@@ -34,12 +37,29 @@ def test_a_foreign_recording_gets_its_prediction_in_a_new_file(call: Call, tmp_p
     assert (tmp_path / "overlay.html").is_file()
     assert verify_log(tmp_path / "overlay.mcap").sound
     with LogReader(run) as original, LogReader(tmp_path / "overlay.mcap") as log:
-        assert log.metadata == {**original.metadata, "twin": {"effects": "[]"}}
+        records = {name: record for name, record in log.metadata.items() if name != RECORD}
+        assert records == {**original.metadata, "twin": {"effects": "[]"}}
         assert list(log.channels("predicted")) == list(log.channels("measured"))
         for name, row in original.table("measured").items():
             copied, predicted = log.series("measured", name), log.series("predicted", name)
             assert np.array_equal(copied.values, row.values)
             assert (predicted.time_ns, predicted.end_sample) == (row.time_ns, row.end_sample)
+
+
+def test_what_follows_from_both_comes_with_them_and_is_said(call: Call, tmp_path: Path) -> None:
+    run = write_log(tmp_path / "run.mcap", 2.0, origins=["measured"], scenario=RUN)
+    target = tmp_path / "overlay.mcap"
+    answer = call("overlay", run, "-o", target)
+    assert answer.code == 0, answer.err
+    with LogReader(target) as log:
+        found = {origin: [each for each in log.impacts() if each.origin == origin] for origin in BOTH}
+        assert set(log.metadata[RECORD]) == {"rule", *BOTH}
+    # 40 on each side of the gap and as many bursts of the yoke; the twin hits both sides too.
+    assert len(found["measured"]) > 100
+    assert {impact.channel for impact in found["predicted"]} >= {"contact.force_upper", "contact.force_lower"}
+    assert "contact.force_upper: measured 40, mean peak 39.99 N; predicted" in answer.out
+    assert "predicted" in next(line for line in answer.out.splitlines() if "force_lower: measured" in line)
+    assert replayed(target) == logged(target)
 
 
 @needs_samples

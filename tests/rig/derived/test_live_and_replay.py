@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.log import LogReader, LogWriter, Origin, verify_log
+from daq.log import Event, LogReader, LogWriter, Origin, verify_log
 from daq.recorder import Recorder
-from rig.derived import RECORD, DerivedSink, InBackground
-from rig.derived.background import QUEUE_BLOCKS
+from rig.derived import RECORD, InBackground, derived_channels
+from rig.derived.sink import Note, Onward
 from rig.files.scenario import Scenario
 from rig.session.deriving import derive_live
 from rig.session.hub import Hub
@@ -34,12 +38,13 @@ def record_live(
     declared: dict[Origin, list[Channel]] = {origin: list(channels) for origin in blocks}
     with Recorder(LogWriter(path), clock) as recorder:
         recorder.metadata("scenario", {"toml": scenario.text})
-        sinks = [LogSink(recorder)]
         for origin in blocks:
             for channel in channels:
                 recorder.declare(origin, channel)
-        with derive_live(sinks, declared, scenario, recorder, clock) as derived:
-            hub = Hub([*sinks, derived])
+        for channel in derived_channels(declared, scenario):
+            recorder.declare("derived", channel)
+        with started(derive_live(declared, scenario, clock), LogSink(recorder), recorder.metadata) as derived:
+            hub = Hub([LogSink(recorder), derived])
 
             def bring(origin: Origin) -> None:
                 for block in blocks[origin]:
@@ -50,8 +55,19 @@ def record_live(
                 thread.start()
             for thread in threads:
                 thread.join()
-            derived.finish()
+            derived.finish(recorder.event)
     return path
+
+
+@contextmanager
+def started(
+    derived: InBackground, onward: Onward, note: Note = lambda name, record: None
+) -> Iterator[InBackground]:
+    """As a run does it."""
+    derived.deliver_to(onward, note)
+    with derived.worker:
+        derived.wait_ready(lambda: None)
+        yield derived
 
 
 def logged(path: Path) -> dict[object, object]:
@@ -103,37 +119,52 @@ def test_a_log_that_does_not_say_what_was_settled_gives_the_same(live_log: Path,
     assert replayed(forgetful) == logged(live_log)
 
 
-class Faulty(DerivedSink):
-    """Fails, or hangs until the test lets it go on."""
-
-    def __init__(self, onward: ListSink, hangs: threading.Event | None) -> None:
-        super().__init__(onward, {}, None)
-        self._hangs = hangs
-
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        if self._hangs is None:
-            raise ZeroDivisionError("a fault in what is derived")
-        self._hangs.wait()
+def a_block(seconds: float = 0.1) -> SampleBlock:
+    return next(iter(beam.blocks(beam.CHANNELS[:1], "measured", seconds)))
 
 
-def a_block() -> SampleBlock:
-    return next(iter(beam.blocks(beam.CHANNELS[:1], "measured", 0.1)))
+def derivation(**options: int) -> InBackground:
+    return InBackground({"measured": ("contact.force_upper",)}, BEAM, SystemClock(), **options)
+
+
+def stopped(derived: InBackground, why: str) -> bool:
+    """Whether it says so, as a warning, in an event; and does not say it again."""
+    (event,) = derived.events()
+    assert (event.level, event.source, event.code) == ("warning", "derived", "derived.stopped")
+    return f"from here on: {why}" in event.text and not derived.events()
 
 
 def test_a_fault_ends_it_with_an_event_and_nothing_else(capfd: pytest.CaptureFixture[str]) -> None:
-    onward = ListSink()
-    with InBackground(Faulty(onward, None), onward, SystemClock()) as derived:
+    faulty = SampleBlock("contact.force_upper", 0, 0, beam.RATE, np.zeros((2, 60_000)))
+    told: list[Event] = []
+    with started(derivation(), ListSink()) as derived:
+        derived.block("measured", faulty)
+        derived.finish(told.append)
         derived.block("measured", a_block())
-        derived.finish()
-        derived.block("measured", a_block())
-    assert onward.codes() == ["derived.stopped"]
-    assert "ZeroDivisionError: a fault in what is derived" in capfd.readouterr().err
+        derived.finish(told.append)
+    (event,) = told
+    assert "derivation failed: ValueError" in event.text
+    assert "rattle replay derives it" in event.text
+    assert "Traceback" in capfd.readouterr().err
 
 
 def test_nobody_waits_for_a_derivation_that_hangs() -> None:
-    onward, go_on, block = ListSink(), threading.Event(), a_block()
-    with InBackground(Faulty(onward, go_on), onward, SystemClock()) as derived:
-        for _ in range(QUEUE_BLOCKS + 2):
-            derived.block("measured", block)
-        assert onward.codes() == ["derived.stopped"]
-        go_on.set()
+    with started(derivation(queue_blocks=50), ListSink()) as derived:
+        assert derived.worker.pid is not None
+        os.kill(derived.worker.pid, signal.SIGSTOP)
+        for _ in range(2_000):
+            derived.block("measured", a_block())
+        assert stopped(derived, "the derivation is slower than the data")
+
+
+def test_its_death_is_told_and_what_comes_then_is_taken_and_left() -> None:
+    with started(derivation(), ListSink()) as derived:
+        assert derived.worker.pid is not None
+        os.kill(derived.worker.pid, signal.SIGKILL)
+        derived.block("measured", a_block())
+        told: list[Event] = []
+        derived.finish(told.append)
+        derived.block("measured", a_block())
+    assert [event.code for event in told] == ["derived.stopped"]
+    assert "the derivation's process died" in told[0].text
+    assert not derived.events()

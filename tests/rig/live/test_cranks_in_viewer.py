@@ -11,12 +11,25 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from daq.channel import Channel
+from daq.log.reader import Origin
+from rig.derived import DerivedSink, derived_channels
+from rig.files.scenario import parse_scenario
 from rig.live import LiveView
 from rig.live.crank.picture import CrankPicture
 from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
+from rig.session.hub import Hub
+from rig.session.sinks import ViewSink
 from tests.rig.live.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
 from tests.rig.live.native_viewer import needs_vulkan, shows, viewer
 
+SCENARIO = """
+[drive]
+speed = "200 rpm"
+
+[acquisition]
+sample_rate = "25.6 kHz"
+duration = "5 s"
+"""
 SPEED_RAD_S = 2 * np.pi * SPEED_HZ
 PLANAR = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, SPEED_RAD_S)
 PLANAR_SHAPE = np.array([[0, 0], [0.15, 0], [0.1495, 5e-4], [0.7135, 5e-4], [0.7145, 0]])
@@ -61,12 +74,20 @@ def test_mechanism_journals_orders_impacts_and_speed_are_drawn(
     two = {"measured", "predicted"}
     wanted = {"Mechanism": two, impacts: two, **{f"{name} over orders": two for name in picture.ordered}}
     wanted |= {"Predicted: where journals": {"predicted"}, "Crank speed": two}
-    with LiveView("a crank", channels, channels, picture) as live:
-        both = (blocks(channels, origin, 5.0) for origin in ("measured", "predicted"))
+    scenario = parse_scenario(f'rig = "{picture.rig}"\n{SCENARIO}')
+    origins: dict[Origin, tuple[Channel, ...]] = {"measured": channels, "predicted": channels}
+    found = derived_channels(origins, scenario)
+    with LiveView("a crank", channels, channels, picture, derived=found) as live:
+        sink = ViewSink(live)
+        names = {origin: [channel.name for channel in each] for origin, each in origins.items()}
+        derived = DerivedSink(sink, names, scenario)
+        hub = Hub([sink, derived])
+        both = (blocks(channels, origin, 6.0) for origin in origins)
         for number, (first, second) in enumerate(zip(*both, strict=True)):
-            live.offer("measured", first)
-            live.offer("predicted", second)
-            live.offer_shape(first.end_sample / RATE, shape * (1 + 1e-4 * np.sin(number)))
+            hub.block("measured", first)
+            hub.block("predicted", second)
+            hub.shape(first.end_sample / RATE, shape * (1 + 1e-4 * np.sin(number)))
+        derived.finish()
         with viewer("--connect", live.sink_url) as client:
             deadline = time.monotonic() + 60.0
             while missing := left_to_see(client, tmp_path, wanted):

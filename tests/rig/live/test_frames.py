@@ -1,10 +1,11 @@
 import io
+from math import nan
 
 import numpy as np
 import pytest
 
 from daq.block import Flag, SampleBlock
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from rig.live import BeamPicture, frames
 from rig.live.layout import Layout, layout_of
 from tests.rig.synthetic_run import CHANNELS
@@ -41,6 +42,15 @@ def test_frames_follow_each_other() -> None:
     assert isinstance(found[0], frames.ShapeFrame)
     assert found[0].points_m == pytest.approx(np.array([[0.0, 0.28], [0.0, 1e-4], [1.0, 2.0]]))
     assert found[1:] == [event, frames.DroppedFrame(7)]
+
+
+@pytest.mark.parametrize("turns", [12.75, nan])
+def test_an_impact_arrives_as_it_was_found(turns: float) -> None:
+    impact = Impact(
+        1_790_000_000_123_456_789, "predicted", "socket.force", 7, 20, 9, 12.5, 11.0, 1e-3, 2e-4, 1, turns
+    )
+    (frame,) = read(frames.encode_impact(impact))
+    assert repr(frame) == repr(impact)  # NaN is not equal to itself
 
 
 @pytest.mark.parametrize("length", [1, 7, 9, 30])

@@ -13,10 +13,11 @@ from daq.block import SampleBlock
 from daq.errors import LogError
 from rig.session.signals import Stopped
 from rig.twin.alignment import Alignment
-from rig.twin.worker import TwinFailed, TwinWorker
+from rig.twin.worker import Drive, Predict, Recorded
+from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.twin import Twin
+from sim_twin.twin import AnyTwin, Twin
 
 RATE = 51_200.0
 TWIN = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
@@ -38,18 +39,22 @@ class Delivered:
             raise ZeroDivisionError("a fault in whoever takes it")
 
 
-def feed(worker: TwinWorker, last: bool = True) -> None:
+def twin_worker(deliver: Delivered, twin: AnyTwin = TWIN) -> WorkerProcess:
+    return WorkerProcess("twin", Predict(twin, RATE, 0.0), deliver)
+
+
+def feed(worker: WorkerProcess, last: bool = True) -> None:
     force = 9.0 * np.sin(2 * np.pi * 20.0 * np.arange(60_000) / RATE + 0.4)
-    worker.drive(0, force)
-    worker.recorded(0, END, 0, last)
+    worker.give(Drive(0, force))
+    worker.give(Recorded(0, END, 0, last))
 
 
 def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> None:
     delivered = Delivered()
-    with TwinWorker(TWIN, RATE, 0.0, delivered) as worker:
+    with twin_worker(delivered) as worker:
         worker.wait_ready()
         feed(worker)
-        worker.finish()
+        worker.finish(60.0)
     (alignment,) = (item for item in delivered.items if isinstance(item, Alignment))
     assert alignment.phase == pytest.approx(0.4, abs=1e-3)
     for name in TWIN.channels:
@@ -60,13 +65,14 @@ def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> N
 def test_its_death_is_told_and_a_fault_of_the_taker_too() -> None:
     for fails, words in ((False, "the twin's process died"), (True, "ZeroDivisionError: a fault in whoever")):
         delivered = Delivered(fails)
-        with TwinWorker(TWIN, RATE, 0.0, delivered) as worker:
+        with twin_worker(delivered) as worker:
             worker.wait_ready()
             feed(worker, last=False)
             assert delivered.came.wait(30)
-            worker._process.kill()
-            with pytest.raises(TwinFailed, match=words):
-                worker.finish()
+            assert worker.pid is not None
+            os.kill(worker.pid, signal.SIGKILL)
+            with pytest.raises(WorkerFailed, match=words):
+                worker.finish(60.0)
 
 
 def test_a_frozen_twin_holds_up_nobody_and_can_be_given_up() -> None:
@@ -75,22 +81,22 @@ def test_a_frozen_twin_holds_up_nobody_and_can_be_given_up() -> None:
     def stop() -> None:
         raise Stopped("stopped by a person")
 
-    with TwinWorker(TWIN, RATE, 0.0, Delivered()) as worker:
+    with twin_worker(Delivered()) as worker:
         worker.wait_ready()
-        pid = worker._process.pid
+        pid = worker.pid
         assert pid is not None
         os.kill(pid, signal.SIGSTOP)
         for _ in range(20):
             feed(worker)
         with pytest.raises(Stopped, match="stopped by a person"):
-            worker.finish(stop)
+            worker.finish(60.0, stop)
 
 
 def test_a_twin_that_cannot_start_says_why() -> None:
     broken = Twin(nominal(), SineDrive(9.0, 20.0), {"drive.force": None})  # type: ignore[dict-item]
     with (
-        TwinWorker(broken, RATE, 0.0, Delivered()) as worker,
-        pytest.raises(TwinFailed, match=r"(?s)the twin did not start: .*Attribute"),
+        twin_worker(Delivered(), broken) as worker,
+        pytest.raises(WorkerFailed, match=r"(?s)the twin did not start: .*Attribute"),
     ):
         worker.wait_ready()
 
@@ -99,5 +105,5 @@ def test_a_start_can_be_given_up() -> None:
     def stop() -> None:
         raise LogError("somebody stopped it")
 
-    with TwinWorker(TWIN, RATE, 0.0, Delivered()) as worker, pytest.raises(LogError, match="somebody"):
+    with twin_worker(Delivered()) as worker, pytest.raises(LogError, match="somebody"):
         worker.wait_ready(stop)

@@ -93,7 +93,7 @@ def traces(channels: Iterable[Channel], origin: Origin, seconds: float) -> dict[
                 found[channel.name] = np.full(len(way), tau * SPEED_HZ, np.float32)
     if origin != "measured":
         quieter = {name for name in found if found[name].dtype == np.float32 and "marker" not in name}
-        found |= {name: (0.7 * found[name]).astype(np.float32) for name in quieter}
+        found |= {name: (0.4 * found[name]).astype(np.float32) for name in quieter}
     return found
 
 

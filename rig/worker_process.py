@@ -1,0 +1,225 @@
+"""A process of its own for what takes computing: tasks go there, results come back, nobody here ever waits.
+
+No number is crunched in the acquisition process. A worker that dies, fails or cannot keep up is given up,
+with a word on why; whoever feeds it goes on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import queue
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Protocol
+
+from daq.errors import RattleError
+
+QUEUE_ITEMS = 16_384
+"""About 13 s of 64 channels, measured and predicted, in blocks of 0.1 s (4 bytes a sample: 330 MB)."""
+_BATCH = 256
+"""What has piled up goes out together: a message a block would cost the acquisition more than the copy."""
+_OF_THE_TERMINAL = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
+_START_S = 120.0
+_POLL_S = 0.1
+
+
+class WorkerFailed(RattleError, RuntimeError):
+    """A worker process ended before its work was complete."""
+
+
+class Task(Protocol):
+    """What a worker does; it is pickled on its way there."""
+
+    def prepare(self) -> None:
+        """Compile, warm up: whoever waits for the worker waits for this."""
+        ...
+
+    def run(self, items: Iterator[Any], send: Callable[[object], None]) -> None:
+        """Work on what is handed over, until that ends; `send` gives results."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    error: str = ""
+
+
+class WorkerProcess:
+    """Handle of the process that does `task`; `name` is what people call it, such as "twin".
+
+    `deliver` gets the results in a thread of ours; `error` says why there will be no more, and is empty while
+    all is well. Leaving the context ends the process, whatever it does. `give` is for any thread.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        task: Task,
+        deliver: Callable[[Any], None],
+        queue_items: int = QUEUE_ITEMS,
+    ) -> None:
+        self._name, self._task = name, task
+        self._deliver = deliver
+        self._outbox: queue.Queue[object] = queue.Queue(queue_items)
+        self._ready, self._done, self._ending = threading.Event(), threading.Event(), threading.Lock()
+        self.error = ""
+
+    def __enter__(self) -> WorkerProcess:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, far_end = context.Pipe()
+        self._process = context.Process(
+            target=_work, args=(far_end, self._task), name=self._name, daemon=True
+        )
+        # The child inherits the blocked signals: what the terminal sends to the run is not for it.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_THE_TERMINAL)
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            far_end.close()
+        self._threads = [
+            threading.Thread(target=run, name=f"{self._name} {what}", daemon=True)
+            for run, what in ((self._send_all, "sender"), (self._receive, "receiver"))
+        ]
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process and the threads; nothing is delivered after it. A second call does nothing."""
+        if self._pipe.closed:
+            return
+        if not self._done.is_set():
+            self._end(f"the {self._name} was ended")
+        self._process.join(1.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        with suppress(queue.Full):  # then the sender has something to send, and fails at it
+            self._outbox.put_nowait(None)
+        for thread in self._threads:
+            thread.join()
+        self._pipe.close()
+
+    @property
+    def pid(self) -> int | None:
+        """The process's id; None before it was started."""
+        return self._process.pid
+
+    def wait_ready(self, check: Callable[[], None] = lambda: None) -> None:
+        """Wait until the task is prepared; raises WorkerFailed, and what `check` raises meanwhile."""
+        deadline = time.monotonic() + _START_S
+        while not self._ready.wait(_POLL_S):
+            check()
+            if time.monotonic() > deadline:
+                self._end(f"the {self._name} did not start within {_START_S:g} s")
+            if self._done.is_set():
+                raise WorkerFailed(self.error)
+
+    def give(self, item: object) -> None:
+        """Hand something over; returns at once. A full queue ends the worker; then nothing is taken."""
+        if self._done.is_set():
+            return
+        try:
+            self._outbox.put_nowait(item)
+        except queue.Full:
+            self._end(f"the {self._name} is slower than the data")
+
+    def finish(self, within_s: float, check: Callable[[], None] = lambda: None) -> None:
+        """Say that all was handed over, and wait for the last result.
+
+        Raises WorkerFailed, also where it takes longer than `within_s`, and what `check` raises meanwhile.
+        """
+        self.give(None)
+        deadline = time.monotonic() + within_s
+        while not self._done.wait(_POLL_S):
+            check()
+            if time.monotonic() > deadline:
+                self._end(f"the {self._name} did not come to its end within {within_s:g} s")
+        if self.error:
+            raise WorkerFailed(self.error)
+
+    def _end(self, why: str) -> None:
+        """Take the worker for ended, once; `why` is empty where it did all its work."""
+        with self._ending:
+            if self._done.is_set():
+                return
+            self.error = why
+            self._done.set()
+        if why:
+            self._process.terminate()
+
+    def _send_all(self) -> None:
+        """In a thread of its own: a worker that reads slowly must not hold up the acquisition."""
+        with suppress(OSError):  # the receiver says what went wrong there
+            batch: list[object] = []
+            while not batch or batch[-1] is not None:
+                batch = self._waiting()
+                self._pipe.send(batch)
+
+    def _waiting(self) -> list[object]:
+        batch = [self._outbox.get()]
+        with suppress(queue.Empty):
+            while batch[-1] is not None and len(batch) < _BATCH:
+                batch.append(self._outbox.get_nowait())
+        return batch
+
+    def _receive(self) -> None:
+        try:
+            while not isinstance(message := self._pipe.recv(), _Done):
+                if isinstance(message, _Ready):
+                    self._ready.set()
+                else:
+                    self._deliver(message)
+        except (EOFError, OSError):
+            self._end(f"the {self._name}'s process died")
+        except Exception as error:  # top of a thread: whoever waits for the end is to hear of it
+            self._end(_words_of(error))
+        else:
+            verb = "failed" if self._ready.is_set() else "did not start"
+            self._end(message.error and f"the {self._name} {verb}: {message.error}")
+
+
+def _work(pipe: Connection, task: Task) -> None:
+    """In the process."""
+    try:
+        task.prepare()
+        pipe.send(_Ready())
+        task.run(_items(pipe), pipe.send)
+        pipe.send(_Done())
+    except (EOFError, BrokenPipeError):
+        return
+    except Exception as error:  # top of a process
+        traceback.print_exc(file=sys.stderr)
+        with suppress(OSError):
+            pipe.send(_Done(_words_of(error)))
+
+
+def _items(pipe: Connection) -> Iterator[object]:
+    while True:
+        for item in pipe.recv():
+            if item is None:
+                return
+            yield item
+
+
+def _words_of(error: Exception) -> str:
+    return str(error) if isinstance(error, RattleError) else f"{type(error).__name__}: {error}"
