@@ -12,7 +12,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass as section_class
 
 from rig.files.faults import Faults, dotted
-from rig.files.fields import Field, FieldError, Raw, Whole, Word
+from rig.files.fields import Field, FieldError, Measured, Raw, Whole, Word
 from rig.files.rigs.kind import RigKind
 from rig.files.section import SECTION, field_of, read_section
 
@@ -102,45 +102,49 @@ def _values(given: object, field: Field, key: str, faults: Faults) -> tuple[Valu
     else:
         faults.add(key, given, f"{_VALUES}; 1 to {_MOST_VALUES} values")
         return ()
-    sound = [
-        value for index, value in enumerate(values) if _is_sound(value, field, f"{key}[{index}]", faults)
-    ]
-    if len(sound) == len(values) and any(one == other for one, other in pairwise(sound)):
+    sound = [_read(value, field, f"{key}[{index}]", faults) for index, value in enumerate(values)]
+    known = tuple(value for value in sound if value is not None)
+    if len(known) < len(values):
+        return ()
+    if any(one == other for one, other in pairwise(known)):
         faults.add(key, given, "values of which no two neighbours are the same")
         return ()
-    return tuple(sound) if len(sound) == len(values) else ()  # type: ignore[arg-type]
+    return known
 
 
-def _is_sound(value: object, field: Field, key: str, faults: Faults) -> bool:
+def _read(value: object, field: Field, key: str, faults: Faults) -> Value | None:
+    """The value as written, if the field takes it."""
     try:
         field.read(value)
     except FieldError as error:
         faults.add(key, value, str(error))
-        return False
-    return True
+        return None
+    return value if isinstance(value, str | bool | int | float) else None
 
 
 def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> list[Value]:
-    first = given.get("from")
+    if not isinstance(field, Measured):
+        faults.add(key, given, f"a list of values, each {field.allowed}")
+        return []
     section = read_section(
         _RangeSection, {name: value for name, value in given.items() if name != "from"}, key, faults
     )
-    if first is None:
+    if "from" not in given:
         faults.missing(f"{key}.from", "a quantity")
-    if section is None or first is None:
+    if section is None or "from" not in given:
         return []
-    ends = [("from", first), ("to", section.to)]
-    sound = [_is_sound(value, field, f"{key}.{name}", faults) for name, value in ends]
-    if not all(sound):
-        return []
-    return _steps(first, section, field, key, faults)
+    first = _read(given["from"], field, f"{key}.from", faults)
+    last = _read(section.to, field, f"{key}.to", faults)
+    return [] if first is None or last is None else _steps(first, last, section, field, key, faults)
 
 
-def _steps(first: object, section: _RangeSection, field: Field, key: str, faults: Faults) -> list[Value]:
+def _steps(
+    first: Value, last: Value, section: _RangeSection, field: Measured, key: str, faults: Faults
+) -> list[Value]:
     """In the unit of `from` where `to` has the same; in SI otherwise."""
-    (low, unit), (high, other) = _number(first), _number(section.to)
+    (low, unit), (high, other) = _number(first), _number(last)
     if unit != other:
-        low, high, unit = float(field.read(first)), float(field.read(section.to)), ""  # type: ignore[arg-type]
+        low, high, unit = field.read(first), field.read(last), ""
     if section.spacing == "log" and low * high <= 0:
         faults.add(f"{key}.spacing", "log", "linear (a range that holds 0 has no even ratios)")
         return []
@@ -149,7 +153,7 @@ def _steps(first: object, section: _RangeSection, field: Field, key: str, faults
     return [f"{number} {unit}" if unit else float(number) for number in numbers]
 
 
-def _number(value: object) -> tuple[float, str]:
+def _number(value: Value) -> tuple[float, str]:
     match = _QUANTITY.fullmatch(str(value))
     if match is None:
         raise ValueError(f"{value!r} has been read as a quantity and is none")

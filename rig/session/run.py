@@ -18,6 +18,7 @@ from daq.time_base import RunClock
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
+from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.live import LiveView
 from rig.session.acquisition import Acquisition, Recorded
@@ -50,8 +51,6 @@ from sim_twin.twin import AnyTwin
 
 _ANY_SPEED_RAD_S = 314.0
 """3000 rpm: what a shaft may turn at where nothing is wanted of it."""
-DRIVE_FORCE = "drive.force"
-"""The channel that shows a shaker's sine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,16 +237,17 @@ class _Run:
         if acquisition.tripped is None and self._guard.tripped is None and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
-            self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
+            self._hold.take(reading.values[self._names.index(self._hold.channel)])
         self._feed.take(reading, acquisition)
 
     def _frequency_watched(self) -> tuple[FrequencyHold, FrequencySink] | tuple[None, None]:
         """What holds and verifies the frequency of a drive that is a measured sine."""
-        drive = self._scenario.drive
-        if DRIVE_FORCE not in self._names or not getattr(drive, "amplitude", 0.0):
+        sine = RIGS[self._scenario.rig].sine
+        hertz = None if sine is None else sine.hertz(self._scenario.drive)
+        if sine is None or hertz is None or sine.channel not in self._names or self._request.bench.unseen:
             return None, None
-        hertz = float(drive.frequency)
-        return FrequencyHold(hertz, self._rate), FrequencySink(DRIVE_FORCE, hertz, self._rate)
+        of_sine = (sine.channel, hertz, self._rate)
+        return FrequencyHold(*of_sine), FrequencySink(*of_sine)
 
     def _verify(self, frequency: FrequencySink) -> None:
         """Say whether the record's drive had the frequency that the scenario asks for."""

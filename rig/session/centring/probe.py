@@ -92,6 +92,9 @@ def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
     if scenario.rig != "impact_beam":
         problem = Problem("rig", scenario.rig, "impact_beam: no other rests between two stops")
         raise ConfigurationError(scenario.name, [problem])
+    if bench.unseen:
+        allowed = "false beside a real generator: by emulated forces the real beam is pushed anywhere"
+        raise ConfigurationError(bench.source, [Problem("daq_card.emulated", "true", allowed)])
     if scenario.acquisition.settle < SOFT_START_FROM_S:
         allowed = f"at least {SOFT_START_FROM_S:g} s: a drive with an offset is brought up softly"
         problem = Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)

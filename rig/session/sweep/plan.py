@@ -6,7 +6,6 @@ import dataclasses
 import datetime
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import pi
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
@@ -26,8 +25,6 @@ two cores, by what else they do."""
 _BYTES_PER_SAMPLE: Final = 2 * 4.3
 """Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
 _RESERVE_BYTES: Final = 1 << 30
-_HIGHEST: Final = (("maximum_amplitude", "N", 1.0), ("maximum_speed", "rpm", 30 / pi))
-"""What a bench may limit its actuator to: key, the operator's unit, and how many of it one SI unit is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +153,8 @@ def listing(
     if sweep.centre:
         yield "centring   before the first point and after each move by hand"
     left = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
-    yield f"time       {lasting(sweep, left)} for {len(left)} points, and what moves by hand take"
+    sooner = "" if sweep.until is None else f", less where {sweep.until.impacts} impacts come sooner"
+    yield f"time       {lasting(sweep, left)} for {len(left)} points{sooner}; moves by hand come on top"
 
 
 def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
@@ -169,12 +167,11 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
-    highest = max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
-    for name, unit, scale in _HIGHEST:
-        if hasattr(bench.actuator, name):
-            allowed = f"{getattr(bench.actuator, name) * scale:g} {unit} ({kind.actuator}.{name})"
-            yield f"guard      drive at most {highest * scale:g} of {allowed}"
-    if hasattr(scenario.drive, "speed"):
+    highest, asked = kind.highest, max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
+    allowed = f"{highest.of(bench.actuator) * highest.per_si:g} {highest.unit}"
+    said = f"{asked * highest.per_si:g} of {allowed} ({kind.actuator}.{highest.key})"
+    yield f"guard      drive at most {said}"
+    if kind.turns:
         yield f"guard      {SPEED_GUARDED}"
     for limit in scenario.limits:
         yield f"guard      {_limit(limit)}"

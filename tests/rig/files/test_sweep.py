@@ -126,6 +126,12 @@ def test_without_a_longest_the_scenarios_duration_is_it() -> None:
             "sweep.until.channels",
             "channels of the impact_beam",
         ),
+        (
+            '"model.beam" = { from = "steel", to = "steel", steps = 2 }',
+            "",
+            'axes."model.beam"',
+            "a list of values",
+        ),
         ('"drive.offset" = ["0.1 N"]', "centre = true", "sweep.centre", "which centring sets"),
         ('"drive.frequency" = [20]', "colour = 3", "sweep.colour", "unknown key"),
     ],

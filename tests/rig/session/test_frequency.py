@@ -123,12 +123,12 @@ def test_the_sink_looks_at_its_channel_and_begins_anew_after_a_hole() -> None:
 def test_the_frequency_is_measured_within_the_settling_time(
     settle_s: float, hertz: float, measured_s: float
 ) -> None:
-    assert FrequencyHold(hertz, RATE).measured_s(settle_s) == pytest.approx(measured_s)
+    assert FrequencyHold("drive.force", hertz, RATE).measured_s(settle_s) == pytest.approx(measured_s)
 
 
 @pytest.mark.parametrize(("off", "corrected"), [(0.0, False), (6e-4, True), (-3e-4, True), (5e-3, False)])
 def test_only_what_clocks_may_differ_by_is_corrected(off: float, corrected: bool) -> None:
-    hold = FrequencyHold(20.0, RATE)
+    hold = FrequencyHold("drive.force", 20.0, RATE)
     hold.take(np.full(1000, 1e6))  # before it is asked for
     hold.begin()
     hold.take(drive(20.0 * (1 + off), 0.4))
@@ -140,7 +140,7 @@ def test_only_what_clocks_may_differ_by_is_corrected(off: float, corrected: bool
 
 
 def test_a_ramp_in_the_measurement_is_not_taken_for_a_frequency() -> None:
-    hold = FrequencyHold(20.0, RATE)
+    hold = FrequencyHold("drive.force", 20.0, RATE)
     hold.begin()
     values = drive(20.0 * (1 + 6e-4), 0.4)
     hold.take(values * np.minimum(np.linspace(0.2, 2.0, len(values)), 1.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from daq.errors import ConfigurationError
 from drivers.protocols import DriveSettings
-from rig.files.bench import embedded_bench
+from rig.files.bench import embedded_bench, parse_bench
+from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario, parse_scenario
 from rig.session.centring.probe import CentringPlan, centre_beam, plan_of
 from rig.twin.plant import BeamPlant, BeamPlantFactory
@@ -111,6 +113,13 @@ def test_the_tip_is_held_in_the_middle(wanted: Scenario, share: float, seed: int
 def test_a_beam_on_its_flexure_alone_is_refused_before_anything_moves() -> None:
     with pytest.raises(ConfigurationError, match=r"2\.96 N/m.*rests as softly as its flexure"):
         plan_of(scenario(""), BENCH)
+
+
+def test_a_real_beam_is_not_centred_by_an_emulated_card() -> None:
+    text = RIGS["impact_beam"].bench
+    real = text.replace("emulated = true", 'resource = "TCPIP::127.0.0.1::5025::SOCKET"', 1)
+    with pytest.raises(ConfigurationError, match=r"daq_card.emulated = true: false beside a real generator"):
+        plan_of(SHAKER, parse_bench(real, "bench", Path()))
 
 
 def test_a_plan_stays_far_below_the_benchs_limit_and_the_beams_resonance() -> None:

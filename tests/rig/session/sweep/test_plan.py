@@ -71,6 +71,21 @@ def test_a_position_that_is_set_already_is_not_announced_as_a_move() -> None:
     assert first.endswith("[done]")
 
 
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ("", "time       about 1 min 8 s for 4 points; moves by hand come on top"),
+        (
+            'until = { impacts = 15, longest = "60 s" }',
+            "time       at most 5 min 4 s for 4 points, less where 15 impacts come sooner; moves by hand "
+            "come on top",
+        ),
+    ],
+)
+def test_a_time_that_impacts_may_shorten_is_told_as_the_most_that_it_takes(settings: str, said: str) -> None:
+    assert lines(parsed(settings=settings))[-1] == said
+
+
 def test_time_and_disk_follow_from_the_points() -> None:
     swept = parsed()
     # 4 points of 1 s settling and 1 s record
