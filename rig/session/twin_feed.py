@@ -32,9 +32,9 @@ class TwinFeed:
         unseen: Callable[[str], None],
     ) -> None:
         self._names, self._unseen = names, unseen
-        self._reference = kind_of(twin).reference
+        self._reference = kind_of(twin).reference(names).channel
         self._last = False
-        self.worker = TwinWorker(twin, sample_rate, settle_s, self._deliver)
+        self.worker = TwinWorker(twin, names, sample_rate, settle_s, self._deliver)
         self.hub = Hub(())
         self.tell: Callable[[str, str, str], None] = lambda level, code, text: None
         self.feed_from: int | None = None

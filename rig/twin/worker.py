@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -75,16 +75,27 @@ class _Done:
 
 
 class TwinWorker:
-    """Handle of the process; `deliver` gets SampleBlock, Shape and Alignment objects in a thread of ours."""
+    """Handle of the process; `deliver` gets SampleBlock, Shape and Alignment objects in a thread of ours.
+
+    The twin keeps step with the best reference among the `measured` channels.
+    """
 
     def __init__(
-        self, twin: AnyTwin, sample_rate: float, settle_s: float, deliver: Callable[[object], None]
+        self,
+        twin: AnyTwin,
+        measured: Sequence[str],
+        sample_rate: float,
+        settle_s: float,
+        deliver: Callable[[object], None],
     ) -> None:
-        self._deliver, self._reference = deliver, kind_of(twin).reference
+        self._deliver, self._reference = deliver, kind_of(twin).reference(measured).channel
         context = multiprocessing.get_context("spawn")
         self._pipe, self._far_end = context.Pipe()
         self._process = context.Process(
-            target=_work, args=(self._far_end, twin, sample_rate, settle_s), name="twin", daemon=True
+            target=_work,
+            args=(self._far_end, twin, self._reference, sample_rate, settle_s),
+            name="twin",
+            daemon=True,
         )
         self._thread = threading.Thread(target=self._receive, name="twin receiver", daemon=True)
         self._outbox: queue.SimpleQueue[object] = queue.SimpleQueue()
@@ -181,11 +192,11 @@ class TwinWorker:
         self._done.set()
 
 
-def _work(pipe: Connection, twin: AnyTwin, sample_rate: float, settle_s: float) -> None:
+def _work(pipe: Connection, twin: AnyTwin, reference: str, sample_rate: float, settle_s: float) -> None:
     try:
         _warm_up(twin, sample_rate)
         pipe.send(_Ready())
-        _Prediction(pipe, twin, sample_rate, settle_s).run()
+        _Prediction(pipe, twin, reference, sample_rate, settle_s).run()
         pipe.send(_Done())
     except (EOFError, BrokenPipeError):
         return
@@ -203,8 +214,13 @@ def _warm_up(twin: AnyTwin, sample_rate: float) -> None:
 class _Prediction:
     """The worker's side: collects drive until it can align, then follows the record."""
 
-    def __init__(self, pipe: Connection, twin: AnyTwin, sample_rate: float, settle_s: float) -> None:
+    def __init__(
+        self, pipe: Connection, twin: AnyTwin, reference: str, sample_rate: float, settle_s: float
+    ) -> None:
         self._pipe, self._twin, self._rate, self._settle_s = pipe, twin, sample_rate, settle_s
+        self._reference = kind_of(twin).reference((reference,))
+        cycle_s = 1.0 / kind_of(twin).untouched(twin.drive).frequency
+        self._enough_s = max(_ALIGN_ON_S, self._reference.cycles * cycle_s)
         self._drive: list[_Drive] = []
         self._aligned: AlignedTwin | None = None
 
@@ -231,11 +247,11 @@ class _Prediction:
             self._pipe.send(Shape(record.end_sample / self._rate, self._aligned.shape()))
 
     def _enough(self) -> bool:
-        return sum(len(each.values) for each in self._drive) >= _ALIGN_ON_S * self._rate
+        return sum(len(each.values) for each in self._drive) >= self._enough_s * self._rate
 
     def _forget_old(self) -> None:
         """Keep the newest seconds of a long settling time; the rest adds nothing to the alignment."""
-        while sum(len(each.values) for each in self._drive[1:]) > _KEEP_S * self._rate:
+        while sum(len(each.values) for each in self._drive[1:]) > max(_KEEP_S, self._enough_s) * self._rate:
             del self._drive[0]
 
     def _align(self, record: _Recorded) -> None:
@@ -243,7 +259,7 @@ class _Prediction:
         if record.turned_off:
             seen = seen - record.turned_off
         first = self._drive[0].first_sample - record.begin if self._drive else 0
-        alignment: Alignment = kind_of(self._twin).align(seen, self._rate, first, self._twin.drive)
+        alignment: Alignment = self._reference.align(seen, self._rate, first, self._twin.drive)
         self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
         self._drive.clear()
         self._pipe.send(alignment)

@@ -11,8 +11,10 @@ import pytest
 
 from daq.block import SampleBlock
 from daq.errors import LogError
+from rig.files.scenario import parse_scenario
 from rig.session.signals import Stopped
 from rig.twin.alignment import Alignment
+from rig.twin.scenario_twin import twin_of
 from rig.twin.worker import TwinFailed, TwinWorker
 from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
@@ -21,6 +23,15 @@ from sim_twin.twin import Twin
 RATE = 51_200.0
 TWIN = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
 END = 30_000
+SLOW_CRANK = """\
+rig = "planar_slider_crank"
+[drive]
+speed = "50 rpm"
+[acquisition]
+sample_rate = "10.24 kHz"
+duration = "1 s"
+"""
+REFERENCES = ("drive.force",)
 
 
 class Delivered:
@@ -46,7 +57,7 @@ def feed(worker: TwinWorker, last: bool = True) -> None:
 
 def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> None:
     delivered = Delivered()
-    with TwinWorker(TWIN, RATE, 0.0, delivered) as worker:
+    with TwinWorker(TWIN, REFERENCES, RATE, 0.0, delivered) as worker:
         worker.wait_ready()
         feed(worker)
         worker.finish()
@@ -57,10 +68,30 @@ def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> N
         assert sum(len(block) for block in blocks) == END
 
 
+def test_a_slow_crank_without_an_encoder_is_followed_by_its_marker() -> None:
+    """50 rpm: a second, in which an angle is known, has one mark at most."""
+    turns_per_s, rate, phase = 50.0 / 60.0, 10_240.0, 2.0
+    angle = 2 * np.pi * turns_per_s * np.arange(4 * int(rate)) / rate + phase
+    marker = 5.0 * (np.degrees(angle) % 360.0 < 5.0)
+    twin = twin_of(parse_scenario(SLOW_CRANK))
+    delivered = Delivered()
+    with TwinWorker(twin, ("crank_frame.acceleration_y", "crank.marker"), rate, 0.0, delivered) as worker:
+        worker.wait_ready()
+        for first in range(0, len(marker), 1024):
+            worker.drive(first, marker[first : first + 1024])
+            worker.recorded(0, min(first, 100), 0)
+        worker.recorded(0, 100, 0, last=True)
+        worker.finish()
+    (alignment,) = (item for item in delivered.items if isinstance(item, Alignment))
+    assert alignment.trusted
+    # a mark is seen to half a sample: 0.3 mrad
+    assert alignment.phase == pytest.approx(phase, abs=1e-3)
+
+
 def test_its_death_is_told_and_a_fault_of_the_taker_too() -> None:
     for fails, words in ((False, "the twin's process died"), (True, "ZeroDivisionError: a fault in whoever")):
         delivered = Delivered(fails)
-        with TwinWorker(TWIN, RATE, 0.0, delivered) as worker:
+        with TwinWorker(TWIN, REFERENCES, RATE, 0.0, delivered) as worker:
             worker.wait_ready()
             feed(worker, last=False)
             assert delivered.came.wait(30)
@@ -75,7 +106,7 @@ def test_a_frozen_twin_holds_up_nobody_and_can_be_given_up() -> None:
     def stop() -> None:
         raise Stopped("stopped by a person")
 
-    with TwinWorker(TWIN, RATE, 0.0, Delivered()) as worker:
+    with TwinWorker(TWIN, REFERENCES, RATE, 0.0, Delivered()) as worker:
         worker.wait_ready()
         pid = worker._process.pid
         assert pid is not None
@@ -89,7 +120,7 @@ def test_a_frozen_twin_holds_up_nobody_and_can_be_given_up() -> None:
 def test_a_twin_that_cannot_start_says_why() -> None:
     broken = Twin(nominal(), SineDrive(9.0, 20.0), {"drive.force": None})  # type: ignore[dict-item]
     with (
-        TwinWorker(broken, RATE, 0.0, Delivered()) as worker,
+        TwinWorker(broken, REFERENCES, RATE, 0.0, Delivered()) as worker,
         pytest.raises(TwinFailed, match=r"(?s)the twin did not start: .*Attribute"),
     ):
         worker.wait_ready()
@@ -99,5 +130,8 @@ def test_a_start_can_be_given_up() -> None:
     def stop() -> None:
         raise LogError("somebody stopped it")
 
-    with TwinWorker(TWIN, RATE, 0.0, Delivered()) as worker, pytest.raises(LogError, match="somebody"):
+    with (
+        TwinWorker(TWIN, REFERENCES, RATE, 0.0, Delivered()) as worker,
+        pytest.raises(LogError, match="somebody"),
+    ):
         worker.wait_ready(stop)
