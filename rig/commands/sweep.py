@@ -15,7 +15,7 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import BenchFile, bench_of
+from rig.commands.arguments import RUNS, BenchFile, bench_of
 from rig.commands.centre import found_lines
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -30,7 +30,6 @@ from rig.session.sweep.results import TABLE
 from rig.session.sweep.state import CentreState, SweepState, held
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
-_RUNS = Path("runs")
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
 Out = Annotated[
@@ -62,7 +61,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         screen = Screen(Console(stderr=False))
         swept = load_sweep(sweep_file)
         bench = bench_of(swept.rig, bench_file)
-        folder = _RUNS / _plain(swept.name) if out is None else out
+        folder = RUNS / _plain(swept.name) if out is None else out
         asked = frozenset(again or [])
         _check_again(asked, swept)
         _check_rehearsal(yes, bench)
@@ -73,17 +72,18 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
             return
         with held(folder):
             now = begun(request)  # read anew: another sweep may have been at work here until just now
-            state = run_sweep(request, now, screen, SystemClock(), centre=_centring(connect))
+            state = run_sweep(request, now, screen, SystemClock(), centre=_centring(connect, folder))
         _sum_up(request, state, screen)
 
 
-def _centring(connect: Connect) -> Centre:
+def _centring(connect: Connect, folder: Path) -> Centre:
     def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
         plan = plan_of(scenario, bench)
-        middle = find_centre(scenario, bench, plan, connect, screen, SystemClock())
-        for line in found_lines(middle, plan):
+        found = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
+        middle, log = found.middle, str(found.log.relative_to(folder))
+        for line in (*found_lines(middle, plan), f"log        {found.log}"):
             screen.say(line)
-        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle))
+        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), log)
 
     return centre
 

@@ -13,6 +13,7 @@ import pytest
 from daq.log import LogReader, verify_log
 from daq.signals import fit_sine
 from rig.files.scenario import load_scenario
+from rig.session.centring.touching import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 
@@ -81,7 +82,17 @@ def centred(folder: Path) -> list[Ended]:
                 emulation=f'[emulation]\nseed = {number}\nrest_offset = "{hidden} mm"',
             )
             out = folder / f"centred{number}.toml"
-            arguments = ("centre", folder / "shaker.toml", "--bench", bench, "-o", out, "--json")
+            arguments = (
+                "centre",
+                folder / "shaker.toml",
+                "--bench",
+                bench,
+                "-o",
+                out,
+                "--json",
+                "--runs",
+                folder / "centrings",
+            )
             started.append(stack.enter_context(command(*arguments)))
         return [each.end() for each in started]
 
@@ -135,3 +146,24 @@ def test_a_beam_with_a_hidden_rest_position_is_centred(
         HIDDEN_MM[number], abs=CENTRED_SHARE * CLEARANCE_MM
     )
     assert found["share_of_clearance"] <= 0.02
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_what_centring_found_can_be_found_again_in_its_log(
+    centred: list[Ended], folder: Path, number: int
+) -> None:
+    found = json.loads(centred[number].out)
+    log = Path(found["log"])
+    assert log.parent == folder / "centrings"
+    assert verify_log(log).sound
+    with LogReader(log) as reader:
+        forces = [reader.series("measured", f"contact.force_{side}").values for side in ("upper", "lower")]
+        record = {name: json.loads(text) for name, text in reader.metadata["centring"].items()}
+        events = [event.text for event in reader.events() if event.code == "centring.offset"]
+    result, offsets = record["result"], record["offsets"]
+    assert result["offset"] == found["offset_n"]
+    assert len(events) == len(offsets) == result["probes"]
+    for probe in offsets:
+        upper, lower = (force[probe["first_sample"] : probe["end_sample"]] for force in forces)
+        again = what_is_touched(upper, lower, 51_200.0, result["sine_hz"], probe["amplitude"])
+        assert again == probe["touched"]

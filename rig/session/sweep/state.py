@@ -45,11 +45,15 @@ class PointState:
 
 @dataclass(frozen=True, config=_STRICT)
 class CentreState:
-    """The offset in N that centres the beam, how far off it may be, and the rest position in m behind it."""
+    """The offset in N that centres the beam, how far off it may be, and the rest position in m behind it.
+
+    `log` shows how it was found, seen from the sweep's folder.
+    """
 
     offset_n: float
     uncertainty_n: float
     rest_offset_m: float
+    log: str | None = None
 
 
 @dataclass(frozen=True, config=_STRICT)

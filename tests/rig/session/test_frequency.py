@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.frequency_trim import offs
+from benchmarks.frequency_trim import scenario as beam_at
 from daq.block import SampleBlock
 from rig.session.frequency import (
     HELD,
     OFF,
+    TOLERANCE,
     UNKNOWN,
     DriveFrequency,
     DriveMeter,
@@ -137,6 +140,13 @@ def test_only_what_clocks_may_differ_by_is_corrected(off: float, corrected: bool
     assert found.correctable == corrected
     # a shaker that is told 20 Hz / (1 + off) then gives 20 Hz, to 1e-6 of the noise in 8 cycles
     assert (20.0 / (1 + found.off)) * (1 + off) == pytest.approx(20.0, rel=1e-5)
+
+
+def test_a_rigs_drive_is_corrected_within_its_settling_time() -> None:
+    before, after = offs(beam_at(20.0), seed=1)
+    assert abs(before) > TOLERANCE / 2
+    # 0.4 s in noise of 0.02 N leave 3e-6
+    assert abs(after) < 1e-5
 
 
 def test_a_ramp_in_the_measurement_is_not_taken_for_a_frequency() -> None:
