@@ -12,12 +12,14 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import RUNS, BenchFile, bench_of
+from rig.commands.arguments import RUNS, BenchFile, Live, Model, bench_of
 from rig.commands.centre import found_lines
 from rig.files.bench import Bench
+from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep, load_sweep, points_named
 from rig.session.centring.probe import plan_of
@@ -25,9 +27,10 @@ from rig.session.centring.rig import find_centre
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
+from rig.session.sweep.page import headings_of, rows_of, write_page
 from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments
 from rig.session.sweep.results import TABLE
-from rig.session.sweep.state import CentreState, SweepState, held
+from rig.session.sweep.state import CentreState, SweepState, held, load_state
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
@@ -56,6 +59,8 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         yes: Yes = False,
         again: Again = None,
         set_again: SetAgain = False,
+        live: Live = False,
+        model: Model = None,
     ) -> None:
         """Run a scenario point by point; the same call goes on where a sweep was stopped."""
         screen = Screen(Console(stderr=False))
@@ -65,14 +70,20 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         asked = frozenset(again or [])
         _check_again(asked, swept)
         _check_rehearsal(yes, bench)
-        request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes)
+        fitted = None if model is None else load_model(model, swept.rig)
+        request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, live, fitted)
         _dry_check(request, screen)
         if dry:
             screen.say("nothing has moved")
             return
         with held(folder):
             now = begun(request)  # read anew: another sweep may have been at work here until just now
-            state = run_sweep(request, now, screen, SystemClock(), centre=_centring(connect, folder))
+            try:
+                run_sweep(request, now, screen, SystemClock(), centre=_centring(connect, folder))
+            finally:
+                state = load_state(folder) or now
+                _show_points(request, state, screen)
+            screen.say(f"report     {write_page(folder, swept, state)}")
         _sum_up(request, state, screen)
 
 
@@ -122,6 +133,17 @@ def _dry_check(request: SweepRequest, screen: Screen) -> None:
 def _there(folder: Path) -> Path:
     """The nearest folder above that is there."""
     return next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
+
+
+def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> None:
+    """Print what the points that have ended came to."""
+    table = Table(box=None, pad_edge=False)
+    for heading in headings_of(request.sweep):
+        table.add_column(heading, overflow="fold")
+    for row in rows_of(request.sweep, state):
+        table.add_row(*row)
+    if table.row_count:
+        screen.console.print(table)
 
 
 def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:

@@ -64,6 +64,14 @@ def read_axes(table: object, kind: RigKind, faults: Faults) -> dict[str, Axis]:
     return axes
 
 
+def numbers_of(axis: Axis) -> tuple[list[float], str] | None:
+    """The values as numbers and their unit; None for words, and for values in several units."""
+    if not all(_QUANTITY.fullmatch(str(value)) for value in axis.values):
+        return None
+    numbers, units = zip(*(_number(value) for value in axis.values), strict=True)
+    return (list(numbers), units[0]) if len(set(units)) == 1 else None
+
+
 def there_and_back(axis: Axis) -> Axis:
     """The values up to the last and back to the first; the last comes once."""
     return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand)

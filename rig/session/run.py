@@ -59,7 +59,7 @@ class RunRequest:
 
     `model`: what calibration found of the rig; None where the twin is the scenario's. `enough` is called in
     the acquisition thread with each reading's recorded values by channel, and must be quick; once it returns
-    True, the record ends with that reading.
+    True, the record ends with that reading. `view_stays` until a person closes it.
     """
 
     scenario: Scenario
@@ -69,6 +69,7 @@ class RunRequest:
     live: bool = False
     model: ModelFile | None = None
     enough: Callable[[Recorded], bool] | None = None
+    view_stays: bool = True
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -142,7 +143,7 @@ class _Run:
         if self._view is not None:
             self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
-        if self._request.live:
+        if self._request.live and self._request.view_stays:
             self._screen.hold("the live view stays open; Enter closes it ")
         return run.log
 
