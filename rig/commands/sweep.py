@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
@@ -136,14 +135,11 @@ def _there(folder: Path) -> Path:
 
 
 def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> None:
-    """Print what the points that have ended came to."""
-    table = Table(box=None, pad_edge=False)
-    for heading in headings_of(request.sweep):
-        table.add_column(heading, overflow="fold")
-    for row in rows_of(request.sweep, state):
-        table.add_row(*row)
-    if table.row_count:
-        screen.console.print(table)
+    """Print what the points that have ended came to; as lines, so that no path is cut."""
+    rows = [headings_of(request.sweep), *rows_of(request.sweep, state)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows if len(rows) > 1 else ():
+        screen.say("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:

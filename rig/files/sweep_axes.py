@@ -29,11 +29,13 @@ class Axis:
     """A key of the scenario (`drive.frequency`) and its values as the operator writes them, in order.
 
     `by_hand` says what a person does to set it; empty where the rig sets it by itself.
+    `both_ways`: the values go there and back.
     """
 
     key: str
     values: tuple[Value, ...]
     by_hand: str
+    both_ways: bool = False
 
 
 @section_class(frozen=True, slots=True, config=SECTION)
@@ -74,7 +76,7 @@ def numbers_of(axis: Axis) -> tuple[list[float], str] | None:
 
 def there_and_back(axis: Axis) -> Axis:
     """The values up to the last and back to the first; the last comes once."""
-    return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand)
+    return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand, both_ways=True)
 
 
 def with_values(table: Mapping[str, Any], settings: Mapping[str, Value]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from daq.channel import Channel
 from daq.clock import Clock
@@ -60,6 +61,7 @@ class RunRequest:
     `model`: what calibration found of the rig; None where the twin is the scenario's. `enough` is called in
     the acquisition thread with each reading's recorded values by channel, and must be quick; once it returns
     True, the record ends with that reading. `view_stays` until a person closes it.
+    `path`: the sections [drive] that the drive comes through before it settles.
     """
 
     scenario: Scenario
@@ -70,6 +72,7 @@ class RunRequest:
     model: ModelFile | None = None
     enough: Callable[[Recorded], bool] | None = None
     view_stays: bool = True
+    path: tuple[Any, ...] = ()
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -119,7 +122,7 @@ class _Run:
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         twin, motion = self._twin(), self._motion()
-        motion.arm(starts_softly(self._scenario.acquisition))
+        motion.arm(starts_softly(self._scenario.acquisition), self._request.path)
         self._supervisor = Supervisor(self._devices.spare)
         self._supervisor.launch()
         stack.callback(self._supervisor.close)
@@ -184,6 +187,7 @@ class _Run:
             tell=self._logbook.tell,
             sample_rate=self._rate,
             hold=self._hold,
+            path=self._request.path,
         )
         with ExitStack() as running:
             running.enter_context(self._supervisor)

@@ -19,10 +19,11 @@ from tests.end_to_end.files import write_bench
 
 pytestmark = pytest.mark.slow
 
-HERTZ = (20.0, 20.6)
+HERTZ = (20.0, 20.6, 20.0)
 SWEEP = """\
 [sweep]
 name = "short"
+up_and_down = ["drive.frequency"]
 until = { impacts = 5, longest = "20 s" }
 [scenario]
 rig = "impact_beam"
@@ -65,7 +66,7 @@ def swept(folder: Path) -> tuple[Ended, Ended]:
     """A sweep that is interrupted in its second point, and called again."""
     arguments = ("sweep", folder / "sweep.toml", "--out", folder / "swept")
     with command(*arguments) as first:
-        first.await_line("point 2 of 2")
+        first.await_line("point 2 of 3")
         first.await_line("recording")
         first.signal(signal.SIGINT)
         return first.end(), rattle(*arguments)
@@ -103,14 +104,24 @@ def test_a_sweep_goes_on_at_the_first_point_that_is_not_done(
     stopped, again = swept
     assert (stopped.code, again.code) == (130, 0), stopped.err + again.err
     assert "point 2: stopped: stopped by a person; comes again" in again.out
-    assert "\npoint 1 of 2" not in again.out
+    assert "\npoint 1 of 3" not in again.out
     points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
-    assert [points[number]["outcome"] for number in "12"] == ["done"] * 2
+    assert [points[number]["outcome"] for number in "123"] == ["done"] * 3
     assert len(list((folder / "swept").glob("point-0001/*.mcap"))) == 1
     assert len(list((folder / "swept").glob("point-0002/*.mcap"))) == 2
 
 
-@pytest.mark.parametrize("number", [1, 2])
+def test_a_sweep_ends_with_a_table_of_its_points_and_a_page(swept: tuple[Ended, Ended], folder: Path) -> None:
+    lines = [line.split() for line in swept[1].out.splitlines()]
+    points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
+    for number in "123":
+        (row,) = (each for each in lines if each[:1] == [number] and "done" in each)
+        assert row[-1] == points[number]["log"]
+        assert float(row[-3]) == pytest.approx(HERTZ[int(number) - 1], rel=2e-4)
+    assert (folder / "swept" / "sweep.html").is_file()
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
 def test_each_point_has_its_frequency_its_impacts_and_one_log(
     swept: tuple[Ended, Ended], folder: Path, number: int
 ) -> None:
@@ -128,6 +139,17 @@ def test_each_point_has_its_frequency_its_impacts_and_one_log(
     assert fit_sine(drive, 51_200.0, HERTZ[number - 1]).frequency == pytest.approx(
         HERTZ[number - 1], rel=2e-4
     )
+
+
+def test_the_drive_comes_to_a_point_through_those_before_it(swept: tuple[Ended, Ended], folder: Path) -> None:
+    points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
+    told = []
+    for number in "123":
+        with LogReader(folder / "swept" / points[number]["log"]) as reader:
+            told.append([event.text for event in reader.events() if event.code == "drive.path"])
+    first, second = "frequency 20, amplitude 9, offset 0", "frequency 20.6, amplitude 9, offset 0"
+    came = "came without a rest through"
+    assert told == [[], [f"{came} {first}"], [f"{came} {first}; {second}"]]
 
 
 @pytest.mark.parametrize("number", [0, 1])

@@ -158,6 +158,7 @@ class _Sweeping:
                 self._request.model,
                 enough,
                 view_stays=last,
+                path=point.path,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)

@@ -22,7 +22,8 @@ from rig.session.sweep.state import PointState, SweepState, write_whole
 PAGE: Final = "sweep.html"
 _ROW_PX: Final = 240
 _CAPTION: Final = (
-    "Bars: standard deviation of the peaks. Hollow: on the way back. The drive rests between two points."
+    "Bars: standard deviation of the peaks. Hollow: on the way back; the drive came there through all values "
+    "before, without a rest."
 )
 _NO_IMPACTS: Final = "No record of this sweep says how many impacts it holds."
 
@@ -113,9 +114,8 @@ def _along_x(swept: Axis, count: int) -> NDArray[np.float64]:
 
 def _back(swept: Axis, count: int) -> list[bool]:
     """Whether each point lies on the way back of an axis that goes there and back."""
-    both_ways = swept.values == swept.values[::-1]
     whole = len(swept.values)
-    return [both_ways and 2 * (index % whole) >= whole for index in range(count)]
+    return [swept.both_ways and 2 * (index % whole) >= whole for index in range(count)]
 
 
 def _x_axis(swept: Axis) -> dict[str, Any]:

@@ -49,6 +49,12 @@ def test_every_point_is_recorded_with_its_own_values_and_stands_in_the_table(tri
         assert float(row["max_mean_n"]) == pytest.approx(40.0, abs=0.1)
 
 
+def test_a_run_is_asked_to_come_through_the_points_before_it(trial: Trial) -> None:
+    trial.sweep = parsed('"drive.frequency" = ["19 Hz", "20 Hz"]', 'up_and_down = ["drive.frequency"]')
+    trial.call(runs := Runs())
+    assert [[drive.frequency for drive in each.path] for each in runs.asked] == [[], [19.0], [19.0, 20.0]]
+
+
 def test_all_points_are_recorded_on_one_emulated_rig(trial: Trial) -> None:
     runs = Runs({2: lost()})
     with pytest.raises(DeviceLost, match="went away"):
