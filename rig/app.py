@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
@@ -11,7 +10,7 @@ from typing import Final
 from drivers.canopen_cia406 import CanopenEncoder
 from drivers.mitsubishi_fr import FrInverter
 from drivers.ni_daq import CardSettings, NiDaqCard
-from drivers.protocols import AcquisitionCard, PositionEncoder, SpeedDrive
+from drivers.protocols import AcquisitionCard, PositionEncoder
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
@@ -74,21 +73,13 @@ def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     inverter = bench.inverter
     port = emulated.address("inverter", inverter.port)
     drive = INVERTERS[inverter.driver](inverter_settings(inverter, port))
-    # The shaft of an emulated card turns whatever the real motor does, which then only the inverter knows.
-    blind = bench.daq_card.emulated and not inverter.emulated
     return Devices(
         MotorActuator(drive),
         None,
-        lambda wait, measured_rpm: Motor(
-            drive, scenario.drive.speed, wait, partial(_output_rpm, drive) if blind else measured_rpm
-        ),
+        lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
         _card(scenario, bench, emulated),
         _encoder(bench, emulated),
     )
-
-
-def _output_rpm(drive: SpeedDrive) -> float:
-    return math.nan if drive.state is None else drive.state.speed_rpm
 
 
 _DEVICES: Final[Mapping[str, Callable[[Scenario, Bench, Emulated], Devices]]] = {

@@ -77,8 +77,7 @@ def _shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed
 
 def _turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     inverter, healthy = bench.inverter, bench.emulation.healthy
-    # A real inverter's loop is closed over the emulated shaft: with slip it would wind up.
-    motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy and inverter.emulated)
+    motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy)
     hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
     output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())
     setup = inverter_setup(inverter)

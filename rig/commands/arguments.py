@@ -30,6 +30,10 @@ Json = Annotated[bool, typer.Option("--json", help="Print machine-readable outpu
 Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while it goes on.")]
 
 
+RUNS = Path("runs")
+"""Where logs go unless another folder is named."""
+
+
 def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, Bench]:
     """Scenario and bench (the emulated one without a file); raises one error with the faults of both."""
     errors: list[ConfigurationError] = []

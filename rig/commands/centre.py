@@ -13,7 +13,7 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import BenchFile, Json, ScenarioFile, load_pair, print_json
+from rig.commands.arguments import RUNS, BenchFile, Json, ScenarioFile, load_pair, print_json
 from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.pairing import check_pair
@@ -42,6 +42,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
                 "-o", "--out", metavar="FILE.toml", help="Without: SCENARIO.centred.toml beside it."
             ),
         ] = None,
+        runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the log goes.")] = RUNS,
         as_json: Json = False,
     ) -> None:
         """Find the drive's offset that centres the beam between its stops; writes a scenario that has it."""
@@ -54,11 +55,13 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         plan = plan_of(scenario, bench)
         screen.say(f"sine       {plan.sine.amplitude:.3g} N at {plan.frequency:.3g} Hz, offsets up to "
                    f"+-{plan.farthest:.3g} N, {plan.probe_s:.1f} s at each")  # fmt: skip
-        middle = find_centre(scenario, bench, plan, connect, screen, SystemClock())
+        centred = find_centre(scenario, bench, plan, connect, screen, SystemClock(), runs)
+        middle = centred.middle
         found = found_lines(middle, plan)
         for line in found:
             screen.say(line)
         _write(written, scenario, middle, plan, [f"by rattle centre from {scenario_file.name}", *found])
+        screen.say(f"log        {centred.log}")
         screen.say(f"scenario   {written}")
         if as_json:
             print_json(
@@ -68,6 +71,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
                     "rest_offset_m": plan.rest_offset(middle),
                     "share_of_clearance": middle.uncertainty / plan.reach,
                     "scenario": str(written),
+                    "log": str(centred.log),
                 }
             )
 

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from daq.clock import SystemClock
-from rig.commands.arguments import BenchFile, Live, Model, ScenarioFile, load_pair
+from rig.commands.arguments import RUNS, BenchFile, Live, Model, ScenarioFile, load_pair
 from rig.commands.summary import report_and_name, show_summary
 from rig.files.bench import Bench
 from rig.files.model_file import load_model
@@ -23,7 +23,6 @@ from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
-DEFAULT_FOLDER = Path("runs")
 
 
 def add_to(app: typer.Typer, connect: Connect) -> None:
@@ -33,7 +32,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
     def run(
         scenario_file: ScenarioFile,
         bench_file: BenchFile = None,
-        out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = DEFAULT_FOLDER,
+        out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = RUNS,
         live: Live = False,
         model: Model = None,
     ) -> None:

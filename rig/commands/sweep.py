@@ -15,9 +15,10 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import BenchFile, bench_of
+from rig.commands.arguments import RUNS, BenchFile, Live, Model, bench_of
 from rig.commands.centre import found_lines
 from rig.files.bench import Bench
+from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep, load_sweep, points_named
 from rig.session.centring.probe import plan_of
@@ -25,12 +26,12 @@ from rig.session.centring.rig import find_centre
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
+from rig.session.sweep.page import headings_of, rows_of, write_page
 from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments
 from rig.session.sweep.results import TABLE
-from rig.session.sweep.state import CentreState, SweepState, held
+from rig.session.sweep.state import CentreState, SweepState, held, load_state
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
-_RUNS = Path("runs")
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
 Out = Annotated[
@@ -57,33 +58,42 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         yes: Yes = False,
         again: Again = None,
         set_again: SetAgain = False,
+        live: Live = False,
+        model: Model = None,
     ) -> None:
         """Run a scenario point by point; the same call goes on where a sweep was stopped."""
         screen = Screen(Console(stderr=False))
         swept = load_sweep(sweep_file)
         bench = bench_of(swept.rig, bench_file)
-        folder = _RUNS / _plain(swept.name) if out is None else out
+        folder = RUNS / _plain(swept.name) if out is None else out
         asked = frozenset(again or [])
         _check_again(asked, swept)
         _check_rehearsal(yes, bench)
-        request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes)
+        fitted = None if model is None else load_model(model, swept.rig)
+        request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, live, fitted)
         _dry_check(request, screen)
         if dry:
             screen.say("nothing has moved")
             return
         with held(folder):
             now = begun(request)  # read anew: another sweep may have been at work here until just now
-            state = run_sweep(request, now, screen, SystemClock(), centre=_centring(connect))
+            try:
+                run_sweep(request, now, screen, SystemClock(), centre=_centring(connect, folder))
+            finally:
+                state = load_state(folder) or now
+                _show_points(request, state, screen)
+            screen.say(f"report     {write_page(folder, swept, state)}")
         _sum_up(request, state, screen)
 
 
-def _centring(connect: Connect) -> Centre:
+def _centring(connect: Connect, folder: Path) -> Centre:
     def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
         plan = plan_of(scenario, bench)
-        middle = find_centre(scenario, bench, plan, connect, screen, SystemClock())
-        for line in found_lines(middle, plan):
+        found = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
+        middle, log = found.middle, str(found.log.relative_to(folder))
+        for line in (*found_lines(middle, plan), f"log        {found.log}"):
             screen.say(line)
-        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle))
+        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), log)
 
     return centre
 
@@ -122,6 +132,14 @@ def _dry_check(request: SweepRequest, screen: Screen) -> None:
 def _there(folder: Path) -> Path:
     """The nearest folder above that is there."""
     return next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
+
+
+def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> None:
+    """Print what the points that have ended came to; as lines, so that no path is cut."""
+    rows = [headings_of(request.sweep), *rows_of(request.sweep, state)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows if len(rows) > 1 else ():
+        screen.say("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:

@@ -44,10 +44,11 @@ class Nominal:
 def nominal_of(scenario: Scenario) -> Nominal:
     """What a scenario says."""
     kind = KINDS[scenario.rig]
+    reference = kind.reference((DRIVE,))
     drive = twin_of(scenario).drive
 
     def align(values: NDArray[Any], sample_rate: float) -> tuple[float, float] | None:
-        found = kind.align(values, sample_rate, 0, drive)
+        found = reference.align(values, sample_rate, 0, drive)
         return (found.frequency, found.phase) if found.trusted else None
 
     return Nominal(kind.untouched(drive).frequency, align)

@@ -25,6 +25,10 @@ _ACTUATORS: Final[Mapping[str, tuple[type[Any], tuple[Check, ...]]]] = {
     "signal_generator": (SignalGenerator, GENERATOR_CHECKS),
     "inverter": (Inverter, INVERTER_CHECKS),
 }
+_REAL_CARD: Final = (
+    "false beside a real inverter: a motor that turns needs a real card on which its shaft shows; the speed "
+    "guard would watch an emulated one. For a rehearsal set inverter.emulated = true as well"
+)
 _INSTRUMENTS: Final = (*_ACTUATORS, "daq_card", "encoder")
 
 
@@ -132,6 +136,11 @@ class Bench:
         known = zip(self.instruments, each, strict=False)
         return tuple(table for table, instrument in known if instrument is not None and instrument.emulated)
 
+    @property
+    def unseen(self) -> bool:
+        """Whether a real actuator moves a rig that the card, which is emulated, shows nothing of."""
+        return _unseen(self.actuator, self.daq_card)
+
 
 def load_bench(path: str | Path, rig: str | None = None) -> Bench:
     """Read a bench file for a rig (None: the one that its instruments are of).
@@ -164,9 +173,15 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     idle = actuator and card and not any(_emulated(table.get(name)) for name in _INSTRUMENTS)
     if "emulation" in given and idle:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
+    if kind.turns and actuator and card and _unseen(actuator, card):
+        faults.add("daq_card.emulated", True, _REAL_CARD)
     if faults or actuator is None or card is None or emulation is None:
         raise faults.error()
     return Bench(kind.name, actuator, card, encoder, emulation, source, text)
+
+
+def _unseen(actuator: SignalGenerator | Inverter, card: DaqCard) -> bool:
+    return card.emulated and not actuator.emulated
 
 
 def _of_kind(kind: type[_Actuator], actuator: object) -> _Actuator:

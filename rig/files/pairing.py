@@ -17,14 +17,19 @@ SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
 _LEAST_MOTOR_SETTLE_S = 1.0
 _ROUNDING = 1e-9
+_NOTHING_SEEN: Final = (
+    "none with a real actuator and an emulated card, which sees nothing of the real rig: a limit needs a "
+    "real card (daq_card.emulated = false)"
+)
 
 
 def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
-    the rig's; a limit names a channel that the bench lacks, or lies beyond its range and could never trip; a
-    calibration has run out by `today` (emulated sensors do not age).
+    the rig's; a limit names a channel that the bench lacks, lies beyond its range and could never trip,
+    or is to guard a real rig by an emulated card; a calibration has run out by `today`
+    (emulated sensors do not age).
     """
     problems = [
         *_DRIVES[RIGS[scenario.rig].actuator](scenario, bench),
@@ -80,7 +85,9 @@ def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     ranges = {channel.name: channel.range for channel in bench.daq_card.channels}
     for limit in scenario.limits:
         key = dotted("limits", limit.channel)
-        if limit.channel not in ranges:
+        if bench.unseen:
+            yield Problem(key, "(here)", _NOTHING_SEEN)
+        elif limit.channel not in ranges:
             yield Problem(key, "(here)", f"a channel of the bench: {', '.join(ranges)}")
         else:
             yield from _reachable(limit, key, ranges[limit.channel])

@@ -87,11 +87,15 @@ class Until:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Point:
-    """One run of a sweep: its number from 1, the axes' values as written, and the checked scenario."""
+    """One run of a sweep: its number from 1, the axes' values as written, and the checked scenario.
+
+    `path`: the sections [drive] of the points that the drive comes through to this one, without a rest.
+    """
 
     number: int
     settings: Mapping[str, Value]
     scenario: Scenario
+    path: tuple[Any, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -139,6 +143,7 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     base = _with_acquisition(base, table.get("acquisition", {}), until)
     points = tuple(_points(section.name, base, ordered, acquisition.cycles, kind, faults))
     faults.raise_if_any()
+    points = _with_paths(points, ordered)
     return Sweep(section.name, kind.name, ordered, points, until, section.centre, source, text, base_text)
 
 
@@ -263,6 +268,21 @@ def _points(
                 found.setdefault(problem, []).append(number)
     for problem, numbers in found.items():
         faults.note(dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}"))
+
+
+def _with_paths(points: tuple[Point, ...], axes: tuple[Axis, ...]) -> tuple[Point, ...]:
+    """The same points, each with the way to it along the last axis that the rig moves there and back."""
+    walked = [place for place, axis in enumerate(axes) if axis.both_ways and not axis.by_hand]
+    if not walked:
+        return points
+    lengths = [len(axis.values) for axis in axes]
+    stride, count = math.prod(lengths[walked[-1] + 1 :]), lengths[walked[-1]]
+
+    def path(place: int) -> tuple[Any, ...]:
+        passed = place // stride % count
+        return tuple(points[place - back * stride].scenario.drive for back in range(passed, 0, -1))
+
+    return tuple(dataclasses.replace(point, path=path(place)) for place, point in enumerate(points))
 
 
 def points_named(numbers: list[int]) -> str:

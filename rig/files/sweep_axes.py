@@ -12,7 +12,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass as section_class
 
 from rig.files.faults import Faults, dotted
-from rig.files.fields import Field, FieldError, Raw, Whole, Word
+from rig.files.fields import Field, FieldError, Measured, Raw, Whole, Word
 from rig.files.rigs.kind import RigKind
 from rig.files.section import SECTION, field_of, read_section
 
@@ -29,11 +29,13 @@ class Axis:
     """A key of the scenario (`drive.frequency`) and its values as the operator writes them, in order.
 
     `by_hand` says what a person does to set it; empty where the rig sets it by itself.
+    `both_ways`: the values go there and back.
     """
 
     key: str
     values: tuple[Value, ...]
     by_hand: str
+    both_ways: bool = False
 
 
 @section_class(frozen=True, slots=True, config=SECTION)
@@ -64,9 +66,17 @@ def read_axes(table: object, kind: RigKind, faults: Faults) -> dict[str, Axis]:
     return axes
 
 
+def numbers_of(axis: Axis) -> tuple[list[float], str] | None:
+    """The values as numbers and their unit; None for words, and for values in several units."""
+    if not all(_QUANTITY.fullmatch(str(value)) for value in axis.values):
+        return None
+    numbers, units = zip(*(_number(value) for value in axis.values), strict=True)
+    return (list(numbers), units[0]) if len(set(units)) == 1 else None
+
+
 def there_and_back(axis: Axis) -> Axis:
     """The values up to the last and back to the first; the last comes once."""
-    return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand)
+    return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand, both_ways=True)
 
 
 def with_values(table: Mapping[str, Any], settings: Mapping[str, Value]) -> dict[str, Any]:
@@ -102,45 +112,49 @@ def _values(given: object, field: Field, key: str, faults: Faults) -> tuple[Valu
     else:
         faults.add(key, given, f"{_VALUES}; 1 to {_MOST_VALUES} values")
         return ()
-    sound = [
-        value for index, value in enumerate(values) if _is_sound(value, field, f"{key}[{index}]", faults)
-    ]
-    if len(sound) == len(values) and any(one == other for one, other in pairwise(sound)):
+    sound = [_read(value, field, f"{key}[{index}]", faults) for index, value in enumerate(values)]
+    known = tuple(value for value in sound if value is not None)
+    if len(known) < len(values):
+        return ()
+    if any(one == other for one, other in pairwise(known)):
         faults.add(key, given, "values of which no two neighbours are the same")
         return ()
-    return tuple(sound) if len(sound) == len(values) else ()  # type: ignore[arg-type]
+    return known
 
 
-def _is_sound(value: object, field: Field, key: str, faults: Faults) -> bool:
+def _read(value: object, field: Field, key: str, faults: Faults) -> Value | None:
+    """The value as written, if the field takes it."""
     try:
         field.read(value)
     except FieldError as error:
         faults.add(key, value, str(error))
-        return False
-    return True
+        return None
+    return value if isinstance(value, str | bool | int | float) else None
 
 
 def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> list[Value]:
-    first = given.get("from")
+    if not isinstance(field, Measured):
+        faults.add(key, given, f"a list of values, each {field.allowed}")
+        return []
     section = read_section(
         _RangeSection, {name: value for name, value in given.items() if name != "from"}, key, faults
     )
-    if first is None:
+    if "from" not in given:
         faults.missing(f"{key}.from", "a quantity")
-    if section is None or first is None:
+    if section is None or "from" not in given:
         return []
-    ends = [("from", first), ("to", section.to)]
-    sound = [_is_sound(value, field, f"{key}.{name}", faults) for name, value in ends]
-    if not all(sound):
-        return []
-    return _steps(first, section, field, key, faults)
+    first = _read(given["from"], field, f"{key}.from", faults)
+    last = _read(section.to, field, f"{key}.to", faults)
+    return [] if first is None or last is None else _steps(first, last, section, field, key, faults)
 
 
-def _steps(first: object, section: _RangeSection, field: Field, key: str, faults: Faults) -> list[Value]:
+def _steps(
+    first: Value, last: Value, section: _RangeSection, field: Measured, key: str, faults: Faults
+) -> list[Value]:
     """In the unit of `from` where `to` has the same; in SI otherwise."""
-    (low, unit), (high, other) = _number(first), _number(section.to)
+    (low, unit), (high, other) = _number(first), _number(last)
     if unit != other:
-        low, high, unit = float(field.read(first)), float(field.read(section.to)), ""  # type: ignore[arg-type]
+        low, high, unit = field.read(first), field.read(last), ""
     if section.spacing == "log" and low * high <= 0:
         faults.add(f"{key}.spacing", "log", "linear (a range that holds 0 has no even ratios)")
         return []
@@ -149,7 +163,7 @@ def _steps(first: object, section: _RangeSection, field: Field, key: str, faults
     return [f"{number} {unit}" if unit else float(number) for number in numbers]
 
 
-def _number(value: object) -> tuple[float, str]:
+def _number(value: Value) -> tuple[float, str]:
     match = _QUANTITY.fullmatch(str(value))
     if match is None:
         raise ValueError(f"{value!r} has been read as a quantity and is none")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 
 import jinja2
 from plotly.offline import get_plotlyjs
 
+from rig.report.content import Part
 from rig.report.record import RunRecord, read_run
 from rig.report.scenario_facts import scenario_facts
 from rig.report.sections import SECTIONS
@@ -24,8 +26,13 @@ def render(run: RunRecord) -> str:
     identity = run.metadata.get("run", {})
     subtitle = [facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]
     sections = [(section.heading, section.parts(run)) for section in SECTIONS]
+    return page(facts.name or run.path.stem, subtitle, sections)
+
+
+def page(title: str, subtitle: Sequence[str], sections: Sequence[tuple[str, Sequence[Part]]]) -> str:
+    """Return the page of sections, each a heading with its parts."""
     return _template().render(
-        title=facts.name or run.path.stem,
+        title=title,
         subtitle=" · ".join(text for text in subtitle if text),
         sections=sections,
         plotly=get_plotlyjs(),

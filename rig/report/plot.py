@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -96,6 +97,36 @@ class PlotGrid:
         line = {"color": COLOURS[whose], "width": _WIDTHS[whose], "shape": shape}
         data = {"type": "scatter", "mode": "lines", "x": packed(x), "y": packed(y), "line": line}
         self._add(cell, whose, {**data, "meta": html.escape(subject)})
+
+    def points(
+        self,
+        cell: int,
+        x: NDArray[np.floating],
+        y: NDArray[np.floating],
+        deviations: NDArray[np.floating],
+        names: Sequence[str],
+        hollow: Sequence[bool],
+    ) -> None:
+        """Draw measured points in a cell, joined in their order, with a bar of a deviation to either side.
+
+        All of shape (n,); `names` are shown where somebody points at one.
+        """
+        symbols = ["circle-open" if each else "circle" for each in hollow]
+        colour = COLOURS["measured"]
+        self._add(
+            cell,
+            "measured",
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "x": packed(x),
+                "y": packed(y),
+                "error_y": {"type": "data", "array": packed(deviations), "thickness": 1, "width": 3},
+                "text": [html.escape(name) for name in names],
+                "line": {"color": colour, "width": 1},
+                "marker": {"color": colour, "symbol": symbols, "size": 8},
+            },
+        )
 
     def bars(
         self, cell: int, whose: str, centres: NDArray[np.floating], heights: NDArray[np.floating]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Protocol
 
 from daq.errors import InstrumentError
 from daq.log.records import ClockRecord
@@ -39,12 +40,15 @@ class Motion(Protocol):
         """How long `off` and `ramp_down` may look at nothing else, in s."""
         ...
 
-    def arm(self, soft: bool) -> None:
-        """Prepare; nothing moves yet."""
+    def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
+        """Prepare; nothing moves yet. `path`: drives (sections [drive]) that it shall come through."""
         ...
 
-    def start(self, soft: bool) -> None:
-        """Let it move, softly or at once from phase zero; returns when it is as the scenario wants it."""
+    def start(self, soft: bool, path: Sequence[Any] = ()) -> None:
+        """Let it move, softly or at once from phase zero; returns when it is as the scenario wants it.
+
+        A soft start comes through the drives of `path`, without a rest.
+        """
         ...
 
     def ramp_down(self) -> None:
@@ -125,14 +129,6 @@ class Shaker:
         return f"{self.drive.amplitude:g} N at {self.drive.frequency:g} Hz"
 
     @property
-    def _amplitude_v(self) -> float:
-        return self.drive.amplitude / self.force_per_volt
-
-    @property
-    def _offset_v(self) -> float:
-        return self.drive.offset / self.force_per_volt
-
-    @property
     def speed_rad_s(self) -> float | None:
         """None: nothing turns."""
         return None
@@ -142,18 +138,21 @@ class Shaker:
         """Nothing: `ramp_down` waits by `wait`, and `off` is one command."""
         return 0.0
 
-    def arm(self, soft: bool) -> None:
+    def arm(self, soft: bool, path: Sequence[DriveSection] = ()) -> None:
         """Prepare the sine, without its offset; nothing moves yet."""
-        amplitude = min(_SMALLEST_V, self._amplitude_v) if soft else self._amplitude_v
-        self.generator.arm_sine(self.drive.frequency, amplitude, 0.0, triggered=not soft)
+        first = path[0] if path else self.drive
+        volts = first.amplitude / self.force_per_volt
+        amplitude = min(_SMALLEST_V, volts) if soft else volts
+        self.generator.arm_sine(first.frequency, amplitude, 0.0, triggered=not soft)
 
-    def start(self, soft: bool) -> None:
+    def start(self, soft: bool, path: Sequence[DriveSection] = ()) -> None:
         """Let it move: softly in steps up to the full amplitude, or at once from phase zero."""
         self.generator.start()
         if soft:
-            for step in range(1, _RAMP_STEPS + 1):
-                self.wait(RAMP_S / _RAMP_STEPS)
-                self._set(step / _RAMP_STEPS)
+            drives = (*path, self.drive)
+            self._go(replace(drives[0], amplitude=0.0, offset=0.0), drives[0])
+            for before, after in pairwise(drives):
+                self._go(before, after)
 
     def trim(self, off: float) -> None:
         """Correct the frequency, which was measured to be `off` by that share of it; the phase goes on."""
@@ -162,7 +161,10 @@ class Shaker:
     def ramp_down(self) -> None:
         """Bring the amplitude down in steps, then switch off."""
         for step in range(_RAMP_STEPS - 1, 0, -1):
-            self._set(step / _RAMP_STEPS)
+            share = step / _RAMP_STEPS
+            self._set_amplitude(share * self.drive.amplitude, self.drive.amplitude)
+            if self.drive.offset:
+                self._set_offset(share * self.drive.offset)
             self.wait(RAMP_S / _RAMP_STEPS)
         self.generator.off()
 
@@ -181,8 +183,28 @@ class Shaker:
         """None: it is not polled."""
         return []
 
-    def _set(self, share: float) -> None:
-        if self._amplitude_v >= _SMALLEST_V:
-            self.generator.set_amplitude(max(share * self._amplitude_v, _SMALLEST_V))
-        if self._offset_v:
-            self.generator.set_offset(share * self._offset_v)
+    def _go(self, before: DriveSection, after: DriveSection) -> None:
+        """From one drive to another, in steps."""
+        for step in range(1, _RAMP_STEPS + 1):
+            share = step / _RAMP_STEPS
+            self.wait(RAMP_S / _RAMP_STEPS)
+            if after.frequency != before.frequency:
+                self.generator.set_frequency(_between(before.frequency, after.frequency, share))
+            if after.amplitude != before.amplitude:
+                largest = max(before.amplitude, after.amplitude)
+                self._set_amplitude(_between(before.amplitude, after.amplitude, share), largest)
+            if after.offset != before.offset:
+                self._set_offset(_between(before.offset, after.offset, share))
+
+    def _set_amplitude(self, newtons: float, largest: float) -> None:
+        """On a way with a `largest` below what a generator can do, it is left as it was armed."""
+        if largest / self.force_per_volt >= _SMALLEST_V:
+            self.generator.set_amplitude(max(newtons / self.force_per_volt, _SMALLEST_V))
+
+    def _set_offset(self, newtons: float) -> None:
+        self.generator.set_offset(newtons / self.force_per_volt)
+
+
+def _between(before: float, after: float, share: float) -> float:
+    """`share` of the way from one to the other; exactly `after` for 1."""
+    return (1.0 - share) * before + share * after

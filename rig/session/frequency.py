@@ -176,10 +176,12 @@ def _begins(drive: NDArray[np.float64]) -> int:
 class FrequencyHold:
     """Measures the drive while it settles, so that its frequency can be corrected before the record.
 
-    `take` is called in the acquisition thread, the others by whoever waits.
+    `channel` is the one that shows it. `take` is called in the acquisition thread, the others by whoever
+    waits.
     """
 
-    def __init__(self, nominal_hz: float, sample_rate: float) -> None:
+    def __init__(self, channel: str, nominal_hz: float, sample_rate: float) -> None:
+        self.channel = channel
         self._nominal_hz, self._rate = nominal_hz, sample_rate
         self._meter: DriveMeter | None = None
 

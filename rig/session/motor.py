@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
 from drivers.protocols import Notice, SpeedDrive
+from rig.files.rigs.speed import SpeedSection
 from rig.session.clocks import CardClock
 from rig.session.held import Held
 
@@ -106,34 +107,32 @@ class Motor:
         """How long a stop may take."""
         return self._drive.longest_stop_s
 
-    def arm(self, soft: bool) -> None:
+    def arm(self, soft: bool, path: Sequence[SpeedSection] = ()) -> None:
         """Set the speed; the motor stands."""
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)
-        self._kept_rpm = self._drive.set_speed(self._wanted_rpm)
+        first_rpm = path[0].speed * _RPM_PER_RAD_S if path else self._wanted_rpm
+        self._kept_rpm = self._drive.set_speed(first_rpm)
 
-    def start(self, soft: bool) -> None:
-        """Come up on the ramp, then trim the set value until the shaft turns as wanted.
+    def start(self, soft: bool, path: Sequence[SpeedSection] = ()) -> None:
+        """Come up on the ramp, through the speeds of `path`, and trim until the shaft turns as wanted.
 
         Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no
         instrument shows that the shaft turns, or one shows that it runs away: faster than 1.5 times the
         wanted speed for 0.3 s and the time of a turn at the wanted one, lapses shorter than 0.15 s included.
         """
+        speeds = [*(drive.speed for drive in path), self._speed_rad_s]
+        self._wanted_rpm = self._fastest_rpm = speeds[0] * _RPM_PER_RAD_S
         self._drive.start()
         self._await_output()
         self._await_shaft()
+        for speed_rad_s in speeds[1:]:
+            self._move_to(speed_rad_s)
         self._trim()
 
     def go_to(self, speed_rad_s: float) -> None:
         """Go on to another speed as `start` does to the first; raises what that raises."""
-        before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * _RPM_PER_RAD_S
-        self._speed_rad_s = speed_rad_s
-        self._fastest_rpm = max(before_rpm, self._wanted_rpm)
-        self._too_fast = Held(OVERSPEED_S + 60.0 / self._wanted_rpm)
-        left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
-        self._await_output(left_rpm)
-        self._await_shaft()
-        self._fastest_rpm = self._wanted_rpm
+        self._move_to(speed_rad_s)
         self._trim()
 
     def ramp_down(self) -> None:
@@ -161,6 +160,17 @@ class Motor:
         self._new_polls = False
         request_s, reply_s = zip(*self._polls_s, strict=True)
         return [base.polled(self._drive.name, request_s, reply_s)]
+
+    def _move_to(self, speed_rad_s: float) -> None:
+        """Without trimming."""
+        before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * _RPM_PER_RAD_S
+        self._speed_rad_s = speed_rad_s
+        self._fastest_rpm = max(before_rpm, self._wanted_rpm)
+        self._too_fast = Held(OVERSPEED_S + 60.0 / self._wanted_rpm)
+        left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
+        self._await_output(left_rpm)
+        self._await_shaft()
+        self._fastest_rpm = self._wanted_rpm
 
     def _await_output(self, from_rpm: float = 0.0) -> None:
         """Wait for the ramp; the driver itself raises where the output does not follow."""

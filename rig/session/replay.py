@@ -16,16 +16,17 @@ from daq.clock import Clock
 from daq.errors import LogError
 from daq.log import Event, Impact, LogReader, Origin
 from rig.derived import derived_channels
+from rig.files.scenario import AcquisitionSection, Scenario
 from rig.live import LiveView
 from rig.session.deriving import derive_again
 from rig.session.hub import Hub, Sink
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.sinks import ViewSink
-from rig.twin.overlay import align_to, scenario_of
+from rig.twin.overlay import align_to, predicting_twin, scenario_of
 from rig.twin.picture import picture_of
 from rig.twin.prediction import AlignedTwin
-from rig.twin.scenario_twin import twin_of
+from sim_twin.twin import AnyTwin
 
 _ALIGN_ON_S = 2.0
 Item = tuple[int, int, Origin | None, SampleBlock | Event]
@@ -46,11 +47,13 @@ def replay_log(
             raise LogError(f"{path}: no channels in it")
         follow: Callable[[float], None] = lambda _: None  # noqa: E731
         if live:
-            view = stack.enter_context(_view(log))
+            scenario = scenario_of(log)
+            twin = predicting_twin(log, scenario)
+            view = stack.enter_context(_view(log, scenario, twin))
             screen.say(f"live view  {view.url}")
             sink = ViewSink(view)
             sinks = (*sinks, sink)
-            follow = _ShapeFollower(log, sink)
+            follow = _ShapeFollower(log, twin, scenario.acquisition, sink)
         found = _Found()
         derived = derive_again(log, Hub((*sinks, found)))
         count = _Player(Hub((*sinks, derived)), speed, clock, stop).play(log, follow, screen)
@@ -130,12 +133,9 @@ def _blocks_of(log: LogReader, origin: Origin) -> Iterator[Item]:
 
 
 class _ShapeFollower:
-    """Runs the twin beside a replay, so that its picture moves as it did."""
+    """Runs the predicting twin beside a replay, so that its picture moves as it did."""
 
-    def __init__(self, log: LogReader, sink: Sink) -> None:
-        scenario = scenario_of(log)
-        twin = twin_of(scenario)
-        wanted = scenario.acquisition
+    def __init__(self, log: LogReader, twin: AnyTwin, wanted: AcquisitionSection, sink: Sink) -> None:
         alignment = align_to(log, twin, _ALIGN_ON_S)
         self._twin = AlignedTwin(twin, alignment, wanted.sample_rate, wanted.settle)
         self._sink = sink
@@ -147,15 +147,13 @@ class _ShapeFollower:
             self._sink.shape(time_s, self._twin.shape())
 
 
-def _view(log: LogReader) -> LiveView:
-    scenario = scenario_of(log)
-    picture = picture_of(twin_of(scenario))
+def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
     origins = {origin: list(log.channels(origin).values()) for origin in _ORIGINS}
     return LiveView(
         scenario.name,
         origins["measured"],
         origins["predicted"],
-        picture,
+        picture_of(twin),
         nominal=origins["nominal"],
         derived=derived_channels(origins, scenario),
     )

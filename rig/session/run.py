@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from daq.channel import Channel
 from daq.clock import Clock
@@ -18,6 +19,7 @@ from drivers.protocols import CardReading
 from rig.derived import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
+from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.live import LiveView
 from rig.session.acquisition import Acquisition, Recorded
@@ -44,9 +46,6 @@ from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
 
-DRIVE_FORCE = "drive.force"
-"""The channel that shows a shaker's sine."""
-
 
 @dataclass(frozen=True, slots=True)
 class RunRequest:
@@ -54,7 +53,8 @@ class RunRequest:
 
     `model`: what calibration found of the rig; None where the twin is the scenario's. `enough` is called in
     the acquisition thread with each reading's recorded values by channel, and must be quick; once it returns
-    True, the record ends with that reading.
+    True, the record ends with that reading. `view_stays` until a person closes it.
+    `path`: the sections [drive] that the drive comes through before it settles.
     """
 
     scenario: Scenario
@@ -64,6 +64,8 @@ class RunRequest:
     live: bool = False
     model: ModelFile | None = None
     enough: Callable[[Recorded], bool] | None = None
+    view_stays: bool = True
+    path: tuple[Any, ...] = ()
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -111,7 +113,7 @@ class _Run:
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         twin, motion = self._twin(), self._motion()
-        motion.arm(starts_softly(self._scenario.acquisition))
+        motion.arm(starts_softly(self._scenario.acquisition), self._request.path)
         self._supervisor = Supervisor(self._devices.spare)
         self._supervisor.launch()
         stack.callback(self._supervisor.close)
@@ -142,7 +144,7 @@ class _Run:
         if self._view is not None:
             self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
-        if self._request.live:
+        if self._request.live and self._request.view_stays:
             self._screen.hold("the live view stays open; Enter closes it ")
         return run.log
 
@@ -181,6 +183,7 @@ class _Run:
             tell=self._logbook.tell,
             sample_rate=self._rate,
             hold=self._hold,
+            path=self._request.path,
         )
         with ExitStack() as running:
             running.enter_context(self._supervisor)
@@ -234,16 +237,17 @@ class _Run:
         if acquisition.tripped is None and not self._shaft.tripped and not self._watch.hangs:
             self._supervisor.beat()
         if self._hold is not None:
-            self._hold.take(reading.values[self._names.index(DRIVE_FORCE)])
+            self._hold.take(reading.values[self._names.index(self._hold.channel)])
         self._feed.take(reading, acquisition)
 
     def _frequency_watched(self) -> tuple[FrequencyHold, FrequencySink] | tuple[None, None]:
         """What holds and verifies the frequency of a drive that is a measured sine."""
-        drive = self._scenario.drive
-        if DRIVE_FORCE not in self._names or not getattr(drive, "amplitude", 0.0):
+        sine = RIGS[self._scenario.rig].sine
+        hertz = None if sine is None else sine.hertz(self._scenario.drive)
+        if sine is None or hertz is None or sine.channel not in self._names or self._request.bench.unseen:
             return None, None
-        hertz = float(drive.frequency)
-        return FrequencyHold(hertz, self._rate), FrequencySink(DRIVE_FORCE, hertz, self._rate)
+        of_sine = (sine.channel, hertz, self._rate)
+        return FrequencyHold(*of_sine), FrequencySink(*of_sine)
 
     def _verify(self, frequency: FrequencySink) -> None:
         """Say whether the record's drive had the frequency that the scenario asks for."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import AcquisitionSection
@@ -45,6 +47,7 @@ class Sequence:
     tell: Callable[[str, str, str], None]
     sample_rate: float
     hold: FrequencyHold | None = None
+    path: tuple[Any, ...] = ()
 
     def drive_and_record(self) -> None:
         """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
@@ -120,9 +123,12 @@ class Sequence:
         return True
 
     def _start(self) -> None:
-        self.motion.start(starts_softly(self.wanted))
+        self.motion.start(starts_softly(self.wanted), self.path)
         if self.motion.speed_rad_s is not None:
             self.shaft.arm(self.motion.speed_rad_s)
+        if self.path:
+            came = "; ".join(map(_named, self.path))
+            self.tell("info", "drive.path", f"came without a rest through {came}")
         self.tell("info", "drive.on", self.motion.what)
 
     def _until(self, sample: int, show: Callable[[], None] = lambda: None) -> None:
@@ -145,3 +151,8 @@ class Sequence:
 
     def _samples(self, seconds: float) -> int:
         return round(seconds * self.sample_rate)
+
+
+def _named(drive: Any) -> str:
+    """A section [drive] in words, SI."""
+    return ", ".join(f"{key} {value:g}" for key, value in dataclasses.asdict(drive).items())

@@ -35,9 +35,10 @@ class TwinFeed:
         unseen: Callable[[str], None],
     ) -> None:
         self._names, self._unseen = names, unseen
-        self._reference = kind_of(twin).reference
+        self._reference = kind_of(twin).reference(names).channel
         self._last = False
-        self.worker = WorkerProcess("twin", Predict(twin, sample_rate, settle_s), self._deliver)
+        task = Predict(twin, self._reference, sample_rate, settle_s)
+        self.worker = WorkerProcess("twin", task, self._deliver)
         self.hub = Hub(())
         self.tell: Callable[[str, str, str], None] = lambda level, code, text: None
         self.feed_from: int | None = None

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
 
 _FEWEST_MARKS = 2
+MARKED_TURNS = 3.0
+"""Turns in which a marker surely shows as many, with one lost."""
 _LEAST_TURN = 0.05
 """Revolutions that a record has to show before its speed is believed."""
 

@@ -12,14 +12,14 @@ from daq.log import LogReader, LogWriter, Origin
 from daq.log.codec import decode_block
 from daq.log.records import Gap, Impact
 from rig.derived import RECORD, DerivedSink, derived_channels, from_record
-from rig.files.model_file import load_model
+from rig.files.model_file import load_model, parse_model
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment
 from rig.twin.matched_twin import with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import removed_if_it_fails, twin_record
 from rig.twin.rigs import kind_of
-from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
+from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects, with_effects_of
 from sim_twin.twin import AnyTwin
 
 DWELLS = "dwells"
@@ -79,13 +79,25 @@ def overlay_run(
             derived.finish()
 
 
+def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
+    """The twin that made the log's predictions: with the effects and the model that its record names."""
+    twin, record = twin_of(scenario, log.channels("measured")), log.metadata.get("twin", {})
+    if "model" in record:
+        fitted = parse_model(record["model"], f"model in {log.path}", scenario.rig)
+        twin = with_model(twin, fitted, lambda _: None)  # it was told when the prediction was made
+    return with_effects_of(twin, record.get("effects", "[]"), f"effects in {log.path}")
+
+
 def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
     """Phase and mean frequency that the log's reference channel shows (within its first `until_s`)."""
-    kind = kind_of(twin)
-    if kind.reference not in log.channels("measured"):
-        return kind.untouched(twin.drive)
-    seen = log.series("measured", kind.reference, end_s=until_s)
-    return kind.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)
+    measured = log.channels("measured")
+    reference = kind_of(twin).reference(measured)
+    if reference.channel not in measured:
+        return kind_of(twin).untouched(twin.drive)
+    if until_s is not None:
+        until_s = max(until_s, reference.cycles / kind_of(twin).untouched(twin.drive).frequency)
+    seen = log.series("measured", reference.channel, end_s=until_s)
+    return reference.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)
 
 
 class _Derived:

@@ -72,6 +72,11 @@ class BeamPlant:
         """Rows of `advance`."""
         return self._twin.channels
 
+    @property
+    def really(self) -> BeamTwin:
+        """The rig as it was drawn; its drive is what a newton and a hertz of the bench's really are."""
+        return self._twin
+
     def start(self, sample_rate: float) -> None:
         """Start at rest with the drive off."""
         self._stream = MODEL.stream(self._twin, sample_rate, self._noise, drive_changes=True)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from daq.channel import Channel
 from daq.errors import ConfigurationError, Problem, UnphysicalParameter
-from rig.files.effects_file import Catalogue, ParameterRange, load_effects
+from rig.files.effects_file import Catalogue, ParameterRange, parse_effects
+from rig.files.faults import read_text
 from rig.files.scenario import Scenario
 from rig.twin.rigs import KINDS
 from sim_twin.rigs.catalogue import model_of
@@ -64,9 +65,14 @@ def catalogue_of(model: RigModel) -> Catalogue:
 
 def with_effects(twin: AnyTwin, path: Path) -> AnyTwin:
     """Return `twin` with the effects of a file in; raises ConfigurationError with every fault of the file."""
+    return with_effects_of(twin, read_text(path), str(path))
+
+
+def with_effects_of(twin: AnyTwin, text: str, source: str) -> AnyTwin:
+    """Return `twin` with the effects of an effects file's `text` in; raises like `with_effects`."""
     model = model_of(twin)
-    effects = load_effects(path, catalogue_of(model))
+    effects = parse_effects(text, source, catalogue_of(model))
     try:
         return model.with_effects(twin, effects)
     except ValueError as error:
-        raise ConfigurationError(str(path), [Problem("effects", path.name, str(error))]) from error
+        raise ConfigurationError(source, [Problem("effects", "(together)", str(error))]) from error

@@ -55,9 +55,13 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Predict:
-    """The task: takes Drive and Recorded, gives Alignment, then SampleBlock and Shape."""
+    """The task: takes Drive and Recorded, gives Alignment, then SampleBlock and Shape.
+
+    The twin keeps step with the measured channel `reference`.
+    """
 
     twin: AnyTwin
+    reference: str
     sample_rate: float
     settle_s: float
 
@@ -69,16 +73,24 @@ class Predict:
 
     def run(self, items: Iterator[Drive | Recorded], send: Callable[[object], None]) -> None:
         """Predict up to where the record ends."""
-        _Prediction(send, self.twin, self.sample_rate, self.settle_s).run(items)
+        _Prediction(send, self.twin, self.reference, self.sample_rate, self.settle_s).run(items)
 
 
 class _Prediction:
     """Collects drive until it can align, then follows the record."""
 
     def __init__(
-        self, send: Callable[[object], None], twin: AnyTwin, sample_rate: float, settle_s: float
+        self,
+        send: Callable[[object], None],
+        twin: AnyTwin,
+        reference: str,
+        sample_rate: float,
+        settle_s: float,
     ) -> None:
         self._send, self._twin, self._rate, self._settle_s = send, twin, sample_rate, settle_s
+        self._reference = kind_of(twin).reference((reference,))
+        cycle_s = 1.0 / kind_of(twin).untouched(twin.drive).frequency
+        self._enough_s = max(_ALIGN_ON_S, self._reference.cycles * cycle_s)
         self._drive: list[Drive] = []
         self._aligned: AlignedTwin | None = None
 
@@ -103,11 +115,11 @@ class _Prediction:
             self._send(Shape(record.end_sample / self._rate, self._aligned.shape()))
 
     def _enough(self) -> bool:
-        return sum(len(each.values) for each in self._drive) >= _ALIGN_ON_S * self._rate
+        return sum(len(each.values) for each in self._drive) >= self._enough_s * self._rate
 
     def _forget_old(self) -> None:
         """Keep the newest seconds of a long settling time; the rest adds nothing to the alignment."""
-        while sum(len(each.values) for each in self._drive[1:]) > _KEEP_S * self._rate:
+        while sum(len(each.values) for each in self._drive[1:]) > max(_KEEP_S, self._enough_s) * self._rate:
             del self._drive[0]
 
     def _align(self, record: Recorded) -> None:
@@ -115,7 +127,7 @@ class _Prediction:
         if record.turned_off:
             seen = seen - record.turned_off
         first = self._drive[0].first_sample - record.begin if self._drive else 0
-        alignment: Alignment = kind_of(self._twin).align(seen, self._rate, first, self._twin.drive)
+        alignment: Alignment = self._reference.align(seen, self._rate, first, self._twin.drive)
         self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
         self._drive.clear()
         self._send(alignment)

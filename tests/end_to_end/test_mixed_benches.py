@@ -39,11 +39,14 @@ def test_half_of_the_bench_may_be_emulated(
     with LogReader(ended.log) as log:
         assert log.metadata["run"]["emulated"].split() == [emulated]
         drive = log.series("measured", "drive.force").values
+        codes = {event.code for event in log.events()}
     if emulated == "card":
         # It cannot hear the real generator: it plays the scenario's drive and says so.
         bench.spy.await_off()
         assert "it plays the scenario's drive" in ended.out
         assert abs(drive).max() == pytest.approx(9.0, rel=0.05)
+        # what it plays says nothing of the real one's frequency, which is left alone
+        assert not codes & {"drive.trimmed", "drive.frequency", "drive.frequency_off"}
     else:
         # The real card's plant hears another generator, which nobody drove.
         assert not bench.spy.moved

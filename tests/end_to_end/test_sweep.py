@@ -13,15 +13,17 @@ import pytest
 from daq.log import LogReader, verify_log
 from daq.signals import fit_sine
 from rig.files.scenario import load_scenario
+from rig.session.centring.touching import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
-HERTZ = (20.0, 20.6)
+HERTZ = (20.0, 20.6, 20.0)
 SWEEP = """\
 [sweep]
 name = "short"
+up_and_down = ["drive.frequency"]
 until = { impacts = 5, longest = "20 s" }
 [scenario]
 rig = "impact_beam"
@@ -64,7 +66,7 @@ def swept(folder: Path) -> tuple[Ended, Ended]:
     """A sweep that is interrupted in its second point, and called again."""
     arguments = ("sweep", folder / "sweep.toml", "--out", folder / "swept")
     with command(*arguments) as first:
-        first.await_line("point 2 of 2")
+        first.await_line("point 2 of 3")
         first.await_line("recording")
         first.signal(signal.SIGINT)
         return first.end(), rattle(*arguments)
@@ -81,7 +83,17 @@ def centred(folder: Path) -> list[Ended]:
                 emulation=f'[emulation]\nseed = {number}\nrest_offset = "{hidden} mm"',
             )
             out = folder / f"centred{number}.toml"
-            arguments = ("centre", folder / "shaker.toml", "--bench", bench, "-o", out, "--json")
+            arguments = (
+                "centre",
+                folder / "shaker.toml",
+                "--bench",
+                bench,
+                "-o",
+                out,
+                "--json",
+                "--runs",
+                folder / "centrings",
+            )
             started.append(stack.enter_context(command(*arguments)))
         return [each.end() for each in started]
 
@@ -92,14 +104,24 @@ def test_a_sweep_goes_on_at_the_first_point_that_is_not_done(
     stopped, again = swept
     assert (stopped.code, again.code) == (130, 0), stopped.err + again.err
     assert "point 2: stopped: stopped by a person; comes again" in again.out
-    assert "\npoint 1 of 2" not in again.out
+    assert "\npoint 1 of 3" not in again.out
     points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
-    assert [points[number]["outcome"] for number in "12"] == ["done"] * 2
+    assert [points[number]["outcome"] for number in "123"] == ["done"] * 3
     assert len(list((folder / "swept").glob("point-0001/*.mcap"))) == 1
     assert len(list((folder / "swept").glob("point-0002/*.mcap"))) == 2
 
 
-@pytest.mark.parametrize("number", [1, 2])
+def test_a_sweep_ends_with_a_table_of_its_points_and_a_page(swept: tuple[Ended, Ended], folder: Path) -> None:
+    lines = [line.split() for line in swept[1].out.splitlines()]
+    points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
+    for number in "123":
+        (row,) = (each for each in lines if each[:1] == [number] and "done" in each)
+        assert row[-1] == points[number]["log"]
+        assert float(row[-3]) == pytest.approx(HERTZ[int(number) - 1], rel=2e-4)
+    assert (folder / "swept" / "sweep.html").is_file()
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
 def test_each_point_has_its_frequency_its_impacts_and_one_log(
     swept: tuple[Ended, Ended], folder: Path, number: int
 ) -> None:
@@ -119,6 +141,17 @@ def test_each_point_has_its_frequency_its_impacts_and_one_log(
     )
 
 
+def test_the_drive_comes_to_a_point_through_those_before_it(swept: tuple[Ended, Ended], folder: Path) -> None:
+    points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
+    told = []
+    for number in "123":
+        with LogReader(folder / "swept" / points[number]["log"]) as reader:
+            told.append([event.text for event in reader.events() if event.code == "drive.path"])
+    first, second = "frequency 20, amplitude 9, offset 0", "frequency 20.6, amplitude 9, offset 0"
+    came = "came without a rest through"
+    assert told == [[], [f"{came} {first}"], [f"{came} {first}; {second}"]]
+
+
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_beam_with_a_hidden_rest_position_is_centred(
     centred: list[Ended], folder: Path, number: int
@@ -135,3 +168,24 @@ def test_a_beam_with_a_hidden_rest_position_is_centred(
         HIDDEN_MM[number], abs=CENTRED_SHARE * CLEARANCE_MM
     )
     assert found["share_of_clearance"] <= 0.02
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_what_centring_found_can_be_found_again_in_its_log(
+    centred: list[Ended], folder: Path, number: int
+) -> None:
+    found = json.loads(centred[number].out)
+    log = Path(found["log"])
+    assert log.parent == folder / "centrings"
+    assert verify_log(log).sound
+    with LogReader(log) as reader:
+        forces = [reader.series("measured", f"contact.force_{side}").values for side in ("upper", "lower")]
+        record = {name: json.loads(text) for name, text in reader.metadata["centring"].items()}
+        events = [event.text for event in reader.events() if event.code == "centring.offset"]
+    result, offsets = record["result"], record["offsets"]
+    assert result["offset"] == found["offset_n"]
+    assert len(events) == len(offsets) == result["probes"]
+    for probe in offsets:
+        upper, lower = (force[probe["first_sample"] : probe["end_sample"]] for force in forces)
+        again = what_is_touched(upper, lower, 51_200.0, result["sine_hz"], probe["amplitude"])
+        assert again == probe["touched"]

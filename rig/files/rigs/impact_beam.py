@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from rig.files.benches.impact_beam import BENCH
 from rig.files.fields import Measured, Switch, Whole, Word
-from rig.files.rigs.kind import RigKind, unit_or_none
+from rig.files.rigs.kind import Highest, RigKind, ShownSine, unit_or_none
 from rig.files.section import SECTION, Check
 from sim_twin.rigs.impact_beam.channels import channel_names, channel_unit
 
@@ -58,6 +58,11 @@ class DriveSection:
 def drive_peak(drive: DriveSection) -> float:
     """Largest absolute force of the drive in N."""
     return drive.amplitude + abs(drive.offset)
+
+
+def sine_hertz(drive: DriveSection) -> float | None:
+    """Frequency of the sine; None for a drive without an amplitude."""
+    return drive.frequency if drive.amplitude else None
 
 
 def _mesh_has_modes(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -111,6 +116,7 @@ KIND: Final = RigKind(
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=lambda drive: drive.get("frequency"),
     drive_peak=drive_peak,
+    highest=Highest("maximum_amplitude", "N", lambda generator: generator.maximum_amplitude),
     by_hand={
         "clearance": "move the two stops: the clearance is half of the tip's free motion",
         "rest_offset": "shift the yoke, so that the tip rests that far from the middle",
@@ -120,4 +126,5 @@ KIND: Final = RigKind(
         "cover": "mount that cover, or take it off",
     },
     contacts=("contact.force_upper", "contact.force_lower"),
+    sine=ShownSine("drive.force", sine_hertz),
 )

@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 from rig.files.benches.planar_slider_crank import BENCH
 from rig.files.fields import Measured, Word
 from rig.files.rigs.kind import RigKind, unit_or_none
-from rig.files.rigs.speed import SpeedSection, highest_speed, revolutions_per_second
+from rig.files.rigs.speed import MAXIMUM_SPEED, SpeedSection, highest_speed, revolutions_per_second
 from rig.files.section import SECTION, Check
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS, channel_unit
 
@@ -62,10 +62,12 @@ KIND: Final = RigKind(
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=revolutions_per_second,
     drive_peak=highest_speed,
+    highest=MAXIMUM_SPEED,
     by_hand={
         "clearance_1": "fit the crank pin with that radial clearance",
         "clearance_2": "fit the piston pin with that radial clearance",
         "material": "mount the links of that material",
     },
     extras=("encoder",),
+    turns=True,
 )

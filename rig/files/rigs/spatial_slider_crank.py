@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass
 from rig.files.benches.spatial_slider_crank import BENCH
 from rig.files.fields import Measured, Whole
 from rig.files.rigs.kind import RigKind, unit_or_none
-from rig.files.rigs.speed import SpeedSection, highest_speed, revolutions_per_second
+from rig.files.rigs.speed import MAXIMUM_SPEED, SpeedSection, highest_speed, revolutions_per_second
 from rig.files.section import SECTION
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS, channel_unit
 
@@ -43,6 +43,7 @@ KIND: Final = RigKind(
     channel_unit=unit_or_none(channel_unit),
     drive_frequency=revolutions_per_second,
     drive_peak=highest_speed,
+    highest=MAXIMUM_SPEED,
     by_hand={
         "axis_angle": "turn the guide to that angle from the crank's axis",
         "socket_clearance": "set the ball joint's clearance (half of the free motion)",
@@ -50,4 +51,5 @@ KIND: Final = RigKind(
     },
     contacts=tuple(f"slider.force_{number}" for number in range(1, 9)),
     extras=("encoder",),
+    turns=True,
 )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import pi
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic.dataclasses import dataclass
 
 from rig.files.fields import Measured
+from rig.files.rigs.kind import Highest
 from rig.files.section import SECTION
 
 
@@ -17,6 +18,9 @@ class SpeedSection:
     """The crank's speed in rad/s."""
 
     speed: Annotated[float, Measured("rpm", 1, 3000)]
+
+
+MAXIMUM_SPEED: Final = Highest("maximum_speed", "rpm", lambda inverter: inverter.maximum_speed, 30 / pi)
 
 
 def revolutions_per_second(drive: Mapping[str, Any]) -> float | None:

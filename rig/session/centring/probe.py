@@ -92,6 +92,9 @@ def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
     if scenario.rig != "impact_beam":
         problem = Problem("rig", scenario.rig, "impact_beam: no other rests between two stops")
         raise ConfigurationError(scenario.name, [problem])
+    if bench.unseen:
+        allowed = "false beside a real generator: by emulated forces the real beam is pushed anywhere"
+        raise ConfigurationError(bench.source, [Problem("daq_card.emulated", "true", allowed)])
     if scenario.acquisition.settle < SOFT_START_FROM_S:
         allowed = f"at least {SOFT_START_FROM_S:g} s: a drive with an offset is brought up softly"
         problem = Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
@@ -123,19 +126,32 @@ def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """The `number`-th offset that was tried, N, with a sine of `amplitude` N, and what it `touched`."""
+
+    number: int
+    offset: float
+    amplitude: float
+    touched: Touched
+
+    def __str__(self) -> str:
+        return f"offset {self.offset:+.4f} N, sine {self.amplitude:.4f} N: touches {self.touched}"
+
+
 def centre_beam(
-    beam: ShakenBeam, plan: CentringPlan, told: Callable[[int], None] = lambda count: None
+    beam: ShakenBeam, plan: CentringPlan, told: Callable[[Probe], None] = lambda probe: None
 ) -> Middle:
     """Find the offset that holds the tip in the middle; raises NoCentre.
 
-    The offset stays where it was last. `told` hears how many were tried.
+    The offset stays where it was last. `told` hears of each that was tried.
     """
     prober = _Prober(beam, plan, told)
     return find_middle(prober.touched, plan.sine, plan.reach, plan.precision, plan.farthest)
 
 
 class _Prober:
-    def __init__(self, beam: ShakenBeam, plan: CentringPlan, told: Callable[[int], None]) -> None:
+    def __init__(self, beam: ShakenBeam, plan: CentringPlan, told: Callable[[Probe], None]) -> None:
         self._beam, self._plan, self._told = beam, plan, told
         self._offset, self._tried = 0.0, 0
 
@@ -151,5 +167,6 @@ class _Prober:
         beam.wait(plan.settle_s)
         upper, lower = beam.forces(_CYCLES / plan.frequency)
         self._tried += 1
-        self._told(self._tried)
-        return what_is_touched(upper, lower, beam.sample_rate, plan.frequency, amplitude)
+        touched = what_is_touched(upper, lower, beam.sample_rate, plan.frequency, amplitude)
+        self._told(Probe(self._tried, offset, amplitude, touched))
+        return touched

@@ -15,6 +15,7 @@ from daq.errors import InterlockTripped, RattleError
 from daq.log import LogReader
 from rig.files.bench import Bench
 from rig.files.faults import read_toml
+from rig.files.model_file import ModelFile
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario, parse_scenario
 from rig.files.sweep import Point, Sweep, points_named
@@ -51,7 +52,8 @@ class SweepRequest:
     """What to sweep, on what, and where to.
 
     `again` are points that are to be recorded although they have ended; `set_again` has every position that
-    is set by hand confirmed anew; `rehearsal` confirms them without a person.
+    is set by hand confirmed anew; `rehearsal` confirms them without a person. `live` shows each point in a
+    browser, `model` is what every twin is matched by.
     """
 
     sweep: Sweep
@@ -61,11 +63,13 @@ class SweepRequest:
     again: frozenset[int] = frozenset()
     set_again: bool = False
     rehearsal: bool = False
+    live: bool = False
+    model: ModelFile | None = None
 
 
 def begun(request: SweepRequest) -> SweepState:
     """The state to go on from; raises ConfigurationError where a file has changed since."""
-    digests = digests_of(request.sweep, request.bench)
+    digests = digests_of(request.sweep, request.bench, request.model)
     state = load_state(request.folder)
     if state is None:
         seed = request.bench.emulation.seed
@@ -113,7 +117,7 @@ class _Sweeping:
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
             self._screen.say(f"point {step.point.number} of {len(steps)}  {said}  ({left} left)")
             self._set_by_hand(step)
-            self._point(step.point)
+            self._point(step.point, last=step is todo[-1])
         return self._state
 
     def _wanted(self, number: int) -> bool:
@@ -140,7 +144,7 @@ class _Sweeping:
                     self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
                 self._keep(self._state.with_hand(axis.key, value))
 
-    def _point(self, point: Point) -> None:
+    def _point(self, point: Point, last: bool) -> None:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
             scenario = self._centred(point.scenario)
             enough = self._enough(scenario)
@@ -150,21 +154,25 @@ class _Sweeping:
                 self._bench,
                 lambda stack, to: self._request.connect(scenario, self._bench, stack, to),
                 folder,
-                enough=enough,
+                self._request.live,
+                self._request.model,
+                enough,
+                view_stays=last,
+                path=point.path,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)
             impacts = None if enough is None else enough.count
-            self._record(point.number, log, impacts)
+            self._record(point, log, impacts)
             stop.check()
 
     def _told(self, number: int) -> _Told:
         return _Told(lambda ended: self._keep(self._state.with_point(number, ended)), number)
 
-    def _record(self, number: int, log: Path, impacts: int | None) -> None:
-        until, why = self._request.sweep.until, "; ".join(_failures(log))
+    def _record(self, point: Point, log: Path, impacts: int | None) -> None:
+        number, until, why = point.number, self._request.sweep.until, "; ".join(_failures(log))
         name = str(log.relative_to(self._request.folder))
-        ended = PointState("failed" if why else "done", name, why, impacts, figures_of(log))
+        ended = PointState("failed" if why else "done", name, why, impacts, figures_of(log, point.scenario))
         self._keep(self._state.with_point(number, ended))
         write_results(self._request.folder, self._request.sweep, self._state)
         if why:

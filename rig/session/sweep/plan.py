@@ -6,28 +6,29 @@ import dataclasses
 import datetime
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import pi
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
-from rig.files.pairing import check_pair
+from rig.files.pairing import SOFT_START_FROM_S, check_pair
 from rig.files.rigs import RIGS
-from rig.files.scenario import Limit, Scenario
+from rig.files.scenario import Limit
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
 from rig.session.centring.probe import plan_of as centring_plan
+from rig.session.drive import RAMP_S
+from rig.session.sequence import starts_softly
 from rig.session.speed_guard import SPEED_GUARDED
 from rig.twin.scenario_twin import twin_of
 
+_WALK_S: Final = {False: RAMP_S, True: 3.0}
+"""From one value to the next on a point's path, where nothing turns and where a motor does."""
 AROUND_S: Final = 15.0
 """Of each point beside settling and recording: connecting, twin, ramps, closing the log; 10 s to 20 s on
 two cores, by what else they do."""
 _BYTES_PER_SAMPLE: Final = 2 * 4.3
 """Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
 _RESERVE_BYTES: Final = 1 << 30
-_HIGHEST: Final = (("maximum_amplitude", "N", 1.0), ("maximum_speed", "rpm", 30 / pi))
-"""What a bench may limit its actuator to: key, the operator's unit, and how many of it one SI unit is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
     """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once."""
     found: dict[Problem, list[int]] = {}
     for point in sweep.points:
-        for problem in _faults(point.scenario, bench, today, sweep.centre):
+        for problem in _faults(point, bench, today, sweep.centre):
             found.setdefault(problem, []).append(point.number)
     problems = [
         dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
@@ -86,7 +87,13 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
         raise ConfigurationError(f"{sweep.source} on {bench.source}", problems)
 
 
-def _faults(scenario: Scenario, bench: Bench, today: datetime.date, centre: bool) -> Iterator[Problem]:
+def _faults(point: Point, bench: Bench, today: datetime.date, centre: bool) -> Iterator[Problem]:
+    scenario = point.scenario
+    if point.path and not starts_softly(scenario.acquisition):
+        allowed = (
+            f"at least {SOFT_START_FROM_S:g} s with up_and_down: the drive comes through the values before"
+        )
+        yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
     checks: list[Callable[[], object]] = [
         lambda: check_pair(scenario, bench, today),
         lambda: twin_of(scenario),
@@ -118,8 +125,13 @@ def _counting(sweep: Sweep, bench: Bench) -> list[Problem]:
 
 def seconds_of(points: Iterable[Point]) -> float:
     """The longest that points take, without what moves by hand take."""
-    wanted = (point.scenario.acquisition for point in points)
-    return sum(AROUND_S + each.settle + each.duration for each in wanted)
+    return sum(
+        AROUND_S
+        + len(point.path) * _WALK_S[RIGS[point.scenario.rig].turns]
+        + point.scenario.acquisition.settle
+        + point.scenario.acquisition.duration
+        for point in points
+    )
 
 
 def lasting(sweep: Sweep, points: Iterable[Point]) -> str:
@@ -153,10 +165,13 @@ def listing(
         said = [_said(move, set_by_hand if step is steps[0] else {}) for move in step.moves]
         outcome = ended.get(step.point.number)
         yield f"{number}  {'; '.join(said) or 'the same again'}{f' [{outcome}]' if outcome else ''}"
+    if any(point.path for point in sweep.points):
+        yield "path       the drive comes to each point through all values before it, without a rest"
     if sweep.centre:
         yield "centring   before the first point and after each move by hand"
     left = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
-    yield f"time       {lasting(sweep, left)} for {len(left)} points, and what moves by hand take"
+    sooner = "" if sweep.until is None else f", less where {sweep.until.impacts} impacts come sooner"
+    yield f"time       {lasting(sweep, left)} for {len(left)} points{sooner}; moves by hand come on top"
 
 
 def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
@@ -169,12 +184,11 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
-    highest = max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
-    for name, unit, scale in _HIGHEST:
-        if hasattr(bench.actuator, name):
-            allowed = f"{getattr(bench.actuator, name) * scale:g} {unit} ({kind.actuator}.{name})"
-            yield f"guard      drive at most {highest * scale:g} of {allowed}"
-    if hasattr(scenario.drive, "speed"):
+    highest, asked = kind.highest, max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
+    allowed = f"{highest.of(bench.actuator) * highest.per_si:g} {highest.unit}"
+    said = f"{asked * highest.per_si:g} of {allowed} ({kind.actuator}.{highest.key})"
+    yield f"guard      drive at most {said}"
+    if kind.turns:
         yield f"guard      {SPEED_GUARDED}"
     for limit in scenario.limits:
         yield f"guard      {_limit(limit)}"

@@ -17,6 +17,7 @@ from pydantic.dataclasses import dataclass
 from daq.errors import ConfigurationError, LogError, Problem, RattleError, RecorderFailed
 from rig.files.bench import Bench
 from rig.files.faults import read_text
+from rig.files.model_file import ModelFile
 from rig.files.sweep import Sweep
 from rig.files.sweep_axes import Value
 
@@ -45,11 +46,15 @@ class PointState:
 
 @dataclass(frozen=True, config=_STRICT)
 class CentreState:
-    """The offset in N that centres the beam, how far off it may be, and the rest position in m behind it."""
+    """The offset in N that centres the beam, how far off it may be, and the rest position in m behind it.
+
+    `log` shows how it was found, seen from the sweep's folder.
+    """
 
     offset_n: float
     uncertainty_n: float
     rest_offset_m: float
+    log: str | None = None
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -83,11 +88,13 @@ class SweepState:
 _STATE: Final = TypeAdapter(SweepState)
 
 
-def digests_of(sweep: Sweep, bench: Bench) -> dict[str, str]:
+def digests_of(sweep: Sweep, bench: Bench, model: ModelFile | None = None) -> dict[str, str]:
     """Digests of all files that a sweep hangs on."""
     texts = {"sweep": sweep.text, "scenario": sweep.base, "bench": bench.text}
     if bench.emulation.effects is not None:
         texts["effects"] = read_text(bench.emulation.effects)
+    if model is not None:
+        texts["model"] = model.text
     return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.files.rigs.impact_beam import DriveSection, ImpactBeamSection
 from rig.twin.alignment import Alignment, align
-from rig.twin.rigs.kind import TwinKind
+from rig.twin.rigs.kind import Reference, TwinKind
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.channels import stations_of
 from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, ImpactBeam, SineDrive, nominal
@@ -66,8 +66,7 @@ def _untouched(drive: SineDrive) -> Alignment:
 KIND = TwinKind(
     model=MODEL,
     build=_build,
-    reference="drive.force",
-    align=align,
+    references=(Reference("drive.force", align),),
     in_step=_in_step,
     phase_at=_phase_at,
     untouched=_untouched,

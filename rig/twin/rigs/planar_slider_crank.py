@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from rig.files.rigs.planar_slider_crank import PlanarSliderCrankSection
 from rig.files.rigs.speed import SpeedSection
-from rig.twin.crank_alignment import align_angle, untouched
-from rig.twin.rigs.kind import TwinKind, given
+from rig.twin.crank_alignment import MARKED_TURNS, align_angle, align_marker, untouched
+from rig.twin.rigs.kind import Reference, TwinKind, given
 from rig.twin.rigs.turning import angle_at, in_step
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, nominal
@@ -27,8 +27,7 @@ def _build(
 KIND = TwinKind(
     model=MODEL,
     build=_build,
-    reference="crank.angle",
-    align=align_angle,
+    references=(Reference("crank.angle", align_angle), Reference("crank.marker", align_marker, MARKED_TURNS)),
     in_step=in_step,
     phase_at=angle_at,
     untouched=untouched,

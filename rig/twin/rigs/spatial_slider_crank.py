@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from rig.files.rigs.spatial_slider_crank import SpatialSliderCrankSection
 from rig.files.rigs.speed import SpeedSection
-from rig.twin.crank_alignment import align_marker, untouched
-from rig.twin.rigs.kind import TwinKind, given
+from rig.twin.crank_alignment import MARKED_TURNS, align_marker, untouched
+from rig.twin.rigs.kind import Reference, TwinKind, given
 from rig.twin.rigs.turning import angle_at, in_step
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import Slider, SpatialSliderCrank
@@ -36,8 +36,7 @@ def _slider(slider: Slider, mass: float) -> Slider:
 KIND = TwinKind(
     model=MODEL,
     build=_build,
-    reference="flywheel.marker",
-    align=align_marker,
+    references=(Reference("flywheel.marker", align_marker, MARKED_TURNS),),
     in_step=in_step,
     phase_at=angle_at,
     untouched=untouched,

@@ -8,6 +8,7 @@ import pytest
 
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
+from tests.rig.files.test_model_file import TEXT as MODEL
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 HIGH = """\
@@ -50,6 +51,15 @@ def test_what_no_point_may_do_is_refused_all_at_once(
     assert "points 9-10: drive.amplitude = 14 N: amplitude and offset together up to 12 N" in answer.err
     assert 'points 1-10: limits."contact.force_upper".abort = 500 N: below 200 N' in answer.err
     assert not (too_high.parent / "swept").exists()
+
+
+def test_a_model_of_another_rig_is_refused_before_anything_moves(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    arguments = ("--dry", "--live", "--out", tmp_path / "swept", "--model", tmp_path / "model.toml")
+    assert call("sweep", SCENARIOS / "beam_frequency.sweep.toml", *arguments).code == 0
+    answer = call("sweep", SCENARIOS / "crank_speed.sweep.toml", *arguments)
+    assert answer.code == 2
+    assert "impact_beam" in answer.err
 
 
 def test_a_crank_above_its_maximum_speed_is_refused(call: Call, tmp_path: Path) -> None:

@@ -138,6 +138,11 @@ def test_an_emulated_encoder_needs_nothing_else() -> None:
             "encoder.interface",
             "how an emulated encoder is reached",
         ),
+        (
+            changed("[daq_card]", "[daq_card]\nemulated = true"),
+            "daq_card.emulated",
+            "a motor that turns needs a real card",
+        ),
         ("encoder = 3\n" + RIGS["planar_slider_crank"].bench, "encoder", "a table [encoder]"),
     ],
 )

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigurationError
-from rig.files.bench import embedded_bench, load_bench
+from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
 from rig.files.pairing import check_pair
+from rig.files.rigs import RIGS
 from rig.files.scenario import parse_scenario
 from tests.rig.files.faulty import only_problem
 
@@ -47,6 +48,21 @@ def test_scenario_beyond_the_bench_is_refused(text: str, key: str, allowed: str)
     (problem,) = caught.value.problems
     assert key in problem.key
     assert allowed in problem.allowed
+
+
+def unseen_bench() -> Bench:
+    """A real generator whose beam an emulated card cannot see."""
+    text = RIGS["impact_beam"].bench
+    real = text.replace("emulated = true", 'resource = "TCPIP::127.0.0.1::5025::SOCKET"', 1)
+    return parse_bench(real, "bench", Path())
+
+
+def test_a_limit_that_would_watch_an_emulated_card_beside_a_real_shaker_is_refused() -> None:
+    check_pair(parse_scenario(SOUND), unseen_bench(), TODAY)
+    guarded = parse_scenario(SOUND + '[limits."contact.force_upper"]\nabort = "150 N"')
+    check_pair(guarded, embedded_bench(), TODAY)
+    problem = only_problem(lambda: check_pair(guarded, unseen_bench(), TODAY), 'limits."contact.force_upper"')
+    assert "a limit needs a real card" in problem.allowed
 
 
 def test_outdated_calibration_of_a_real_sensor_is_refused() -> None:

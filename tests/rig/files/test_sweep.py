@@ -59,6 +59,25 @@ def test_up_and_down_turns_at_the_last_value_once() -> None:
     assert values(swept, "drive.frequency") == ["19 Hz", "20 Hz", "21 Hz", "20 Hz", "19 Hz"]
 
 
+def test_the_drive_comes_to_a_point_through_the_values_before_it_on_an_axis_that_goes_there_and_back() -> (
+    None
+):
+    axes = '"drive.frequency" = ["19 Hz", "20 Hz"]\n"drive.amplitude" = ["6 N", "9 N"]'
+    swept = sweep(axes, 'up_and_down = ["drive.frequency"]')
+    ways = [[(d.frequency, d.amplitude) for d in point.path] for point in swept.points]
+    assert ways == [
+        [],
+        [],
+        [(19.0, 6.0)],
+        [(19.0, 9.0)],
+        [(19.0, 6.0), (20.0, 6.0)],
+        [(19.0, 9.0), (20.0, 9.0)],
+    ]
+    assert not any(point.path for point in sweep(axes).points)
+    by_hand = sweep("\"model.clearance\" = ['1 mm', '2 mm']", 'up_and_down = ["model.clearance"]')
+    assert not any(point.path for point in by_hand.points)
+
+
 def test_a_linear_range_is_even_and_holds_both_ends_in_the_operators_unit() -> None:
     swept = sweep('"drive.frequency" = { from = "19.5 Hz", to = "21 Hz", steps = 27 }')
     assert values(swept, "drive.frequency")[:2] == ["19.5 Hz", "19.5576923 Hz"]
@@ -125,6 +144,12 @@ def test_without_a_longest_the_scenarios_duration_is_it() -> None:
             'until = { impacts = 3, channels = ["crank.angle"] }',
             "sweep.until.channels",
             "channels of the impact_beam",
+        ),
+        (
+            '"model.beam" = { from = "steel", to = "steel", steps = 2 }',
+            "",
+            'axes."model.beam"',
+            "a list of values",
         ),
         ('"drive.offset" = ["0.1 N"]', "centre = true", "sweep.centre", "which centring sets"),
         ('"drive.frequency" = [20]', "colour = 3", "sweep.colour", "unknown key"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 
 from daq.errors import InstrumentSilent
@@ -33,6 +35,26 @@ def test_a_soft_start_begins_at_the_least_amplitude_and_ends_at_the_full_one() -
     offsets = [float(str(each[1])) for each in generator.told if each[0] == "set_offset"]
     assert offsets == sorted(offsets)
     assert offsets[-1] == pytest.approx(0.5 / FORCE_PER_VOLT)
+
+
+def test_a_start_comes_through_the_drives_of_its_path_without_a_rest() -> None:
+    generator, waits = RecordingGenerator(), list[float]()
+    moved = shaker(generator, waits)
+    path = (DriveSection(frequency=19.0, amplitude=9.0), DriveSection(frequency=22.0, amplitude=7.2))
+    moved.arm(soft=True, path=path)
+    moved.start(soft=True, path=path)
+    assert generator.told[0] == ("arm_sine", 19.0, 0.01, 0.0, False)
+    assert "off" not in [each[0] for each in generator.told]
+    hertz = [float(str(each[1])) for each in generator.told if each[0] == "set_frequency"]
+    top = hertz.index(22.0)
+    assert hertz[: top + 1] == sorted(hertz[: top + 1])
+    assert hertz[top:] == sorted(hertz[top:], reverse=True)
+    # 16 steps from one drive to the next
+    assert max(abs(b - a) for a, b in pairwise([19.0, *hertz])) == pytest.approx(3.0 / 16)
+    assert hertz[-1] == 20.0
+    assert generator.amplitudes()[31] == pytest.approx(7.2 / FORCE_PER_VOLT)
+    assert generator.amplitudes()[-1] == pytest.approx(FULL_V)
+    assert sum(waits) == pytest.approx(3 * RAMP_S)
 
 
 def test_a_start_from_rest_is_armed_at_the_full_amplitude_and_triggered() -> None:

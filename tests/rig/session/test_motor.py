@@ -7,6 +7,7 @@ import math
 import pytest
 
 from daq.errors import InstrumentRefused, InterlockTripped
+from rig.files.rigs.speed import SpeedSection
 from rig.session.clocks import CardClock
 from rig.session.motor import OVERSPEED_S, Motor, MotorActuator
 from tests.rig.session.shafts import STEP_RPM, FakeDrive, SteppedClock
@@ -24,6 +25,18 @@ def started(drive: FakeDrive, rpm: float = 200.0) -> Motor:
     moved.arm(soft=True)
     moved.start(soft=True)
     return moved
+
+
+def test_a_motor_comes_through_the_speeds_of_its_path_and_is_trimmed_at_the_last() -> None:
+    drive = FakeDrive(SteppedClock(), slip=0.02)
+    moved, path = motor(drive, 100.0), [SpeedSection(rpm * math.tau / 60.0) for rpm in (100.0, 200.0)]
+    moved.arm(soft=True, path=path)
+    moved.start(soft=True, path=path)
+    speeds = [each[1] for each in drive.told if each[0] == "set_speed"]
+    assert speeds[:3] == pytest.approx([100.0, 200.0, 100.0])
+    assert drive.shaft_rpm() == pytest.approx(100.0, abs=STEP_RPM / 2 + 1e-9)
+    assert [event.code for event in moved.events()] == ["motor.trimmed"]
+    assert "stop" not in [each[0] for each in drive.told]
 
 
 def test_arming_sets_the_speed_and_moves_nothing() -> None:

@@ -6,15 +6,18 @@ import os
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
 from daq.log import Event, LogReader, LogWriter
-from rig.session.replay import replay_log
+from rig.session.replay import _ShapeFollower, replay_log
 from rig.session.signals import Stopped
+from rig.twin.overlay import overlay_run, predicting_twin, scenario_of
 from tests.rig.session.fakes import ListSink, silent_screen
-from tests.rig.synthetic_run import CHANNELS, RATE, write_log
+from tests.rig.synthetic_run import CHANNELS, RATE, SCENARIO, write_log
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
 
@@ -46,6 +49,17 @@ class TimedSink(ListSink):
     def block(self, origin, block: SampleBlock) -> None:  # type: ignore[no-untyped-def]
         super().block(origin, block)
         self.at_s.append((self._clock.now_s - 100.0, block.end_sample / block.sample_rate))
+
+
+class ShapeSink(ListSink):
+    """Keeps the shapes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.shapes: list[NDArray[np.floating]] = []
+
+    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
+        self.shapes.append(deflection)
 
 
 @pytest.fixture
@@ -106,6 +120,26 @@ def test_a_log_without_channels_is_refused(tmp_path: Path) -> None:
         writer.add_metadata("scenario", {"toml": "x = 1"})
     with pytest.raises(LogError, match="no channels in it"):
         replay_log(tmp_path / "empty.mcap", 0, False, silent_screen(), SteppedClock())
+
+
+def test_the_picture_of_an_overlay_with_effects_is_moved_by_the_twin_that_has_them(tmp_path: Path) -> None:
+    scenario = f'{SCENARIO}[acquisition]\nsample_rate = "51.2 kHz"\nduration = "1 s"\n'
+    run = write_log(tmp_path / "run.mcap", seconds=0.2, origins=["measured"], scenario=scenario)
+    effects = tmp_path / "effects.json"
+    effects.write_text('[{"name": "clearance", "parameters": {"scale": 1.6}}]')
+    farthest: list[float] = []
+    for given in (None, effects):
+        target = tmp_path / f"overlay{len(farthest)}.mcap"
+        overlay_run(run, target, given)
+        sink = ShapeSink()
+        with LogReader(target) as log:
+            played = scenario_of(log)
+            follow = _ShapeFollower(log, predicting_twin(log, played), played.acquisition, sink)
+            for step in range(1, 41):
+                follow(step * 0.005)
+        farthest.append(max(abs(shape[-1]) for shape in sink.shapes))
+    # a stop of 1.5e7 N/m gives way by some micrometres
+    assert farthest == pytest.approx([0.127e-3, 1.6 * 0.127e-3], abs=0.01e-3)
 
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")

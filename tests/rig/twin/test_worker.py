@@ -11,8 +11,10 @@ import pytest
 
 from daq.block import SampleBlock
 from daq.errors import LogError
+from rig.files.scenario import parse_scenario
 from rig.session.signals import Stopped
 from rig.twin.alignment import Alignment
+from rig.twin.scenario_twin import twin_of
 from rig.twin.worker import Drive, Predict, Recorded
 from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.rigs.impact_beam.healthy import nominal_sensors
@@ -22,6 +24,14 @@ from sim_twin.twin import AnyTwin, Twin
 RATE = 51_200.0
 TWIN = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
 END = 30_000
+SLOW_CRANK = """\
+rig = "planar_slider_crank"
+[drive]
+speed = "50 rpm"
+[acquisition]
+sample_rate = "10.24 kHz"
+duration = "1 s"
+"""
 
 
 class Delivered:
@@ -40,7 +50,7 @@ class Delivered:
 
 
 def twin_worker(deliver: Delivered, twin: AnyTwin = TWIN) -> WorkerProcess:
-    return WorkerProcess("twin", Predict(twin, RATE, 0.0), deliver)
+    return WorkerProcess("twin", Predict(twin, "drive.force", RATE, 0.0), deliver)
 
 
 def feed(worker: WorkerProcess, last: bool = True) -> None:
@@ -60,6 +70,26 @@ def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> N
     for name in TWIN.channels:
         blocks = [b for b in delivered.items if isinstance(b, SampleBlock) and b.channel == name]
         assert sum(len(block) for block in blocks) == END
+
+
+def test_a_slow_crank_without_an_encoder_is_followed_by_its_marker() -> None:
+    """50 rpm: a second, in which an angle is known, has one mark at most."""
+    turns_per_s, rate, phase = 50.0 / 60.0, 10_240.0, 2.0
+    angle = 2 * np.pi * turns_per_s * np.arange(4 * int(rate)) / rate + phase
+    marker = 5.0 * (np.degrees(angle) % 360.0 < 5.0)
+    twin = twin_of(parse_scenario(SLOW_CRANK))
+    delivered = Delivered()
+    with WorkerProcess("twin", Predict(twin, "crank.marker", rate, 0.0), delivered) as worker:
+        worker.wait_ready()
+        for first in range(0, len(marker), 1024):
+            worker.give(Drive(first, marker[first : first + 1024]))
+            worker.give(Recorded(0, min(first, 100), 0, last=False))
+        worker.give(Recorded(0, 100, 0, last=True))
+        worker.finish(60.0)
+    (alignment,) = (item for item in delivered.items if isinstance(item, Alignment))
+    assert alignment.trusted
+    # a mark is seen to half a sample: 0.3 mrad
+    assert alignment.phase == pytest.approx(phase, abs=1e-3)
 
 
 def test_its_death_is_told_and_a_fault_of_the_taker_too() -> None:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from daq.block import Flag
@@ -16,8 +17,9 @@ from rig.session.centring.rig import FORCES, _RigBeam
 from rig.session.centring.search import NoCentre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
+from rig.session.hub import Hub
 from rig.session.signals import StopRequest
-from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
+from tests.rig.session.fakes import ListSink, RecordingGenerator, SteppedCard
 
 SCENARIO = """\
 name = "centred"
@@ -56,10 +58,15 @@ def test_a_sensor_that_shows_nothing_ends_the_search() -> None:
     devices = Devices(
         generator, RecordingGenerator, lambda wait, _: Shaker(generator, scenario.drive, 3.6, wait), card
     )
-    beam = _RigBeam(scenario, devices, StopRequest(), silent_screen(), SystemClock())
+    sink = ListSink()
+    beam = _RigBeam(scenario, devices, StopRequest(), Hub([sink]), SystemClock())
     with coming(card), beam.acquiring():
         upper, lower = beam.forces(0.2)
         assert len(upper) == len(lower) == round(0.2 * card.sample_rate)
+        # row 0 holds the card's sample numbers; what was judged can be found in the record again
+        first, end = beam.listened
+        recorded = np.concatenate([block.values for block in sink.blocks(FORCES[0])])
+        assert recorded[first:end] == pytest.approx(upper)
         for shown[0] in (Flag.OPEN_SENSOR, Flag.OVERLOAD, Flag.NOT_FINITE):
             with pytest.raises(NoCentre, match="overloaded, open or not finite"):
                 beam.forces(0.2)

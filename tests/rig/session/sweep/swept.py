@@ -12,6 +12,7 @@ from daq.errors import RattleError
 from daq.log.records import Event
 from daq.log.writer import LogWriter
 from rig.files.bench import Bench, embedded_bench
+from rig.files.model_file import ModelFile
 from rig.files.sweep import Sweep, parse_sweep
 from rig.session.progress import Screen
 from rig.session.run import RunRequest
@@ -84,12 +85,15 @@ class Trial:
     bench: Bench = dataclasses.field(default_factory=embedded_bench)
     screen: Screen = dataclasses.field(default_factory=silent_screen)
     centre: Centre | None = None
+    live: bool = False
+    model: ModelFile | None = None
 
     def call(
         self, runs: Runs, again: set[int] | None = None, rehearsal: bool = True, anew: bool = False
     ) -> SweepState:
+        repeated = frozenset(again or ())
         request = SweepRequest(
-            self.sweep, self.bench, never, self.folder, frozenset(again or ()), anew, rehearsal
+            self.sweep, self.bench, never, self.folder, repeated, anew, rehearsal, self.live, self.model
         )
         self.folder.mkdir(exist_ok=True)
         return run_sweep(request, begun(request), self.screen, SystemClock(), runs, self.centre)

@@ -13,11 +13,13 @@ import pytest
 
 from daq.errors import ConfigurationError, DeviceLost, InterlockTripped, LogError, RattleError
 from rig.files.bench import parse_bench
+from rig.files.model_file import parse_model
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.session.signals import Stopped
 from rig.session.sweep.results import TABLE
 from rig.session.sweep.state import FILE, CentreState, held, load_state
+from tests.rig.files.test_model_file import TEXT as MODEL
 from tests.rig.session.sweep.swept import AXES, SCENARIO, Runs, Trial, parsed
 
 EMBEDDED_BENCH = RIGS["impact_beam"].bench
@@ -45,6 +47,12 @@ def test_every_point_is_recorded_with_its_own_values_and_stands_in_the_table(tri
         assert (trial.folder / row["log"]).is_file()
         # the made-up force has half cycles of 40 N, each with 0.02 N of noise on its peak
         assert float(row["max_mean_n"]) == pytest.approx(40.0, abs=0.1)
+
+
+def test_a_run_is_asked_to_come_through_the_points_before_it(trial: Trial) -> None:
+    trial.sweep = parsed('"drive.frequency" = ["19 Hz", "20 Hz"]', 'up_and_down = ["drive.frequency"]')
+    trial.call(runs := Runs())
+    assert [[drive.frequency for drive in each.path] for each in runs.asked] == [[], [19.0], [19.0, 20.0]]
 
 
 def test_all_points_are_recorded_on_one_emulated_rig(trial: Trial) -> None:
@@ -171,6 +179,17 @@ def test_nothing_moves_where_nobody_confirms(trial: Trial, monkeypatch: pytest.M
         trial.call(runs, rehearsal=False)
     assert runs.points == [1, 2]
     assert (trial.folder / FILE).is_file()
+
+
+def test_every_point_is_shown_and_predicted_by_the_model_and_only_the_last_view_stays(trial: Trial) -> None:
+    trial.live, trial.model = True, parse_model(MODEL, "model.toml", "impact_beam")
+    trial.call(runs := Runs())
+    assert [each.live for each in runs.asked] == [True] * 4
+    assert [each.view_stays for each in runs.asked] == [False, False, False, True]
+    assert all(each.model is trial.model for each in runs.asked)
+    trial.model = None
+    with pytest.raises(ConfigurationError, match=r"model file = .changed since"):
+        trial.call(Runs())
 
 
 @pytest.mark.parametrize("changed", ["sweep", "scenario", "bench"])

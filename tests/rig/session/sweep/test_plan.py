@@ -11,6 +11,7 @@ from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
 from rig.files.rigs import RIGS
 from rig.files.sweep import Sweep
+from rig.session.drive import RAMP_S
 from rig.session.sweep.plan import (
     AROUND_S,
     bytes_of,
@@ -20,7 +21,7 @@ from rig.session.sweep.plan import (
     seconds_of,
     steps_of,
 )
-from tests.rig.files.faulty import problems_of
+from tests.rig.files.faulty import only_problem, problems_of
 from tests.rig.session.sweep.swept import AXES, SCENARIO, parsed
 
 EMBEDDED_BENCH = RIGS["impact_beam"].bench
@@ -71,6 +72,21 @@ def test_a_position_that_is_set_already_is_not_announced_as_a_move() -> None:
     assert first.endswith("[done]")
 
 
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ("", "time       about 1 min 8 s for 4 points; moves by hand come on top"),
+        (
+            'until = { impacts = 15, longest = "60 s" }',
+            "time       at most 5 min 4 s for 4 points, less where 15 impacts come sooner; moves by hand "
+            "come on top",
+        ),
+    ],
+)
+def test_a_time_that_impacts_may_shorten_is_told_as_the_most_that_it_takes(settings: str, said: str) -> None:
+    assert lines(parsed(settings=settings))[-1] == said
+
+
 def test_time_and_disk_follow_from_the_points() -> None:
     swept = parsed()
     # 4 points of 1 s settling and 1 s record
@@ -94,6 +110,20 @@ def test_all_faults_of_all_points_at_once() -> None:
     ]
     assert "13 N" in problems["point 2: drive.amplitude"].value
     assert "up to 12 N" in problems["point 2: drive.amplitude"].allowed
+
+
+def test_a_way_there_and_back_takes_its_time_and_needs_a_soft_start() -> None:
+    both_ways = 'up_and_down = ["drive.frequency"]'
+    swept = parsed('"drive.frequency" = ["19 Hz", "20 Hz"]', both_ways)
+    # 3 points of 1 s settling and 1 s record; 0 + 1 + 2 values come before them
+    assert seconds_of(swept.points) == pytest.approx(3 * (AROUND_S + 2.0) + 3 * RAMP_S)
+    assert any("through all values before" in line for line in lines(swept))
+    check_points(swept, embedded_bench(), TODAY)
+    sudden = parsed('"drive.frequency" = ["19 Hz", "20 Hz"]', both_ways, more='[acquisition]\nsettle = "0 s"')
+    problem = only_problem(
+        lambda: check_points(sudden, embedded_bench(), TODAY), "points 2-3: acquisition.settle"
+    )
+    assert "at least 0.8 s with up_and_down" in problem.allowed
 
 
 @pytest.mark.parametrize(
