@@ -100,7 +100,7 @@ class EmulatedEncoder:
             self._send(0x280, self._position(now_s).to_bytes(4, "little"), now_s)
 
     def _position(self, time_s: float) -> int:
-        turned = self._shaft(time_s) / math.tau * self._setup.counts_per_revolution
+        turned = self._shaft(time_s - self._setup.lag_s) / math.tau * self._setup.counts_per_revolution
         return (math.floor(turned) + self._zero) % self._setup.total_range
 
     def _stamp(self, time_s: float) -> float:
