@@ -47,9 +47,10 @@ class Motor:
 
     async def look(self, degraded: bool = False) -> MotorState:
         """Ask the drive how it is."""
-        status, _ = await self._talk.read(fr.STATUS_BLOCK, self.silence_ends_s())
         monitor = await self._talk.read(fr.MONITOR_BLOCK, self.silence_ends_s())
         (kept,) = await self._talk.read(fr.SET_BLOCK, self.silence_ends_s())
+        # Last, so that an output that a trip has brought to zero never comes without the fault.
+        status, _ = await self._talk.read(fr.STATUS_BLOCK, self.silence_ends_s())
         fault = ""
         if status & Status.FAULT:
             fault = (await self.history(1))[0] or "a fault that its history does not name"

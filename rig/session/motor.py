@@ -166,7 +166,7 @@ class Motor:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * _RPM_PER_RAD_S
         self._speed_rad_s = speed_rad_s
         self._fastest_rpm = max(before_rpm, self._wanted_rpm)
-        self._too_fast = Held(OVERSPEED_S + 60.0 / self._wanted_rpm)
+        self._too_fast = Held(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
         left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
         self._await_output(left_rpm)
         self._await_shaft()

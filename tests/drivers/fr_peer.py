@@ -6,7 +6,6 @@ import asyncio
 import threading
 from collections.abc import Mapping
 
-from pymodbus.client import ModbusTcpClient
 from pymodbus.framer import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -34,14 +33,6 @@ class PlainServer:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
-
-    def put(self, registers: Mapping[int, int]) -> None:
-        """Let registers read otherwise from now on, by another master's writes."""
-        host, _, port = self.port.removeprefix("socket://").partition(":")
-        with ModbusTcpClient(host, port=int(port), framer=FramerType.RTU) as master:
-            for number, value in registers.items():
-                written = master.write_register(number - FIRST_NUMBER, value, device_id=self._station)
-                assert not written.isError()
 
     async def _end(self) -> None:
         await self._server.shutdown()  # type: ignore[no-untyped-call]

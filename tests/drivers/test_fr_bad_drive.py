@@ -7,6 +7,7 @@ import pytest
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator import DriveFaults
+from drivers.mitsubishi_fr.frames import Request
 from drivers.mitsubishi_fr.motor import STEP_S, WITHDRAWALS
 from drivers.mitsubishi_fr.registers import Command
 from tests.drivers.fr_bench import HZ, RAMP_S, SETTINGS, STOP, Bench, latched, on_bench
@@ -152,6 +153,27 @@ def test_a_trip_is_recorded_with_code_and_time_and_never_reset() -> None:
         assert (await bench.motor.history())[:2] == ("E.OC1", "")
 
     on_bench(work)
+
+
+@pytest.mark.parametrize("before", [fr.STATUS_BLOCK, fr.MONITOR_BLOCK, fr.SET_BLOCK], ids=str)
+def test_a_trip_between_two_answers_of_a_look_is_a_trip_too(before: fr.Block) -> None:
+    """An output at zero whose status was read before must not pass for a drive that does not obey."""
+
+    async def work(bench: Bench) -> str:
+        await bench.run_at(HZ)
+        await bench.wait(2.0)  # what is left of the time that an order may take
+        respond, tripped = bench.line.respond, [False]
+
+        def trips(request: Request) -> bytes:
+            if not tripped[0] and (request.address, request.content) == (before.address, before.count):
+                tripped[0] = True
+                bench.drive.trip(0x10)
+            return respond(request)
+
+        bench.line.respond = trips
+        return (await latched(bench, 1.0)).code
+
+    assert on_bench(work) == "E.OC1"
 
 
 def test_a_drive_fault_in_an_answer_stops_the_motor() -> None:

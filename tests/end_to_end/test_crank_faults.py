@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from daq.log import LogReader
+from daq.log import LogReader, recover_log
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
-from drivers.mitsubishi_fr.emulator import LineFaults
+from drivers.mitsubishi_fr.emulator import LineFaults, Trip
 from drivers.protocols import InverterOutput
-from tests.end_to_end.command import Command, Ended, await_gone, command
-from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, SpiedCrank, spied_crank
+from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
+from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
+OVERCURRENT = 0x10
+"""E.OC1 in the fault history."""
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}
 
 
@@ -136,6 +139,64 @@ def test_a_lost_card_brings_the_motor_down_by_the_inverters_own_word(
     assert mortal_crank.card.address in ended.err
     assert came_down_on_its_ramp(mortal_crank.spy.heard)
     assert "inverter.off" in events(ended.log)
+
+
+def refused(crank: SpiedCrank, out: Path) -> str:
+    """What a run says that is refused before anything moves."""
+    heard = len(crank.spy.heard)
+    ended = rattle("run", crank.scenario, "--bench", crank.file, "--out", out)
+    assert ended.code == 1
+    assert len(crank.spy.heard) == heard
+    return ended.err
+
+
+def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
+    mortal_crank: SpiedCrank, tmp_path: Path
+) -> None:
+    with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        tripped_ns = time.time_ns()
+        mortal_crank.rehearsal.send(Trip(OVERCURRENT))
+        ended = stopped(run, mortal_crank)
+    assert ended.code == 1
+    assert f"inverter at {mortal_crank.inverter.address}: it has tripped: E.OC1" in ended.err
+    with LogReader(ended.log) as reader:
+        assert reader.complete
+        told = reader.events()
+    (trip,) = [event for event in told if event.code == "inverter.E.OC1"]
+    # A poll every 0.1 s and its answers; processes of a busy machine.
+    assert 0.0 <= (trip.time_ns - tripped_ns) * 1e-9 < 1.0
+    assert (trip.level, trip.source) == ("error", "inverter")
+    assert "inverter.run" not in [event.code for event in told if event.time_ns > trip.time_ns]
+    off = next(at for at, output in enumerate(mortal_crank.spy.heard) if not output.on)
+    assert all(output.target_hz == 0.0 for output in mortal_crank.spy.heard[off:])
+    assert "it has tripped: E.OC1. Check the motor and its load, then reset it at its panel" in refused(
+        mortal_crank, tmp_path
+    )
+
+
+def test_a_killed_run_leaves_a_drive_that_trips_by_itself_and_that_no_run_resets(
+    mortal_crank: SpiedCrank, tmp_path: Path
+) -> None:
+    with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        children = run.children()
+        run.signal(signal.SIGKILL)
+        killed_s = time.monotonic()
+        mortal_crank.spy.await_stopping()
+        assert "the run is gone; the inverter's own watchdog (Pr.122) stops the motor" in run.end().err
+    await_gone(children)
+    await_true("at rest and tripped", lambda: not mortal_crank.spy.heard[-1].on)
+    down = next(output for output in reversed(mortal_crank.spy.heard) if output.on)
+    assert came_down_on_its_ramp(mortal_crank.spy.heard)
+    # The last poll was up to a period and its answers before.
+    assert WATCHDOG_S - 0.5 < down.started_s - killed_s < WATCHDOG_S + 0.5
+    assert "it has tripped: E.PUE" in refused(mortal_crank, tmp_path / "again")
+    (log,) = tmp_path.glob("*.mcap")
+    recovered = tmp_path / "recovered.mcap"
+    recover_log(log, recovered)
+    with LogReader(recovered) as reader:
+        assert "motor.trimmed" in [event.code for event in reader.events()]
 
 
 def test_a_lost_inverter_is_left_to_its_watchdog(mortal_crank: SpiedCrank, tmp_path: Path) -> None:

@@ -198,6 +198,10 @@ def test_it_goes_on_to_another_speed_and_is_trimmed_there(rpm: float) -> None:
 def test_a_shaft_that_runs_away_on_its_way_down_is_an_interlock() -> None:
     drive = FakeDrive(SteppedClock())
     moved = started(drive)
-    drive.ripple = lambda _: 300.0
-    with pytest.raises(InterlockTripped, match=r"the shaft turns at 3\d\d rpm where 60 rpm is wanted"):
+    began_s = drive.clock.now_s
+    drive.ripple = lambda _: 350.0 - drive.output_rpm
+    with pytest.raises(
+        InterlockTripped, match=r"the shaft turns at 350 rpm where 60 rpm is wanted, for 1\.3 s"
+    ):
         moved.go_to(60.0 * math.tau / 60.0)
+    assert drive.clock.now_s - began_s < OVERSPEED_S + 1.0 + 2 * 0.02 + 1e-6
