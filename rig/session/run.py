@@ -276,13 +276,8 @@ class _Run:
         """Say how the encoder stands against the card's mark; one speed cannot tell lag from mounting."""
         marks = self._shaft.marks if self._marks.channel is None else self._marks.marks
         skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
-        if skew is None:
-            return
-        if self._marks.channel is not None:
-            self._logbook.tell("info", "encoder.at_mark", str(skew))
-        else:  # an angle's own zero need not be the crank's, nor the same in the next run
-            text = f"against the zero of {self._shaft.channel}, not the crank's mark: {skew}"
-            self._logbook.tell("info", "encoder.at_angle_zero", text)
+        if skew is not None:
+            self._logbook.tell("info", *self._marks.standing(str(skew), str(self._shaft.channel)))
 
     def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
         sinks: list[Sink] = [LogSink(self._recorder)]
