@@ -97,7 +97,7 @@ def _card(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> EmulatedI
 def _encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> EmulatedInstrument:
     if rig.motor is None or bench.encoder is None:
         raise LookupError("an encoder needs a shaft")
-    setup = encoder_setup(bench.encoder, seed, bench.emulation.healthy)
+    setup = encoder_setup(bench.encoder, seed, bench.emulation)
     return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
 
 

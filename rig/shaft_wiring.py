@@ -15,6 +15,7 @@ from drivers.mitsubishi_fr import InverterSettings
 from drivers.mitsubishi_fr.emulator import InverterSetup
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
 from rig.files.actuators import Inverter
+from rig.files.bench import Emulation
 from rig.files.encoder import Encoder
 
 RAMP_S: Final = 1.5
@@ -62,7 +63,7 @@ def encoder_settings(encoder: Encoder, address: str | None) -> EncoderSettings:
     )
 
 
-def encoder_setup(encoder: Encoder, seed: int, healthy: bool) -> EncoderSetup:
+def encoder_setup(encoder: Encoder, seed: int, emulation: Emulation) -> EncoderSetup:
     """An emulated encoder as the bench wants it.
 
     Its zero lies anywhere and its clocks are off, by `seed`, unless it is to be nothing but nominal.
@@ -80,8 +81,9 @@ def encoder_setup(encoder: Encoder, seed: int, healthy: bool) -> EncoderSetup:
         counts_per_revolution=counts,
         revolutions=revolutions,
         scaling=scaling,
-        offset_counts=zero if healthy else 0,
-        period_ppm=period_ppm if healthy else 0.0,
-        clock_ppm=clock_ppm if healthy else 0.0,
+        offset_counts=zero if emulation.healthy else 0,
+        period_ppm=period_ppm if emulation.healthy else 0.0,
+        clock_ppm=clock_ppm if emulation.healthy else 0.0,
+        lag_s=emulation.encoder_lag,
         **wanted,
     )

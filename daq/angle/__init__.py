@@ -2,7 +2,7 @@
 
 from daq.angle.crank import CrankAngle, crank_angle
 from daq.angle.marker import Marks, MarkTracker, SpeedChange
-from daq.angle.skew import AtMark, Skew, angles_at_marks, find_skew
+from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew, late
 from daq.angle.unwrap import Unwrapped, Unwrapper, unwrap_counts
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "CrankAngle",
     "MarkTracker",
     "Marks",
+    "RecordingSkew",
     "Skew",
     "SpeedChange",
     "Unwrapped",
@@ -17,5 +18,6 @@ __all__ = [
     "angles_at_marks",
     "crank_angle",
     "find_skew",
+    "late",
     "unwrap_counts",
 ]

@@ -53,6 +53,7 @@ class NiDaqCard:
         self._grpc_channel: Any = None
         self._analog: AnalogTask | None = None
         self._counters: list[CounterTask] = []
+        self._armed = False
         self._watch = QualityWatch((), 0.0)
         self._next_sample = 0
         self._status = dict(_STATUS)
@@ -81,6 +82,7 @@ class NiDaqCard:
         """Give the device back; silent where it is gone, for then there is nothing to give back."""
         analog, self._analog = self._analog, None
         counters, self._counters = self._counters, []
+        self._armed = False
         channel, self._grpc_channel = self._grpc_channel, None
         try:
             if analog is not None:
@@ -91,14 +93,24 @@ class NiDaqCard:
             if channel is not None:
                 channel.close()
 
-    def start(self) -> None:
-        """Start the sample clock; the counters first, which wait for its first edge."""
+    def arm(self) -> None:
+        """Start the counters, which wait for the sample clock's first edge, and commit the analog task."""
         analog = self._opened()
         for counter in self._counters:
             with self._translated(f"starting {_label(counter)}"):
                 counter.start()
+        with self._translated("reserving its inputs"):
+            analog.commit()
         self._watch = QualityWatch(self.settings.channels, self.sample_rate)
         self._next_sample = 0
+        self._armed = True
+
+    def start(self) -> None:
+        """Start the sample clock; arms before, where that has not been done."""
+        analog = self._opened()
+        if not self._armed:
+            self.arm()
+        self._armed = False
         with self._translated("starting"):
             analog.start()
 

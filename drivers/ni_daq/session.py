@@ -15,6 +15,7 @@ from daq.errors import ConfigurationError, InstrumentAbsent, InstrumentSilent, P
 CALL_DEADLINE_S = 2.0
 ANSWER_MARGIN_S = 0.5  # a call that waits for samples itself gets this much more than it may wait
 SLOW_CALLS = {  # these reserve and program the chassis, or talk to a sensor over one wire
+    "TaskControl": 10.0,
     "StartTask": 10.0,
     "CfgSampClkTiming": 10.0,
     "ConfigureTEDS": 10.0,

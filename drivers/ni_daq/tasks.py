@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from nidaqmx.constants import AcquisitionType
+from nidaqmx.constants import AcquisitionType, TaskMode
 from nidaqmx.errors import DaqError, Error
 from nidaqmx.stream_readers import AnalogMultiChannelReader, CounterReader
 from numpy.typing import NDArray
@@ -51,6 +51,10 @@ class AnalogTask:
             if rate < asked:
                 break
         return sorted(near)
+
+    def commit(self) -> None:
+        """Reserve and program the hardware, so that `start` has nothing left to do but to start it."""
+        self._task.control(TaskMode.TASK_COMMIT)
 
     def start(self) -> None:
         """Start the sample clock, and with it the counters."""

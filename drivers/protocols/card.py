@@ -79,8 +79,12 @@ class AcquisitionCard(Protocol):
         """Give the device back. Never raises for a device that is gone."""
         ...
 
+    def arm(self) -> None:
+        """Do all that a start needs but the start, so that this one is as short as it can be."""
+        ...
+
     def start(self) -> None:
-        """Start the sample clock; sample 0 is taken now."""
+        """Start the sample clock of an armed card; sample 0 is taken before this returns."""
         ...
 
     def read(self, count: int) -> CardReading:

@@ -20,7 +20,7 @@ from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.session.progress import Screen
 from rig.twin.matched_twin import as_model_text, found
-from rig.twin.overlay import scenario_of
+from rig.twin.overlay import followed_scenario
 from sim_twin.diagnosis.matching import Match, match
 from sim_twin.matched import Matched
 from sim_twin.rigs.catalogue import model_of
@@ -106,5 +106,5 @@ def _scenarios(runs: Sequence[Path]) -> list[str]:
     names = []
     for run in runs:
         with LogReader(run) as log:
-            names.append(scenario_of(log).name)
+            names.append(followed_scenario(log).name)
     return list(dict.fromkeys(names))

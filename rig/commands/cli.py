@@ -14,6 +14,7 @@ from rig.commands import (
     centre,
     check,
     diagnose,
+    dwell,
     effects,
     emulate,
     ensemble,
@@ -58,6 +59,7 @@ def build(connect: Connect) -> Callable[[], None]:
     run.add_to(app, connect)
     sweep.add_to(app, connect)
     centre.add_to(app, connect)
+    dwell.add_to(app, connect)
     modules = (
         emulate,
         predict,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from math import tau
+from pathlib import Path
 
 import typer
 from rich.console import Console
 
-from daq.angle import find_skew
+from daq.angle import RecordingSkew, Skew, find_skew, late
 from daq.errors import LogError
 from rig.commands.arguments import Json, RunFiles, print_json
 from rig.session.encoder_check import logged_at_marks
@@ -19,20 +21,33 @@ def add_to(app: typer.Typer) -> None:
 
     @app.command()
     def skew(runs: RunFiles, as_json: Json = False) -> None:
-        """Tell an encoder's lag from its mounting angle, from runs at two speeds or more."""
-        at_marks = [logged_at_marks(run) for run in runs]
+        """Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes."""
+        at_marks, paces = zip(*(logged_at_marks(run) for run in runs), strict=True)
         found = find_skew(at_marks)
         if found is None:
             raise LogError("no mark of the crank lies within the encoder's readings")
         if as_json:
-            print_json(dataclasses.asdict(found))
+            told = dataclasses.asdict(found)
+            for run, each, pace, own in zip(runs, told["recordings"], paces, found.recordings, strict=True):
+                each |= {"log": str(run), **dataclasses.asdict(pace.without(own))}
+            print_json(told)
             return
         console = Console()
-        for run, each in zip(runs, at_marks, strict=True):
-            speed = (
-                "no mark" if not len(each.speed_rad_s) else f"{each.speed_rad_s.mean() * 60 / tau:.2f} rpm"
-            )
-            line = f"{run}: {len(each.speed_rad_s)} marks, {speed}"
+        for line in (*map(_of_run, runs, found.recordings), *_of_all(found)):
             console.print(line, markup=False, highlight=False, soft_wrap=True)
-        angle = "" if found.angle_rad is None else f", mounted at {found.angle_rad:.5f} rad"
-        console.print(f"{found}{angle}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _of_run(run: Path, each: RecordingSkew) -> str:
+    rpm = ", ".join(f"{speed * 60 / tau:.2f}" for speed in each.speeds_rad_s)
+    marks = f"{each.revolutions} marks at {rpm} rpm" if rpm else "no speed that stays for three marks"
+    if each.skew_s is None or each.skew_uncertainty_s is None:
+        return f"{run}: {marks}"
+    return f"{run}: {marks}; in this run late by {late(each.skew_s, each.skew_uncertainty_s)}"
+
+
+def _of_all(found: Skew) -> Iterator[str]:
+    if found.angle_rad is None or found.angle_uncertainty_rad is None:
+        yield str(found)
+        return
+    yield f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad"
+    yield f"{found}, whatever the run"

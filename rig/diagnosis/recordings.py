@@ -18,7 +18,7 @@ from rig.diagnosis.losses import lost_of, span, usable
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
-from rig.twin.overlay import scenario_of
+from rig.twin.overlay import followed_scenario
 from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import twin_of
 from sim_twin.decimation import decimated
@@ -143,7 +143,7 @@ def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
 
 def _read(path: Path) -> _Run:
     with LogReader(path) as log:
-        scenario = scenario_of(log)
+        scenario = followed_scenario(log)
         channels = log.channels("measured")
         twin = twin_of(scenario, channels)
         model = model_of(twin)

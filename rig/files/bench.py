@@ -62,6 +62,7 @@ class _EmulationSection:
     seed: Annotated[int | None, Whole(0, 2**63 - 1)] = None
     healthy: Annotated[bool, Switch()] = True
     rest_offset: Annotated[float | str | None, RestOffset()] = None
+    encoder_lag: Annotated[float, Measured("ms", 0, 1000)] = 0.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -84,13 +85,15 @@ class Emulation:
 
     `healthy` draws the rig within what a healthy one may differ by; without it it has the nominal values.
     `rest_offset` is where the tip of a beam really rests (m, towards the upper stop), "drawn" anywhere within
-    half of the clearance; None where the scenario says.
+    half of the clearance; None where the scenario says. An encoder on the bus shows where the shaft stood
+    `encoder_lag` (s) ago.
     """
 
     effects: Path | None = None
     seed: int | None = None
     healthy: bool = True
     rest_offset: float | str | None = None
+    encoder_lag: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -246,4 +249,4 @@ def _emulation(table: object, kind: RigKind, folder: Path, faults: Faults) -> Em
         faults.add("emulation.effects", section.effects, f"an existing file (looked for {effects})")
     if section.rest_offset is not None and "rest_offset" not in kind.model.__dataclass_fields__:
         faults.add("emulation.rest_offset", section.rest_offset, f"none: the {kind.name} has no such place")
-    return Emulation(effects, section.seed, section.healthy, section.rest_offset)
+    return Emulation(effects, section.seed, section.healthy, section.rest_offset, section.encoder_lag)

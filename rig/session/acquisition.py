@@ -71,6 +71,7 @@ class Acquisition:
         self.turned_off = dict[str, float]()
 
     def __enter__(self) -> Acquisition:
+        self._card.arm()
         self.base.start(self._card.start)
         self._thread.start()
         return self

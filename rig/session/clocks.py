@@ -60,9 +60,9 @@ class CardClock:
     """The run's time base: card sample i lies at `start_ns` + i / rate, whatever the host's clock does.
 
     The host's clock is joined to it where the card starts, for its sample 0 is taken while `start` is being
-    answered; from there on it goes by the rate that the arrivals of blocks show. Their delay is no part of
-    it: a card that is read over a network hands on its blocks tens of milliseconds late. Until arrivals say
-    it better the two clocks are taken to agree as crystals do.
+    answered, in the middle of that for all that is known; from there on it goes by the rate that the arrivals
+    of blocks show. Their delay is no part of it: a card that is read over a network hands on its blocks tens
+    of milliseconds late. Until arrivals say it better the two clocks are taken to agree as crystals do.
     """
 
     def __init__(self, clock: Clock, sample_rate: float) -> None:
@@ -74,8 +74,10 @@ class CardClock:
         """Call what starts the card: it takes its sample 0 before it returns."""
         before_s = self._clock.monotonic_s()
         start()
-        self.start_ns, self._start_s = self._clock.unix_ns(), self._clock.monotonic_s()
-        self._start_uncertainty_s = self._start_s - before_s
+        taken_s = self._clock.monotonic_s() - before_s
+        self._start_s = before_s + taken_s / 2
+        self.start_ns = self._clock.unix_ns() - round(taken_s / 2 * NS_PER_S)
+        self._start_uncertainty_s = taken_s / 2
 
     def arrived(self, end_sample: int) -> None:
         """A block that ends before `end_sample` is there."""

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
-from daq.angle import AtMark, Skew, angles_at_marks, find_skew
-from daq.block import NS_PER_S, SampleBlock
+from daq.angle import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew
+from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.errors import LogError
 from daq.log import LogReader
-from rig.session.encoder_record import ENCODER_CHANNEL
+from rig.session.encoder_record import ENCODER_CHANNEL, ENCODER_DEVICE
 from rig.session.shaft_speed import shaft_reading, shows_marks
 
 Array = NDArray[np.float64]
+
+_FEWEST_PLACED = 10
+"""Blocks, of a tenth of a second each, from which on their places make a pace."""
+_MOST_PLACED = 400
+"""The pace is found from all pairs of them."""
+_COVERED_SIGMAS = 1.96
+"""What a 95 % half width is of a standard deviation."""
 
 
 def encoder_at_marks(
@@ -26,11 +36,32 @@ def encoder_at_marks(
 
     Times in s on the run's time base, `encoder_s` (n,) and `mark_s` (m,); the card samples at `sample_rate`.
     """
-    return find_skew([_at_marks(encoder_s, encoder_rad, mark_s, count_rad, sample_rate)])
+    return find_skew([_at_marks(encoder_s, encoder_rad, mark_s, count_rad, sample_rate, 0.0)])
 
 
-def logged_at_marks(path: Path) -> AtMark:
-    """The same of a recorded run; raises LogError where it lacks the encoder, or what shows the crank."""
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """When a recorded encoder took its positions: the one with index i at `first_s` + i `period_s`.
+
+    Seconds since the first sample of the card's record.
+    """
+
+    first_s: float
+    period_s: float
+
+    def without(self, skew: RecordingSkew) -> Pace:
+        """When the shaft stood where the positions say: the pace less what the encoder is late."""
+        if skew.skew_s is None or skew.rate is None:
+            return self
+        late_s = skew.skew_s + skew.rate * (self.first_s - skew.at_s)
+        return Pace(self.first_s - late_s, self.period_s * (1.0 - skew.rate))
+
+
+def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
+    """What the encoder of a recorded run shows at the marks, and when it took its positions.
+
+    Raises LogError where the run lacks the encoder, or what shows the crank.
+    """
     with LogReader(path) as log:
         channels = log.channels("measured")
         encoder = channels.pop(ENCODER_CHANNEL, None)
@@ -49,14 +80,16 @@ def logged_at_marks(path: Path) -> AtMark:
         if not card or not positions:
             raise LogError(f"{path}: {name} or {ENCODER_CHANNEL} has no samples")
         start_ns, rate = card[0].time_ns, card[0].sample_rate
-        encoder_s = np.concatenate([_times_s(block, start_ns) for block in positions])
+        pace = _pace(positions, start_ns)
+        index = np.concatenate([block.first_sample + np.arange(len(block)) for block in positions])
         encoder_rad = np.concatenate([block.values.astype(np.float64) for block in positions])
         _, reading = shaft_reading([channels[name]], rate)
         if reading is None or encoder.scale is None:
             raise LogError(f"{path}: {ENCODER_CHANNEL} does not say what one count is")
         for block in card:
             reading.take(block.first_sample - card[0].first_sample, block.values.astype(np.float64))
-        return _at_marks(encoder_s, encoder_rad, np.array(reading.marks) / rate, encoder.scale, rate)
+        encoder_s, mark_s = pace.first_s + index * pace.period_s, np.array(reading.marks) / rate
+        return _at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, _placed_s(log)), pace
 
 
 def _zero_is_anywhere(log: LogReader, name: str) -> bool:
@@ -69,11 +102,32 @@ def _zero_is_anywhere(log: LogReader, name: str) -> bool:
     return isinstance(pulses, dict) and pulses.get("index") is False
 
 
-def _times_s(block: SampleBlock, start_ns: int) -> Array:
-    return (block.time_ns - start_ns) / NS_PER_S + np.arange(len(block)) / block.sample_rate
+def _pace(blocks: Sequence[SampleBlock], start_ns: int) -> Pace:
+    """The encoder's own even pace; each block was placed by the clock models of its moment."""
+    by_clock = [block for block in blocks if not block.flags & Flag.CLOCK_NOT_LOCKED]
+    trusted = by_clock if len(by_clock) >= _FEWEST_PLACED else blocks
+    some = [trusted[at] for at in np.unique(np.linspace(0, len(trusted) - 1, _MOST_PLACED).astype(int))]
+    first = np.array([block.first_sample for block in some], np.float64)
+    placed_s = np.array([(block.time_ns - start_ns) / NS_PER_S for block in some])
+    if len(some) < _FEWEST_PLACED:
+        period_s = 1.0 / blocks[0].sample_rate
+        return Pace(float(placed_s[0] - first[0] * period_s), period_s)
+    line = stats.theilslopes(placed_s, first)
+    return Pace(float(line.intercept), float(line.slope))
 
 
-def _at_marks(encoder_s: Array, encoder_rad: Array, mark_s: Array, count_rad: float, rate: float) -> AtMark:
-    # Blocks are placed by the clock models of their moment; where these moved back, times overlap a little.
+def _placed_s(log: LogReader) -> float:
+    """Standard uncertainty of where a run places the encoder's clock; 0 where it says nothing of it."""
+    said = [record for record in log.clocks() if record.device == ENCODER_DEVICE]
+    return said[-1].uncertainty_s / _COVERED_SIGMAS if said else 0.0
+
+
+def _at_marks(
+    encoder_s: Array, encoder_rad: Array, mark_s: Array, count_rad: float, rate: float, placed_s: float
+) -> AtMark:
+    # What is placed live may overlap a little where a model has moved back.
     known = encoder_s >= np.maximum.accumulate(encoder_s)
-    return angles_at_marks(encoder_s[known], encoder_rad[known], mark_s, count_rad, 1.0 / (rate * sqrt(12.0)))
+    mark_uncertainty_s = 1.0 / (rate * sqrt(12.0))
+    return angles_at_marks(
+        encoder_s[known], encoder_rad[known], mark_s, count_rad, mark_uncertainty_s, placed_s
+    )

@@ -31,6 +31,8 @@ from rig.session.speed_guard import SpeedGuard
 Array = NDArray[np.float64]
 
 ENCODER_CHANNEL = "encoder.angle"
+ENCODER_DEVICE = "encoder"
+"""As `/clock` names it."""
 _BACKLOG_S = 2.0
 """Kept before a record begins, which is where the card was a block ago."""
 _SILENT_S = 2.0
@@ -82,7 +84,7 @@ class EncoderRecord:
     ) -> None:
         self._encoder, self._base, self._hub, self._on_gap = encoder, base, hub, on_gap
         self._guard, self._speed = guard, self._new_speed()
-        self._clock = DeviceClock("encoder", base)
+        self._clock = DeviceClock(ENCODER_DEVICE, base)
         self._count = max(1, round(BLOCK_S / encoder.period_s))
         self._per_count = math.tau / encoder.counts_per_revolution
         step = math.ceil(fastest_rad_s / self._per_count * encoder.period_s) + 1

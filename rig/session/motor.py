@@ -81,7 +81,7 @@ class Motor:
         self._drive, self._wait, self._measured_rpm = drive, wait, measured_rpm
         self._clock = clock or SystemClock()
         self._speed_rad_s = speed_rad_s
-        self._wanted_rpm = speed_rad_s * _RPM_PER_RAD_S
+        self._wanted_rpm = self._fastest_rpm = speed_rad_s * _RPM_PER_RAD_S
         self._kept_rpm = 0.0
         self._events: list[Event] = []
         self._polls_s: list[tuple[float, float]] = []
@@ -119,6 +119,17 @@ class Motor:
         self._await_shaft()
         self._trim()
 
+    def go_to(self, speed_rad_s: float) -> None:
+        """Go on to another speed as `start` does to the first; raises what that raises."""
+        before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * _RPM_PER_RAD_S
+        self._speed_rad_s = speed_rad_s
+        self._fastest_rpm = max(before_rpm, self._wanted_rpm)
+        left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
+        self._await_output(left_rpm)
+        self._await_shaft()
+        self._fastest_rpm = self._wanted_rpm
+        self._trim()
+
     def ramp_down(self) -> None:
         """Bring the motor to rest and withdraw run."""
         self.off()
@@ -144,9 +155,9 @@ class Motor:
         request_s, reply_s = zip(*self._polls_s, strict=True)
         return [base.polled(self._drive.name, request_s, reply_s)]
 
-    def _await_output(self) -> None:
+    def _await_output(self, from_rpm: float = 0.0) -> None:
         """Wait for the ramp; the driver itself raises where the output does not follow."""
-        left_s = _RAMP_MARGIN * self._drive.ramp_s(0.0, self._kept_rpm) + _RAMP_GRACE_S
+        left_s = _RAMP_MARGIN * self._drive.ramp_s(from_rpm, self._kept_rpm) + _RAMP_GRACE_S
         while not self._output_there():
             if left_s < 0.0:
                 raise self._refused(
@@ -175,7 +186,7 @@ class Motor:
         """Wait a step; raises InterlockTripped for a shaft that is geared otherwise than the bench says."""
         self._wait(_STEP_S)
         rpm = self._measured_rpm()
-        if abs(rpm) > OVERSPEED * self._wanted_rpm:
+        if abs(rpm) > OVERSPEED * self._fastest_rpm:
             wanted = f"{self._wanted_rpm:g} rpm is wanted"
             raise InterlockTripped(
                 f"interlock: the shaft turns at {rpm:.4g} rpm where {wanted}; the motor is off"

@@ -38,7 +38,7 @@ from rig.session.sequence import Sequence, starts_softly
 from rig.session.shaft_speed import ShaftSpeed
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
-from rig.session.speed_guard import SpeedGuard
+from rig.session.speed_guard import guards_of_shaft
 from rig.session.supervisor import Supervisor
 from rig.session.twin_feed import TwinFeed
 from rig.session.watch import Watch
@@ -109,9 +109,7 @@ class _Run:
         self._names = [channel.name for channel in devices.card.channels]
         self._watch = Watch(clock)
         self._shaft = ShaftSpeed(devices.card.channels, self._rate, clock)
-        self._guard = SpeedGuard(clock)
-        self._encoder_guard = SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
-        self._guards = (self._guard, self._encoder_guard)
+        self._guards = self._guard, self._encoder_guard = guards_of_shaft(clock)
         self._marks = MarkWatch(devices.card.channels)
         self._hold: FrequencyHold | None
         self._frequency: FrequencySink | None

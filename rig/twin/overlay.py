@@ -20,12 +20,25 @@ from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
 from sim_twin.twin import AnyTwin
 
+DWELLS = "dwells"
+"""Key of the `run` record under which a log says that it has several speeds, and which."""
+
 
 def scenario_of(log: LogReader) -> Scenario:
     """The scenario that a log holds; raises LogError where there is none."""
     if not log.scenario:
         raise LogError(f"{log.path}: no scenario in it; rattle cannot know what was run")
     return parse_scenario(log.scenario, f"scenario in {log.path}")
+
+
+def followed_scenario(log: LogReader) -> Scenario:
+    """The scenario that a twin can follow; raises LogError also where the log has several speeds."""
+    dwells = log.metadata.get("run", {}).get(DWELLS)
+    if dwells:
+        raise LogError(
+            f"{log.path}: recorded at several speeds ({dwells}), which no twin follows; see rattle skew"
+        )
+    return scenario_of(log)
 
 
 def overlay_run(
@@ -42,7 +55,7 @@ def overlay_run(
     `warn` hears what does not hold for this run.
     """
     with LogReader(run) as log:
-        scenario = scenario_of(log)
+        scenario = followed_scenario(log)
         measured = log.channels("measured")
         if not measured:
             raise LogError(f"{run}: nothing measured in it")

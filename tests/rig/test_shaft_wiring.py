@@ -10,7 +10,7 @@ import pytest
 
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
 from drivers.mitsubishi_fr.settings import CHECKED, Parameters, problems, warnings
-from rig.files.bench import Bench, load_bench, parse_bench
+from rig.files.bench import Bench, Emulation, load_bench, parse_bench
 from rig.files.encoder import Encoder
 from rig.shaft_wiring import encoder_settings, encoder_setup, inverter_settings, inverter_setup
 
@@ -80,7 +80,7 @@ def test_a_real_encoder_keeps_its_address_and_an_emulated_one_gets_it() -> None:
 def test_an_emulated_encoder_is_the_one_that_the_bench_expects() -> None:
     identity = "counts_per_revolution = 1000\ntotal_range = 8000\nserial = 5\noperating_parameters = 0\n"
     bench = emulated(f"[encoder]\nemulated = true\n[encoder.identity]\n{identity}")
-    setup = encoder_setup(encoder_of(bench), seed=1, healthy=True)
+    setup = encoder_setup(encoder_of(bench), seed=1, emulation=Emulation())
     assert (setup.counts_per_revolution, setup.revolutions, setup.total_range, setup.serial) == (
         1000,
         8,
@@ -94,11 +94,11 @@ def test_an_emulated_encoder_is_the_one_that_the_bench_expects() -> None:
 
 def test_the_zero_and_the_clocks_of_an_emulated_encoder_are_drawn() -> None:
     encoder = encoder_of(emulated("[encoder]\nemulated = true\n"))
-    setups = [encoder_setup(encoder, seed, healthy=True) for seed in range(100)]
-    assert setups == [encoder_setup(encoder, seed, healthy=True) for seed in range(100)]
+    setups = [encoder_setup(encoder, seed, Emulation()) for seed in range(100)]
+    assert setups == [encoder_setup(encoder, seed, Emulation()) for seed in range(100)]
     spread = math.sqrt(sum(setup.clock_ppm**2 for setup in setups) / len(setups))
     assert spread == pytest.approx(20.0, rel=0.3)  # four times 1 / sqrt(2 x 100)
     assert len({setup.offset_counts for setup in setups}) > 90
-    nominal = encoder_setup(encoder, 1, healthy=False)
+    nominal = encoder_setup(encoder, 1, Emulation(healthy=False, encoder_lag=2e-3))
     assert (nominal.offset_counts, nominal.clock_ppm, nominal.period_ppm) == (0, 0.0, 0.0)
-    assert nominal == replace(setups[1], offset_counts=0, clock_ppm=0.0, period_ppm=0.0)
+    assert nominal == replace(setups[1], offset_counts=0, clock_ppm=0.0, period_ppm=0.0, lag_s=2e-3)

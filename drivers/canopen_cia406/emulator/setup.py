@@ -48,7 +48,8 @@ class EncoderSetup:
 
     `device_type`, `mapped` (objects in TPDO 1) and `transmission_type` are what it says. `offset_counts` is
     the position at angle 0. Its own timer runs slow by `period_ppm`; the clock of the timestamps is ahead by
-    `clock_offset_s` and fast by `clock_ppm`; each frame is up to `jitter_s` late on the bus, by `seed`.
+    `clock_offset_s` and fast by `clock_ppm`; each frame is up to `jitter_s` late on the bus, by `seed`, and
+    shows where the shaft stood `lag_s` before it was due.
     """
 
     node: int = 7
@@ -69,6 +70,7 @@ class EncoderSetup:
     clock_ppm: float = 0.0
     clock_offset_s: float = 0.0
     jitter_s: float = 20e-6
+    lag_s: float = 0.0
     seed: int = 0
     faults: tuple[EncoderFault, ...] = ()
 

@@ -80,6 +80,7 @@ class Acquisition:
         clock: Clock,
     ) -> None:
         self._plant, self._inbox, self._clock = plant, inbox, clock
+        plant.start(sample_rate)
         self._converter = Converter(wiring, plant.channels, inputs, sample_rate)
         self._names = tuple(item.physical for item in inputs)
         self._rate = sample_rate
@@ -91,6 +92,11 @@ class Acquisition:
         self._start_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated card", daemon=True)
+
+    @property
+    def started(self) -> bool:
+        """Whether its sample clock runs, or ran."""
+        return self._thread.ident is not None
 
     @property
     def open_inputs(self) -> tuple[str, ...]:
@@ -107,17 +113,16 @@ class Acquisition:
         self._counters += (counter,)
 
     def start(self) -> None:
-        """Start the sample clock."""
-        self._plant.start(self._rate)
+        """Start the sample clock; once."""
         self._start_s = self._clock.monotonic_s()
-        self._pass_on(self._inbox.take_all())
         self._thread.start()
 
     def stop(self) -> None:
         """Stop the sample clock and wake whoever waits for samples."""
         self._stop.set()
         self.buffer.fail(DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task was stopped"))
-        self._thread.join()
+        if self.started:
+            self._thread.join()
 
     def clipped_inputs(self) -> tuple[str, ...]:
         """Return the inputs that clipped since the last call."""
@@ -128,6 +133,7 @@ class Acquisition:
 
     def _run(self) -> None:
         try:
+            self._pass_on(self._inbox.take_all())
             while not self._stop.wait(self._due_s() - self._clock.monotonic_s()):
                 self._make_block()
         except Exception:  # the plant is not ours: whatever it raises ends the task, not the server

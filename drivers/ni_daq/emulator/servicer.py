@@ -17,6 +17,7 @@ from nidaqmx.constants import (
     AngleUnits,
     EncoderType,
     ForceIEPESensorSensitivityUnits,
+    TaskMode,
 )
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
@@ -193,13 +194,22 @@ class CardServicer(DeviceCalls):
         value = lookup(READ_STRING, request.attribute_raw)(self._task(request))
         return messages.GetReadAttributeStringResponse(value=value)
 
+    def TaskControl(self, request: Any, context: Any) -> Any:
+        if request.action_raw != TaskMode.TASK_COMMIT.value:
+            text = f"this card knows no task action {request.action_raw} but to commit"
+            raise DaqmxError(DAQmxErrors.FUNCTION_NOT_SUPPORTED_FOR_DEVICE, text)
+        task = self._task(request)
+        with self._lock:
+            self._commit(task)
+        return messages.TaskControlResponse()
+
     def StartTask(self, request: Any, context: Any) -> Any:
         task = self._task(request)
         with self._lock:
             if task.counter is not None:
                 self._start_counter(task, task.counter)
             else:
-                self._start_analog(task)
+                self._commit(task).start()
         return messages.StartTaskResponse()
 
     def StopTask(self, request: Any, context: Any) -> Any:
@@ -227,7 +237,10 @@ class CardServicer(DeviceCalls):
             raise DaqmxError(DAQmxErrors.INVALID_TASK, f"there is no task {request.task.name}")
         return task
 
-    def _start_analog(self, task: Task) -> None:
+    def _commit(self, task: Task) -> Acquisition:
+        """The task's acquisition, ready to start."""
+        if task.acquisition is not None and not task.acquisition.started:
+            return task.acquisition
         if any(other.acquisition is not None for other in self._tasks.values()):
             raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, "the card is in use by a running task")
         acquisition = Acquisition(
@@ -243,7 +256,7 @@ class CardServicer(DeviceCalls):
             if other.counting is not None and other.clock == _clock_of(task):
                 acquisition.attach(other.counting)
         task.acquisition = acquisition
-        acquisition.start()
+        return acquisition
 
     def _start_counter(self, task: Task, counter: CounterInput) -> None:
         for other in self._tasks.values():

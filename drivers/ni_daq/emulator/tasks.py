@@ -36,7 +36,7 @@ class Task:
 
     def running(self) -> Acquisition:
         """Return the running acquisition; raises where only a counter runs, or nothing."""
-        if self.acquisition is None:
+        if self.acquisition is None or not self.acquisition.started:
             raise DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task is not running")
         return self.acquisition
 

@@ -74,7 +74,7 @@ def test_two_speeds_tell_a_skew_to_50_us_and_the_mounting(
     assert found["angle_rad"] == pytest.approx(MOUNTED_RAD, abs=1e-3)
     said = call("skew", *runs).out
     assert f"encoder late by {found['skew_s'] * 1e6:.1f}" in said
-    assert "marks, 103.0" in said
+    assert "10 marks at 103.0" in said
 
 
 def test_one_speed_cannot_tell_and_says_so(call: Call, tmp_path: Path) -> None:

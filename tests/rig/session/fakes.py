@@ -87,6 +87,9 @@ class SteppedCard:
         """Let that many blocks come."""
         self._allowed.release(blocks)
 
+    def arm(self) -> None:
+        pass
+
     def start(self) -> None:
         self._next = 0
 

@@ -18,7 +18,7 @@ from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, Pos
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.hub import Hub
-from rig.session.speed_guard import SpeedGuard
+from rig.session.speed_guard import guards_of_shaft
 from tests.rig.session.fakes import ListSink
 from tests.rig.session.shafts import SteppedClock
 
@@ -98,7 +98,7 @@ class Lab:
         self.encoder = SteppedEncoder(missing, angle)
         self.encoder.total_range = turns * COUNTS
         self.encoder.sends_from(zero_s)
-        self.guard = SpeedGuard(self.clock, "encoder shows", "the encoder shows no speed")
+        self.guard = guards_of_shaft(self.clock)[1]
         hub, fastest = Hub([self.sink]), 1.5 * OMEGA
         self.record = EncoderRecord(self.encoder, self.base, hub, self.gaps.append, fastest, self.guard)
         self._let = 0

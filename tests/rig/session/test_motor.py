@@ -134,3 +134,24 @@ def test_polls_tell_how_long_an_answer_takes_on_the_time_base() -> None:
     assert record.offset_s == pytest.approx(-0.03, abs=1e-6)  # the middle of an answer that takes 60 ms
     assert record.rate_ppm == 0.0
     assert moved.clocks(base) == []
+
+
+@pytest.mark.parametrize("rpm", [60.0, 280.0])
+def test_it_goes_on_to_another_speed_and_is_trimmed_there(rpm: float) -> None:
+    drive = FakeDrive(SteppedClock(), slip=0.02)
+    moved = started(drive)
+    before_s = drive.clock.now_s
+    moved.go_to(rpm * math.tau / 60.0)
+    assert drive.shaft_rpm() == pytest.approx(rpm, abs=STEP_RPM / 2 + 1e-9)
+    assert moved.speed_rad_s == pytest.approx(rpm * math.tau / 60.0)
+    assert moved.what.startswith(f"crank at {rpm:g} rpm")
+    assert drive.clock.now_s - before_s > abs(rpm - 200.0) / 100.0  # on its ramp
+    assert ("start",) not in drive.told[3:]
+
+
+def test_a_shaft_that_runs_away_on_its_way_down_is_an_interlock() -> None:
+    drive = FakeDrive(SteppedClock())
+    moved = started(drive)
+    drive.ripple = lambda _: 150.0
+    with pytest.raises(InterlockTripped, match=r"the shaft turns at 3\d\d rpm"):
+        moved.go_to(60.0 * math.tau / 60.0)
