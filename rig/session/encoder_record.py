@@ -37,6 +37,8 @@ _BACKLOG_S = 2.0
 """Kept before a record begins, which is where the card was a block ago."""
 _SILENT_S = 2.0
 """Positions that come late on a busy machine or bus are a gap at worst; for so long, its timer is off."""
+_EARLIEST_S, _LATEST_S = 0.1, 0.5
+"""No position comes before it was taken, nor later than so by a stall: its clock was set."""
 _CHECKED_S = 30.0
 
 
@@ -197,10 +199,18 @@ class EncoderRecord:
             self._event(float(block.arrival_s[low]), "warning", "encoder.ambiguous", text)
         flags = block.flags & ~Flag.SAMPLES_MISSING_BEFORE
         flags |= Flag.SAMPLES_MISSING_BEFORE if missing else Flag.GOOD
-        flags |= Flag.GOOD if self._clock.locked else Flag.CLOCK_NOT_LOCKED
-        at = self._clock.card_s(block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1])
+        card_s, known = self._card_s(block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1])
+        flags |= Flag.GOOD if known else Flag.CLOCK_NOT_LOCKED
         angle_rad = np.asarray(unwrapped.counts * self._per_count, np.float64)
-        return _Stretch(number, float(at[0]), angle_rad, flags, ambiguous)
+        return _Stretch(number, card_s, angle_rad, flags, ambiguous)
+
+    def _card_s(self, stamp_s: Array, arrival_s: Array) -> tuple[float, bool]:
+        """Where a position lies on the time base, and whether its clock says so; shape (1,) each."""
+        by_arrival = float(self._base.card_s(self._base.host_s(arrival_s))[0])
+        by_stamp = float(self._clock.card_s(stamp_s, arrival_s)[0])
+        if not -_EARLIEST_S < by_arrival - by_stamp < _LATEST_S:  # set, and its model does not know it yet
+            return by_arrival, False
+        return by_stamp, self._clock.locked
 
     def _show(self, stretches: list[_Stretch]) -> None:
         """Show the guard how fast the encoder turns; that is not known where whole turns may be lost."""

@@ -60,6 +60,15 @@ class MarkWatch:
             "one, loose or doubled mark of the other?"
         )
 
+    def standing(self, skew: str, name: str) -> tuple[str, str]:
+        """Code and words for how an encoder stands: to the mark, or to whatever angle `name` has its zero at.
+
+        Without a mark that zero need not be the crank's, nor the same in the next run.
+        """
+        if self.channel is not None:
+            return "encoder.at_mark", skew
+        return "encoder.at_angle_zero", f"against the zero of {name}, not the crank's mark: {skew}"
+
     def take(self, values: NDArray[np.float64], recorded: bool) -> None:
         """Take the next samples of `channel`, shape (n,), and whether they belong to the record."""
         before = self._tracker.missing, self._tracker.extra

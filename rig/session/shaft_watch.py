@@ -16,7 +16,7 @@ from rig.session.hub import Hub
 from rig.session.mark_watch import MarkWatch
 from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import ShaftSpeed
-from rig.session.speed_guard import SpeedGuard
+from rig.session.speed_guard import guards_of_shaft
 
 _ANY_SPEED_RAD_S = 314.0
 """3000 rpm: what a shaft may turn at where nothing is wanted of it."""
@@ -32,8 +32,7 @@ class ShaftWatch:
         self._names, self._rate = [channel.name for channel in channels], sample_rate
         self._speed = ShaftSpeed(channels, sample_rate, clock)
         self._marks = MarkWatch(channels)
-        self._by_card = SpeedGuard(clock)
-        self._by_encoder = SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
+        self._by_card, self._by_encoder = guards_of_shaft(clock)
 
     @property
     def tripped(self) -> bool:
@@ -100,8 +99,5 @@ class ShaftWatch:
         """Code and text: how the encoder stands against the card's mark."""
         marks = self._speed.marks if self._marks.channel is None else self._marks.marks
         skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
-        if skew is not None and self._marks.channel is not None:
-            yield "encoder.at_mark", str(skew)
-        elif skew is not None:  # an angle's own zero need not be the crank's, nor the same in the next run
-            text = f"against the zero of {self._speed.channel}, not the crank's mark: {skew}"
-            yield "encoder.at_angle_zero", text
+        if skew is not None:
+            yield self._marks.standing(str(skew), str(self._speed.channel))

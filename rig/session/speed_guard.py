@@ -25,6 +25,11 @@ SPEED_GUARDED = (
 """What a person should know of it before anything moves."""
 
 
+def guards_of_shaft(clock: Clock) -> tuple[SpeedGuard, SpeedGuard]:
+    """One that looks at what the card shows of the shaft, one at what an encoder on a bus does."""
+    return SpeedGuard(clock), SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
+
+
 class SpeedGuard:
     """Looks at every block in the acquisition thread, between `arm` and `disarm`.
 

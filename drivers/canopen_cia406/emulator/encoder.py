@@ -101,8 +101,8 @@ class EmulatedEncoder:
             self._send(0x280, self._position(now_s).to_bytes(4, "little"), now_s)
 
     def _position(self, time_s: float) -> int:
-        shown_s = min(time_s - self._setup.lag_s, self._stuck_s)
-        turned = self._shaft(shown_s) / math.tau * self._setup.counts_per_revolution
+        turned_rad = self._shaft(min(time_s, self._stuck_s) - self._setup.lag_s)
+        turned = turned_rad / math.tau * self._setup.counts_per_revolution
         return (math.floor(turned) + self._zero) % self._setup.total_range
 
     def _stamp(self, time_s: float) -> float:

@@ -18,7 +18,7 @@ from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, Pos
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.hub import Hub
-from rig.session.speed_guard import SpeedGuard
+from rig.session.speed_guard import guards_of_shaft
 from tests.rig.session.fakes import ListSink
 from tests.rig.session.shafts import SteppedClock
 
@@ -40,7 +40,7 @@ class SteppedEncoder:
     statistics = PositionStatistics()
 
     def __init__(self, missing: frozenset[int], angle: Callable[[Array], Array]) -> None:
-        self._angle = angle
+        self._angle, self.stamp = angle, lambda taken_s: 5e5 + taken_s
         self.emergencies: tuple[Emergency, ...] = ()
         self.notices: list[Notice] = []
         self.lost = False
@@ -68,7 +68,7 @@ class SteppedEncoder:
         counts = np.floor(self._angle(taken) / math.tau * COUNTS).astype(np.int64) % self.total_range
         gaps = tuple(PositionGap(int(each), 1, "lost on the bus") for each in number[~kept])
         arrival = self._zero_s + taken + DELAY_S
-        return PositionBlock(number[kept], arrival[kept], 5e5 + taken[kept], counts[kept], gaps)
+        return PositionBlock(number[kept], arrival[kept], self.stamp(taken[kept]), counts[kept], gaps)
 
     def take_notices(self) -> tuple[Notice, ...]:
         notices, self.notices = tuple(self.notices), []
@@ -98,7 +98,7 @@ class Lab:
         self.encoder = SteppedEncoder(missing, angle)
         self.encoder.total_range = turns * COUNTS
         self.encoder.sends_from(zero_s)
-        self.guard = SpeedGuard(self.clock, "encoder shows", "the encoder shows no speed")
+        self.guard = guards_of_shaft(self.clock)[1]
         hub, fastest = Hub([self.sink]), 1.5 * OMEGA
         self.record = EncoderRecord(self.encoder, self.base, hub, self.gaps.append, fastest, self.guard)
         self._let = 0
@@ -287,3 +287,32 @@ def test_what_was_wrong_with_its_frames_is_told_at_the_end() -> None:
         each for _, each in lab.sink.items if isinstance(each, Event) and each.code == "encoder.frames"
     ]
     assert (event.level, event.text) == ("warning", "of 1700 positions: duplicates 2, wrong length 1")
+
+
+@pytest.mark.parametrize(("ppm", "step_s"), [(100.0, 0.0), (-100.0, 0.0), (0.0, 3600.0), (0.0, -3600.0)])
+def test_a_clock_that_drifts_or_is_set_is_said_and_moves_no_sample(ppm: float, step_s: float) -> None:
+    # Drift is counted from the record's beginning, so that its first sample is that of a clock that is right.
+    def stamp(taken_s: Array) -> Array:
+        return 5e5 + taken_s + (taken_s - 10.0) * ppm * 1e-6 + np.where(taken_s > 12.0, step_s, 0.0)
+
+    kept = []
+    for each in (stamp, lambda taken_s: 5e5 + taken_s):
+        lab = Lab()
+        lab.encoder.stamp = each
+        with lab.record:
+            lab.advance(100)
+            (clock,) = lab.record.clocks(True)
+            lab.record.begin(10.0)
+            lab.record.end(19.0)
+            lab.advance(100)
+            lab.record.clocks(True)
+            lab.end()
+        kept.append(np.concatenate([block.values for block in lab.sink.blocks(ENCODER_CHANNEL)]))
+        # No jitter: its rate is as good as known; the host's own is uncertain by a crystal's 50 ppm.
+        if each is stamp:
+            assert clock.rate_ppm == pytest.approx(-ppm, abs=5.0)
+            assert lab.sink.codes() == (["clock.step"] if step_s else [])
+    drifted, right = kept
+    shared = min(len(drifted), len(right))
+    assert abs(len(drifted) - len(right)) <= 2  # where the record ends is by its clock
+    assert np.array_equal(drifted[:shared], right[:shared])

@@ -93,6 +93,14 @@ def test_a_bench_without_a_marker_has_nothing_to_watch() -> None:
     assert MarkWatch((CHANNELS[0],)).channel is None
 
 
+def test_without_a_marker_where_an_encoder_stands_is_not_called_the_cranks_zero() -> None:
+    skew = "angle - speed x skew = 1.0 rad"
+    assert MarkWatch(CHANNELS).standing(skew, "crank.angle") == ("encoder.at_mark", skew)
+    code, text = MarkWatch((CHANNELS[0],)).standing(skew, "crank.angle")
+    assert code == "encoder.at_angle_zero"
+    assert text == f"against the zero of crank.angle, not the crank's mark: {skew}"
+
+
 @pytest.mark.parametrize("factor", [1.0, 1024 / 1000, 0.5])
 def test_an_angle_of_another_number_of_pulses_contradicts_the_marks(factor: float) -> None:
     zeros = np.arange(1, 41) * TURN / factor
