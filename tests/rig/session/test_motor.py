@@ -35,7 +35,7 @@ def test_a_motor_comes_through_the_speeds_of_its_path_and_is_trimmed_at_the_last
     speeds = [each[1] for each in drive.told if each[0] == "set_speed"]
     assert speeds[:3] == pytest.approx([100.0, 200.0, 100.0])
     assert drive.shaft_rpm() == pytest.approx(100.0, abs=STEP_RPM / 2 + 1e-9)
-    assert [event.code for event in moved.events()] == ["motor.trimmed"]
+    assert [notice.code for notice in moved.take_notices()] == ["motor.trimmed"]
     assert "stop" not in [each[0] for each in drive.told]
 
 
