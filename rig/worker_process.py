@@ -205,7 +205,7 @@ def _work(pipe: Connection, task: Task) -> None:
         pipe.send(_Ready())
         task.run(_items(pipe), pipe.send)
         pipe.send(_Done())
-    except (EOFError, BrokenPipeError):
+    except (EOFError, ConnectionError):  # whoever started it is gone
         return
     except Exception as error:  # top of a process
         traceback.print_exc(file=sys.stderr)

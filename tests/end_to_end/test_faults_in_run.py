@@ -122,7 +122,7 @@ def test_a_generator_that_dies_while_recording_ends_the_run(bench: SpiedBench, t
 
 
 def helper_processes(run: Command) -> list[psutil.Process]:
-    """The run's own processes in the order of their start: the supervisor, then the twin."""
+    """The run's own processes in the order of their start: the supervisor, the twin, what derives."""
     ours = [child for child in run.children() if RESOURCE_TRACKER not in " ".join(child.cmdline())]
     return sorted(ours, key=lambda child: child.create_time())
 
@@ -130,16 +130,16 @@ def helper_processes(run: Command) -> list[psutil.Process]:
 def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     bench: SpiedBench, tmp_path: Path
 ) -> None:
-    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=0.5)
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
-        _, twin = helper_processes(run)
+        _, twin, _ = helper_processes(run)
         twin.kill()
         ended = failed_run(run, bench)
     assert "the twin's process died; all that was measured is in the log" in ended.err
     with LogReader(ended.log) as log:
         ends = {name: log.series("measured", name).end_sample for name in CHANNELS}
-        assert set(ends.values()) == {round(0.5 * 51_200)}
+        assert set(ends.values()) == {round(3.0 * 51_200)}
         assert "twin.failed" in [event.code for event in log.events()]
     assert verify_log(ended.log).sound
 
@@ -149,7 +149,7 @@ def test_a_run_without_its_supervisor_stops(bench: SpiedBench, tmp_path: Path) -
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
         bench.spy.await_on()
-        supervisor, _ = helper_processes(run)
+        supervisor, *_ = helper_processes(run)
         supervisor.kill()
         ended = failed_run(run, bench)
     assert "the supervisor is gone" in ended.err
