@@ -2,7 +2,7 @@
 
 from daq.angle.crank import CrankAngle, crank_angle
 from daq.angle.marker import Marks, MarkTracker, SpeedChange
-from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew, late
+from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, fastest_rad_s, find_skew, late
 from daq.angle.unwrap import Unwrapped, Unwrapper, unwrap_counts
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "Unwrapper",
     "angles_at_marks",
     "crank_angle",
+    "fastest_rad_s",
     "find_skew",
     "late",
     "unwrap_counts",

@@ -113,6 +113,11 @@ def late(skew_s: float, uncertainty_s: float) -> str:
     return f"{skew_s * 1e6:.1f} +- {uncertainty_s * 1e6:.1f} us"
 
 
+def fastest_rad_s(period_s: float) -> float:
+    """Speed in rad/s up to which an encoder that sends every `period_s` shows enough around a mark."""
+    return tau * 2 * _HALF_WINDOW / ((_FEWEST_READINGS + 1) * period_s)
+
+
 def angles_at_marks(
     encoder_s: Array,
     encoder_rad: Array,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from daq.angle import fastest_rad_s
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem
 from rig.commands.arguments import BenchFile, ScenarioFile, load_pair
@@ -54,6 +56,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
             scenarios, bench, _seconds(each), lambda stack, to: connect(scenarios[0], bench, stack, to), out
         )
         screen.say(f"dwells     {request.what}")
+        _warn_of_few_positions(request, screen)
         log = record_dwells(request, screen, SystemClock())
         screen.say(f"log        {log}")
 
@@ -69,6 +72,16 @@ def at_speeds(scenario: Scenario, speeds: str) -> list[Scenario]:
         parse_scenario(toml_of(with_values(table, {"drive.speed": speed})), f"--speeds {speed}")
         for speed in named
     ]
+
+
+def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:
+    """Where the encoder sends too rarely for a mark to be looked up in its positions."""
+    encoder, fastest = request.bench.encoder, max(request.speeds_rad_s)
+    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period)):
+        screen.warn(
+            f"rattle skew will not use marks above {highest * 60 / math.tau:.0f} rpm: a position every "
+            f"{encoder.period * 1e3:g} ms (encoder.period) is too few around a mark"
+        )
 
 
 def _seconds(given: str) -> float:

@@ -86,9 +86,12 @@ def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
         _, reading = shaft_reading([channels[name]], rate)
         if reading is None or encoder.scale is None:
             raise LogError(f"{path}: {ENCODER_CHANNEL} does not say what one count is")
+        marks: list[float] = []
         for block in card:
             reading.take(block.first_sample - card[0].first_sample, block.values.astype(np.float64))
-        encoder_s, mark_s = pace.first_s + index * pace.period_s, np.array(reading.marks) / rate
+            marks.extend(reading.marks)
+            reading.marks.clear()
+        encoder_s, mark_s = pace.first_s + index * pace.period_s, np.array(marks) / rate
         return _at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, _placed_s(log)), pace
 
 

@@ -9,15 +9,9 @@ from typing import Any
 
 from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import AcquisitionSection
-from rig.session.acquisition import Acquisition
-from rig.session.drive import Motion
-from rig.session.encoder_record import EncoderRecord
+from rig.session.driven_rig import DrivenRig
 from rig.session.frequency import ON_THEIR_WAY_S, FrequencyHold, Trimmed
-from rig.session.progress import Screen
-from rig.session.shaft_watch import ShaftWatch
-from rig.session.supervisor import SILENCE_S, Supervisor
 from rig.session.twin_feed import TwinFeed
-from rig.session.watch import Watch
 
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
@@ -33,59 +27,36 @@ def starts_softly(wanted: AcquisitionSection) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """A run's moves, with everything that has to know of them; `tell(level, code, text)` notes an event."""
+    """A run's moves, with everything that has to know of them."""
 
     wanted: AcquisitionSection
-    motion: Motion
-    acquisition: Acquisition
-    encoder: EncoderRecord | None
+    rig: DrivenRig
     feed: TwinFeed
-    shaft: ShaftWatch
-    supervisor: Supervisor
-    watch: Watch
-    screen: Screen
-    tell: Callable[[str, str, str], None]
-    sample_rate: float
     hold: FrequencyHold | None = None
     path: tuple[Any, ...] = ()
 
     def drive_and_record(self) -> None:
         """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
-        acquisition, wanted = self.acquisition, self.wanted
+        rig, wanted = self.rig, self.wanted
         if wanted.settle > 0:
             self._settle()
         pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
         if pre_trigger:
-            self.feed.feed_from = acquisition.acquired
-        count = pre_trigger + self._samples(wanted.duration)
-        begin = acquisition.start_record(count)
-        if self.encoder is not None:
-            self.encoder.begin(begin / self.sample_rate)
-        self.tell("info", "record.start", "recording")
-        with self.screen.bar("recording", wanted.duration) as bar:
+            self.feed.feed_from = rig.acquisition.acquired
+        begin = rig.start_record(pre_trigger + self._samples(wanted.duration))
+        rig.logbook.tell("info", "record.start", "recording")
+        with rig.screen.bar("recording", wanted.duration) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
-            self.watch.until(acquisition, lambda: self._recorded(), lambda: bar.at(self._since(begin)))
-        self.tell("info", "record.end", "recorded")
-        self._end_encoder()
-        self.bring_to_rest(self.motion.ramp_down)
-        self.tell("info", "drive.off", "drive ramped down and off")
-
-    def bring_to_rest(self, stop: Callable[[], None]) -> None:
-        """Stop the drive; the supervisor waits as long as that may take."""
-        self.shaft.disarm()
-        if self.motion.longest_stop_s > 0.0:
-            self.supervisor.beat(self.motion.longest_stop_s + SILENCE_S)
-        stop()
-
-    def off(self) -> None:
-        """The safe state, on whatever way out."""
-        self.bring_to_rest(self.motion.off)
+            rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar.at(self._since(begin)))
+        rig.logbook.tell("info", "record.end", "recorded")
+        rig.end_record()
+        rig.ramp_down()
 
     def _settle(self) -> None:
-        wanted, acquisition = self.wanted, self.acquisition
-        with self.screen.bar("settling", wanted.settle) as bar:
+        wanted, acquisition = self.wanted, self.rig.acquisition
+        with self.rig.screen.bar("settling", wanted.settle) as bar:
             self._start()
             full = acquisition.acquired
             end = full + self._samples(wanted.settle)
@@ -98,7 +69,7 @@ class Sequence:
 
     def _trim(self, since: int) -> bool:
         """Correct what the frequency is off by the measured drive; returns whether it was."""
-        hold, motion = self.hold, self.motion
+        hold, motion = self.hold, self.rig.motion
         measured_s = 0.0 if hold is None else hold.measured_s(self.wanted.settle)
         if (
             hold is None
@@ -119,38 +90,26 @@ class Sequence:
         if not found.correctable:
             return False
         motion.trim(found.off)
-        self.tell("info", "drive.trimmed", f"{found}; corrected")
+        self.rig.logbook.tell("info", "drive.trimmed", f"{found}; corrected")
         return True
 
     def _start(self) -> None:
-        self.motion.start(starts_softly(self.wanted), self.path)
-        if self.motion.speed_rad_s is not None:
-            self.shaft.arm(self.motion.speed_rad_s)
+        self.rig.start(starts_softly(self.wanted), self.path)
+        tell = self.rig.logbook.tell
         if self.path:
             came = "; ".join(map(_named, self.path))
-            self.tell("info", "drive.path", f"came without a rest through {came}")
-        self.tell("info", "drive.on", self.motion.what)
+            tell("info", "drive.path", f"came without a rest through {came}")
+        tell("info", "drive.on", self.rig.motion.what)
 
     def _until(self, sample: int, show: Callable[[], None] = lambda: None) -> None:
-        self.watch.until(self.acquisition, lambda: self.acquisition.acquired >= sample, show)
-
-    def _recorded(self) -> bool:
-        """Whether the record is complete; what asks for less may have brought its end nearer."""
-        until = self.acquisition.record_until
-        return until is not None and self.acquisition.acquired >= until
-
-    def _end_encoder(self) -> None:
-        until = self.acquisition.record_until
-        if self.encoder is not None and until is not None:
-            encoder = self.encoder
-            encoder.end(until / self.sample_rate)
-            self.watch.until(self.acquisition, lambda: encoder.ended)
+        acquisition = self.rig.acquisition
+        self.rig.watch.until(acquisition, lambda: acquisition.acquired >= sample, show)
 
     def _since(self, sample: int) -> float:
-        return (self.acquisition.acquired - sample) / self.sample_rate
+        return (self.rig.acquisition.acquired - sample) / self.rig.sample_rate
 
     def _samples(self, seconds: float) -> int:
-        return round(seconds * self.sample_rate)
+        return round(seconds * self.rig.sample_rate)
 
 
 def _named(drive: Any) -> str:

@@ -83,7 +83,8 @@ class ShaftWatch:
             yield from self._by_card.look(self._speed.shown, acquisition.acquired / self._rate)
         if self._marks.channel is not None:
             row = reading.values[self._names.index(self._marks.channel)]
-            self._marks.take(row, acquisition.records(reading))
+            # on a ramp between two speeds marks are not even
+            self._marks.take(row, acquisition.records(reading) and self._by_card.armed)
 
     def faults(self, acquisition: Acquisition) -> Iterator[tuple[str, str]]:
         """Code and text: what was wrong with the recorded marks, and how they contradict the angle."""

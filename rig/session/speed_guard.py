@@ -56,6 +56,11 @@ class SpeedGuard:
             self._off, self._unknown = Held(OFF_S), Held(UNKNOWN_S)
             self._wanted_rad_s = wanted_rad_s
 
+    @property
+    def armed(self) -> bool:
+        """Whether it holds the shaft to a speed."""
+        return self._wanted_rad_s is not None
+
     def disarm(self) -> None:
         """Let it do what it likes: the drive is about to change its speed."""
         with self._lock:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from daq.block import NS_PER_S
 from daq.log import LogReader, verify_log
-from tests.end_to_end.command import rattle
+from tests.end_to_end.command import command, rattle
 from tests.end_to_end.files import write_crank
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
@@ -24,15 +25,20 @@ BENCH = '[encoder]\nemulated = true\n[emulation]\nseed = 7\nencoder_lag = "2 ms"
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("dwells")
-    scenario = write_crank(folder / "scenario.toml", "planar_slider_crank")
-    (folder / "bench.toml").write_text(BENCH)
-    ended = rattle(
-        "dwell", scenario, "--speeds", ", ".join(f"{rpm:g} rpm" for rpm in RPM), "--each", "8 s",
-        "--bench", folder / "bench.toml", "--out", folder, deadline_s=DEADLINE_S,
-    )  # fmt: skip
+    return record(tmp_path_factory.mktemp("dwells"))
+
+
+def record(folder: Path) -> Path:
+    ended = rattle(*arguments(folder), deadline_s=DEADLINE_S)
     assert (ended.code, ended.err) == (0, "")
     return ended.log
+
+
+def arguments(folder: Path) -> tuple[object, ...]:
+    scenario = write_crank(folder / "scenario.toml", "planar_slider_crank")
+    (folder / "bench.toml").write_text(BENCH)
+    speeds = ", ".join(f"{rpm:g} rpm" for rpm in RPM)
+    return "dwell", scenario, "--speeds", speeds, "--bench", folder / "bench.toml", "--out", folder
 
 
 @pytest.fixture(scope="module")
@@ -83,5 +89,21 @@ def test_the_skew_is_known_to_50_us_and_the_counter_on_the_card_agrees(
     assert abs(slow) < 2 * math.tau / 4096
 
 
-def test_the_seeded_lag_is_found(found: dict[str, Any]) -> None:
+def test_the_seeded_lag_is_found_as_closely_as_the_card_was_started(found: dict[str, Any]) -> None:
+    """On a busy machine within some ms; tests/rig/session/test_encoder_skew.py has all clocks in hand."""
     assert found["skew_s"] == pytest.approx(LAG_S, abs=found["skew_uncertainty_s"] + 50e-6)
+    assert found["skew_uncertainty_s"] < 20e-3
+
+
+def test_an_interrupted_dwell_leaves_a_motor_at_rest_and_a_sound_log(tmp_path: Path) -> None:
+    with command(*arguments(tmp_path)) as dwell:
+        dwell.await_line("dwell 2 of 2")
+        dwell.signal(signal.SIGINT)
+        ended = dwell.end(DEADLINE_S)
+    assert ended.code == 130
+    assert verify_log(ended.log).sound
+    with LogReader(ended.log) as reader:
+        codes = [event.code for event in reader.events()]
+    assert codes[-1] == "inverter.off"
+    assert "run.interrupted" in codes
+    assert "speed.abort" not in codes  # the ramp down is no runaway

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.angle import AtMark, MarkTracker, Skew, Unwrapper, angles_at_marks, find_skew
+from daq.angle import AtMark, MarkTracker, Skew, Unwrapper, angles_at_marks, fastest_rad_s, find_skew
 from daq.time_base import Anchor, fit_clock
 
 Array = NDArray[np.float64]
@@ -153,3 +153,12 @@ def test_marks_that_are_passed_on_a_ramp_are_left_out() -> None:
     assert skew.skew_s == pytest.approx(2e-3, abs=1e-6)
     assert skew.recordings[0].speeds_rad_s == pytest.approx((10.0, 25.0))
     assert skew.revolutions == 20
+
+
+def test_a_shaft_that_turns_too_fast_for_the_encoder_shows_no_mark() -> None:
+    highest = fastest_rad_s(1e-3)
+    assert highest * 60 / (2 * np.pi) == pytest.approx(1071, abs=1)
+    encoder_s = np.arange(0, 2.0, 1e-3)
+    for speed, seen in ((0.99 * highest, True), (1.5 * highest, False)):
+        marks = np.arange(1, 10) * 2 * np.pi / speed
+        assert bool(len(angles_at_marks(encoder_s, speed * encoder_s, marks, 1e-3, 1e-5).angle_rad)) is seen

@@ -104,3 +104,12 @@ def test_a_run_without_the_encoder_is_refused(call: Call, tmp_path: Path) -> Non
     answer = call("skew", tmp_path / "run.mcap")
     assert answer.code == 1
     assert "no encoder.angle in it" in answer.err
+
+
+def test_no_mark_of_a_long_log_is_forgotten(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.session.shaft_speed._MOST_MARKS", 5)
+    runs = [write(tmp_path / f"{rpm}.mcap", rpm, 2e-3) for rpm in (103.0, 251.0)]
+    found = json.loads(call("skew", *runs, "--json").out)
+    assert [each["revolutions"] for each in found["recordings"]] == [10, 25]

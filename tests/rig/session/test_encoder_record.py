@@ -86,6 +86,7 @@ class Lab:
         missing: frozenset[int] = frozenset(),
         angle: Callable[[Array], Array] = steady,
         turns: int = 1,
+        encoder: SteppedEncoder | None = None,
     ) -> None:
         self.clock, self.sink, self.gaps = SteppedClock(), ListSink(), list[Gap]()
         self.base = CardClock(self.clock, 25_600.0)
@@ -95,7 +96,7 @@ class Lab:
             self.clock.now_s = zero_s + number * 0.1 + 1e-3
             self.base.arrived(number * 2560)
         self.base.refit(at_last=True)
-        self.encoder = SteppedEncoder(missing, angle)
+        self.encoder = encoder or SteppedEncoder(missing, angle)
         self.encoder.total_range = turns * COUNTS
         self.encoder.sends_from(zero_s)
         self.guard = guards_of_shaft(self.clock)[1]
