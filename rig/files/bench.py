@@ -29,6 +29,13 @@ _REAL_CARD: Final = (
     "false beside a real inverter: a motor that turns needs a real card on which its shaft shows; the speed "
     "guard would watch an emulated one. For a rehearsal set inverter.emulated = true as well"
 )
+_ENCODER_BESIDE: Final = {
+    False: "false beside a real inverter: the speed guard would watch an emulated encoder, which shows the "
+    "scenario's speed whatever the motor does. Without a real one leave [encoder] out",
+    True: "true beside an emulated inverter: a real encoder stands while the emulated shaft turns, and the "
+    "speed guard would end every run. Or leave [encoder] out",
+}
+"""By whether the inverter is emulated: what the encoder has to be, and why."""
 _INSTRUMENTS: Final = (*_ACTUATORS, "daq_card", "encoder")
 
 
@@ -66,7 +73,7 @@ class _EmulationSection:
     seed: Annotated[int | None, Whole(0, 2**63 - 1)] = None
     healthy: Annotated[bool, Switch()] = True
     rest_offset: Annotated[float | str | None, RestOffset()] = None
-    encoder_lag: Annotated[float, Measured("ms", 0, 1000)] = 0.0
+    encoder_lag: Annotated[float | None, Measured("ms", 0, 1000)] = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -169,15 +176,26 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     encoder = None
     if "encoder" in kind.extras and "encoder" in given:
         encoder = read_encoder(given["encoder"], "encoder", faults)
-    emulation = _emulation(table.get("emulation", {}), kind, folder, faults)
+    lags = "encoder" in kind.extras and _emulated(given.get("encoder"))
+    emulation = _emulation(table.get("emulation", {}), kind, lags, folder, faults)
     idle = actuator and card and not any(_emulated(table.get(name)) for name in _INSTRUMENTS)
     if "emulation" in given and idle:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
-    if kind.turns and actuator and card and _unseen(actuator, card):
-        faults.add("daq_card.emulated", True, _REAL_CARD)
+    if kind.turns and kind.actuator in given and actuator and card:
+        _note_mixed(actuator, card, encoder, faults)
     if faults or actuator is None or card is None or emulation is None:
         raise faults.error()
     return Bench(kind.name, actuator, card, encoder, emulation, source, text)
+
+
+def _note_mixed(
+    actuator: SignalGenerator | Inverter, card: DaqCard, encoder: Encoder | None, faults: Faults
+) -> None:
+    """Note what does not look at the shaft that the motor turns."""
+    if _unseen(actuator, card):
+        faults.add("daq_card.emulated", True, _REAL_CARD)
+    if encoder is not None and encoder.emulated != actuator.emulated:
+        faults.add("encoder.emulated", encoder.emulated, _ENCODER_BESIDE[actuator.emulated])
 
 
 def _unseen(actuator: SignalGenerator | Inverter, card: DaqCard) -> bool:
@@ -255,7 +273,8 @@ def _card(table: object, faults: Faults) -> DaqCard | None:
     return DaqCard(section.driver, section.grpc, section.emulated, section.buffer, channels)
 
 
-def _emulation(table: object, kind: RigKind, folder: Path, faults: Faults) -> Emulation | None:
+def _emulation(table: Any, kind: RigKind, lags: bool, folder: Path, faults: Faults) -> Emulation | None:
+    """Read the table; `lags` is whether an emulated encoder is there that could."""
     section = read_section(_EmulationSection, table, "emulation", faults)
     if section is None:
         return None
@@ -263,5 +282,7 @@ def _emulation(table: object, kind: RigKind, folder: Path, faults: Faults) -> Em
     if effects is not None and not effects.is_file():
         faults.add("emulation.effects", section.effects, f"an existing file (looked for {effects})")
     if section.rest_offset is not None and "rest_offset" not in kind.model.__dataclass_fields__:
-        faults.add("emulation.rest_offset", section.rest_offset, f"none: the {kind.name} has no such place")
-    return Emulation(effects, section.seed, section.healthy, section.rest_offset, section.encoder_lag)
+        faults.add_from(table, "rest_offset", "emulation", f"none: the {kind.name} has no such place")
+    if section.encoder_lag is not None and not lags:
+        faults.add_from(table, "encoder_lag", "emulation", "none: this bench has no emulated [encoder]")
+    return Emulation(effects, section.seed, section.healthy, section.rest_offset, section.encoder_lag or 0.0)

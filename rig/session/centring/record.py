@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final
 
 from daq.clock import Clock
-from daq.errors import RattleError
+from daq.errors import RattleError, RecorderFailed
 from daq.log import LogWriter
 from daq.log.records import Event
 from daq.recorder import Recorder
@@ -62,9 +62,8 @@ class CentringRecord:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if isinstance(error, RattleError | KeyboardInterrupt):
-                self._tell("error", "centring.ended", str(error) or "interrupted")
-                self.recorder.metadata(RECORD, {"offsets": json.dumps(self._probes)})
+            if error is not None:
+                self._ended(error)
         finally:
             self._closing.close()
 
@@ -83,6 +82,14 @@ class CentringRecord:
         self.recorder.metadata(RECORD, {"offsets": json.dumps(self._probes), "result": json.dumps(result)})
         text = f"the middle is at {middle.offset:+.4f} N +- {middle.uncertainty:.4f} N"
         self._tell("info", "centring.found", text)
+
+    def _ended(self, error: BaseException) -> None:
+        text = str(error) or "interrupted"
+        if not isinstance(error, RattleError | KeyboardInterrupt):
+            text = f"{type(error).__name__}: {error}"
+        with suppress(RecorderFailed):  # what ended the search is raised, not that the log takes no more
+            self._tell("error", "centring.ended", text)
+            self.recorder.metadata(RECORD, {"offsets": json.dumps(self._probes)})
 
     def _tell(self, level: str, code: str, text: str) -> None:
         self.recorder.event(Event(self._clock.unix_ns(), level, "rig", code, text))

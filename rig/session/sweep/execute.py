@@ -146,7 +146,8 @@ class _Sweeping:
 
     def _point(self, point: Point, last: bool) -> None:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
-            scenario = self._centred(point.scenario)
+            come_to = self._centred(point)
+            scenario = come_to.scenario
             enough = self._enough(scenario)
             folder = self._request.folder / f"point-{point.number:04d}"
             asked = RunRequest(
@@ -158,7 +159,7 @@ class _Sweeping:
                 self._request.model,
                 enough,
                 view_stays=last,
-                path=point.path,
+                path=come_to.path,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)
@@ -181,14 +182,15 @@ class _Sweeping:
             self._screen.warn(f"{impacts} of {until.impacts} impacts within {until.longest:g} s")
         self._screen.say(f"log        {log}")
 
-    def _centred(self, scenario: Scenario) -> Scenario:
+    def _centred(self, point: Point) -> Point:
         if not self._request.sweep.centre or self._centre is None:
-            return scenario
+            return point
         found = self._state.centre
         if found is None:
-            found = self._centre(scenario, self._bench, self._screen)
+            found = self._centre(point.scenario, self._bench, self._screen)
             self._keep(dataclasses.replace(self._state, centre=found))
-        return centred(scenario, found)
+        path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)
+        return dataclasses.replace(point, scenario=centred(point.scenario, found), path=path)
 
     def _enough(self, scenario: Scenario) -> ImpactCount | None:
         until = self._request.sweep.until

@@ -219,6 +219,11 @@ def test_faulty_channel_is_told(text: str, key: str, value: str, allowed: str) -
             "the impact_beam is driven by [signal_generator]",
         ),
         (REAL + '[encoder]\ndriver = "canopen_cia406"\n', "encoder", "none: the impact_beam has none"),
+        (
+            '[emulation]\nencoder_lag = "2 ms"\n',
+            "emulation.encoder_lag",
+            "none: this bench has no emulated [encoder]",
+        ),
         (REAL + "[signal_generatr]\n", "signal_generatr", "did you mean signal_generator?"),
         (REAL.partition("[daq_card]")[0], "daq_card", "emulated = true if it is not there"),
         (REAL.partition("[[")[0], "daq_card.channels", "at least one table [[daq_card.channels]]"),

@@ -23,6 +23,10 @@ def test_kind_is_told_by_the_tables(name: str, kind: str) -> None:
         ('rig = "impact_beam"\n', r"drive\.frequency = \(missing\)"),
         ("[daq_card]\n", r"signal_generator = \(missing\)"),
         ('[encoder]\ndriver = "canopen_cia406"\n', r"inverter = \(missing\): a table \[inverter\]"),
+        (
+            '[inverter]\nemulated = true\n[encoder]\ninterface = "slcan"\nnode = 7\n',
+            r"encoder\.emulated = false: true beside an emulated inverter",
+        ),
         ("[sweep]\n", "a path behind sweep.scenario"),
         ("colour = 3\n", "a scenario .*, a bench .* or a sweep"),
         ("", "a scenario .*, a bench .* or a sweep"),

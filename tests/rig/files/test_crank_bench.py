@@ -143,11 +143,43 @@ def test_an_emulated_encoder_needs_nothing_else() -> None:
             "daq_card.emulated",
             "a motor that turns needs a real card",
         ),
+        (
+            changed("[encoder] ", "[encoder]\nemulated = true\n#").replace(
+                'host = "127.0.0.1"\nport = 29536\n', ""
+            ),
+            "encoder.emulated",
+            "false beside a real inverter: the speed guard would watch an emulated encoder",
+        ),
+        (
+            changed("[inverter] ", "[inverter]\nemulated = true\n#").replace('port = "/dev/ttyUSB1"', ""),
+            "encoder.emulated",
+            "true beside an emulated inverter: a real encoder stands while",
+        ),
+        (
+            '[emulation]\nencoder_lag = "2 ms"\n',
+            "emulation.encoder_lag",
+            "none: this bench has no emulated [encoder]",
+        ),
         ("encoder = 3\n" + RIGS["planar_slider_crank"].bench, "encoder", "a table [encoder]"),
     ],
 )
 def test_faulty_bench_is_told(text: str, key: str, allowed: str) -> None:
     assert allowed in only_problem(lambda: parse(text), key).allowed
+
+
+def test_a_real_motor_beside_an_emulated_card_and_an_emulated_encoder_is_told_of_both() -> None:
+    text = changed("[daq_card]", "[daq_card]\nemulated = true")
+    text = text.replace("[encoder] ", "[encoder]\nemulated = true\n#").replace('host = "127.0.0.1"\n', "")
+    problems = problems_of(lambda: parse(text.replace("port = 29536\n", "")))
+    assert {key: problem.value for key, problem in problems.items()} == {
+        "daq_card.emulated": "true",
+        "encoder.emulated": "true",
+    }
+
+
+def test_a_real_encoder_lags_as_it_does() -> None:
+    problems = problems_of(lambda: parse(f'{TEXT}[emulation]\nencoder_lag = "2 ms"\n'))
+    assert problems["emulation.encoder_lag"].value == '"2 ms"'
 
 
 def test_every_fault_is_told_at_once() -> None:

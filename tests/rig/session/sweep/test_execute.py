@@ -55,6 +55,16 @@ def test_a_run_is_asked_to_come_through_the_points_before_it(trial: Trial) -> No
     assert [[drive.frequency for drive in each.path] for each in runs.asked] == [[], [19.0], [19.0, 20.0]]
 
 
+def test_the_whole_way_to_a_point_is_centred(trial: Trial) -> None:
+    settings = 'centre = true\nup_and_down = ["drive.frequency"]'
+    trial.sweep = parsed('"drive.frequency" = ["19 Hz", "20 Hz"]', settings)
+    trial.centre = lambda *_: CentreState(0.25, 0.01, -5e-6)
+    trial.call(runs := Runs())
+    ways = [[*each.path, each.scenario.drive] for each in runs.asked]
+    assert [[drive.frequency for drive in way] for way in ways] == [[19.0], [19.0, 20.0], [19.0, 20.0, 19.0]]
+    assert {drive.offset for way in ways for drive in way} == {0.25}
+
+
 def test_all_points_are_recorded_on_one_emulated_rig(trial: Trial) -> None:
     runs = Runs({2: lost()})
     with pytest.raises(DeviceLost, match="went away"):
