@@ -140,7 +140,7 @@ class _Run:
         self._move_and_record(motion)
         with self._screen.busy("finishing the prediction"):
             self._feed.finish(self._stop.check)
-        self._derived.finish(self._logbook.note)
+        self._derived.finish(self._logbook.note, self._stop.check)
         if self._view is not None:
             self._logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         self._recorder.close()
