@@ -36,7 +36,8 @@ class PositionFrame(NamedTuple):
 class Placed(NamedTuple):
     """A frame with its number; `stepped` where the clock of the timestamps was set just before it.
 
-    `certain`: that number cannot be another; see `Slots`.
+    `certain`: how many are missing before it cannot be another number; what an uncertain one before it is
+    off, it is off as well. See `Slots`.
     """
 
     number: int

@@ -26,7 +26,7 @@ _FURTHEST = 0.01
 
 
 class Slot(NamedTuple):
-    """A frame's number, and whether it is certain."""
+    """A frame's number, and whether it is certain how far that is from the one before."""
 
     number: int
     certain: bool
@@ -38,8 +38,9 @@ class Slots:
     Exact, whatever is missing, where delays differ by less than half a period; up to 20 may be missing in a
     row, or as many as came before. A stall in which nothing is lost is told from missing frames by those that
     come after it, where these are given as well. Beyond that a number is given as not certain, from the first
-    frame that may be missing until frames keep to their beat again. No timestamp shows only this: a frame
-    that is late by whole periods while exactly those that would betray it are missing.
+    frame that may be missing until frames keep to their beat again. From there on numbers are certain once
+    more, counted from the last uncertain one: by what that is off, they stay off. No timestamp shows only
+    this: a frame that is late by whole periods while exactly those that would betray it are missing.
     """
 
     def __init__(self, period_s: float) -> None:

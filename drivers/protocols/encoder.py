@@ -48,8 +48,9 @@ class PositionStatistics:
     `frames` were kept and `missing` are known not to have come; of these `queue_overruns` were thrown away
     here because nobody read, and `late`, `wrong_length` and `out_of_range` were rejected. `reordered` were
     put in their place, `duplicates` dropped; `uncertain` have a number that may be another, and carry
-    CLOCK_NOT_LOCKED. `period_ppm` is by how much frames lie further apart than asked
-    for, in the clock of the timestamps; NaN until known.
+    CLOCK_NOT_LOCKED: those after them do not, though their numbers may stay off by as much.
+    `period_ppm` is by how much frames lie further apart than asked for, in the clock of the timestamps; NaN
+    until known.
     """
 
     frames: int = 0

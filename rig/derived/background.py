@@ -108,13 +108,17 @@ class InBackground:
     def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
         """Nothing follows from a shape."""
 
-    def finish(self, tell: Callable[[Event], None]) -> None:
+    def finish(self, tell: Callable[[Event], None], check: Callable[[], None] = lambda: None) -> None:
         """Derive what waits and the end of the record; `tell` hears what `events` has not told.
 
-        To be called after the last block of all origins; a second call does nothing.
+        To be called after the last block of all origins. Raises what `check` raises meanwhile, and then
+        derives no more. A second call waits for nothing; it tells what is still to be told.
         """
-        with suppress(WorkerFailed):
-            self.worker.finish(_LAST_S)
+        try:
+            with suppress(WorkerFailed):
+                self.worker.finish(_LAST_S, check)
+        finally:
+            self.worker.close()
         for event in self.events():
             with suppress(RecorderFailed):  # that is what ends the run
                 tell(event)

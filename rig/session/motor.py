@@ -119,7 +119,8 @@ class Motor:
 
         Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no
         instrument shows that the shaft turns, or one shows that it runs away: faster than 1.5 times the
-        wanted speed for 0.3 s and the time of a turn at the wanted one, lapses shorter than 0.15 s included.
+        wanted speed for 0.3 s and the time of a turn at the wanted one. Lapses are included: below 1.4 times
+        such as are shorter than 0.15 s, between the two or unseen such as are shorter than all that time.
         """
         speeds = [*(drive.speed for drive in path), self._speed_rad_s]
         self._wanted_rpm = self._fastest_rpm = speeds[0] * _RPM_PER_RAD_S

@@ -107,7 +107,7 @@ class _Run:
         self._move_and_record()
         with rig.screen.busy("finishing the prediction"):
             self._feed.finish(self._stop.check)
-        self._derived.finish(rig.logbook.note)
+        self._derived.finish(rig.logbook.note, self._stop.check)
         if self._view is not None:
             rig.logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
         rig.recorder.close()

@@ -35,10 +35,11 @@ class SpeedGuard:
 
     A speed that leaves the wanted one by more than 5 %, either way, is an event at once and `tripped` after
     half a second; one that no instrument shows is an event at once and `tripped` after a second. Either is
-    over only after 0.15 s within 4 %, or seen: one wrong reading, as a glitch on a marker makes it, stops
-    nothing, and a speed that chatters about the limit does. Both times are those of the instrument that shows
-    it; readings come every 0.1 s, so that a shaft that runs away has tripped it 0.6 s after that is shown, at
-    the latest. `shows` and `shows_not` say in words which instrument it is.
+    over after 0.15 s within 4 %, or seen; and a speed between 4 % and 5 % off, or overdue, is off no more
+    after half a second of it: one wrong reading, as a glitch on a marker makes it, stops nothing, and a speed
+    that chatters about the limit does. All times are those of the instrument that shows it; readings come
+    every 0.1 s, so that a shaft that runs away has tripped it 0.6 s after that is shown, at the latest.
+    `shows` and `shows_not` say in words which instrument it is.
     """
 
     def __init__(
@@ -89,9 +90,9 @@ class SpeedGuard:
     def _judge(
         self, what: str, held: Held, card_s: float, holds: bool, gone: bool, text: str
     ) -> list[tuple[str, str, str]]:
-        known = held.began
+        known_s = held.since_s
         lasted_s = held.look(card_s, holds=holds, gone=gone)
-        news = [("warning", f"speed.{what}", text)] if held.began and not known else []
+        news = [("warning", f"speed.{what}", text)] if held.since_s not in (None, known_s) else []
         if lasted_s is not None and self.tripped is None:
             self.tripped = f"{text} for {lasted_s:.1f} s"
             news.append(("error", "speed.abort", self.tripped))

@@ -107,14 +107,16 @@ def test_where_a_frame_is_lost_in_a_stall_nobody_can_know_and_that_is_said(lengt
     assert lost < unsure.max() <= 100 + length + 1
 
 
-def test_frames_that_come_back_after_a_stall_beyond_all_patience_are_told() -> None:
+def test_what_a_stall_beyond_all_patience_makes_wrong_is_told_and_stays() -> None:
     sent = list(range(COUNT))
     found = numbered(sent, np.full(len(sent), 0.01), stall=(100, 70.0))
     assert (found.off[:100] == 0).all()
     changed = np.flatnonzero(np.diff(found.off, prepend=0))
     assert len(changed)
     assert not found.certain[changed].any()
-    assert found.certain[-50:].all()
+    assert found.certain[-50:].all()  # by the frame before, that is
+    assert found.off[-1] > 0
+    assert (found.off[-50:] == found.off[-1]).all()
 
 
 def test_a_burst_longer_than_all_that_came_before_is_counted_but_not_certain() -> None:

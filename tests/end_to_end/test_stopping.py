@@ -59,6 +59,37 @@ def test_a_stop_leaves_the_rig_safe_and_the_log_closed(
         assert "run.interrupted" in [event.code for event in log.events()]
 
 
+def test_a_stop_while_a_derivation_that_hangs_is_waited_for_ends_the_wait(
+    bench: SpiedBench, tmp_path: Path
+) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", duration_s=0.4)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        children = run.children()
+        workers = sorted(filter(is_worker, children), key=lambda each: each.pid)
+        derivation, twin = workers[-2:]  # as they are started
+        derivation.suspend()
+        await_true("the prediction is finished", lambda: has_ended(twin))
+        time.sleep(0.5)
+        asked_s = time.monotonic()
+        run.signal(signal.SIGINT)
+        ended = run.end()
+    assert ended.code == 130
+    assert time.monotonic() - asked_s < STOPPED_WITHIN_S
+    await_gone(children)
+    with LogReader(ended.log) as log:
+        assert log.complete
+        assert "derived.stopped" in [event.code for event in log.events()]
+
+
+def is_worker(process: psutil.Process) -> bool:
+    return any("spawn_main" in part for part in process.cmdline())
+
+
+def has_ended(process: psutil.Process) -> bool:
+    return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+
+
 def test_a_stop_while_instruments_connect_moves_nothing(bench: SpiedBench, tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml")
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:

@@ -33,7 +33,6 @@ class _Cloud:
     """The newest dots of one origin: angles in degrees with peaks."""
 
     dots: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_DOTS))
-    newest_s: float = 0.0
     drawn_s: float = 0.0
     waits: bool = False
 
@@ -46,7 +45,7 @@ class ImpactPicture:
         what = "contact force of each impact" if unit == "N" else "acceleration of each burst"
         caption = f"largest {what}, over the crank angle at which it begins"
         self._axes = AxesPicture(stage.recording, _path(group), _FRAME, caption)
-        self._top = 0.0
+        self._top = self._newest_s = 0.0
         self._clouds: dict[str, _Cloud] = {}
 
     def add(self, whose: str, time_s: float, impact: Impact) -> None:
@@ -55,26 +54,34 @@ class ImpactPicture:
             return
         cloud = self._clouds.setdefault(whose, _Cloud())
         cloud.dots.append((360.0 * (impact.turns % 1.0), impact.peak))
-        cloud.newest_s, cloud.waits = max(cloud.newest_s, time_s), True
-        if cloud.newest_s >= cloud.drawn_s + _DRAWS_EVERY_S:
-            self._draw(whose, cloud)
+        cloud.waits = True
+        self._newest_s = max(self._newest_s, time_s)
+        if self._newest_s >= cloud.drawn_s + _DRAWS_EVERY_S:
+            self._draw(whose)
 
     def finish(self) -> None:
         """Draw those that wait for more."""
         for whose, cloud in self._clouds.items():
             if cloud.waits:
-                self._draw(whose, cloud)
+                self._draw(whose)
 
-    def _draw(self, whose: str, cloud: _Cloud) -> None:
-        """Draw all dots instead of those before."""
-        cloud.drawn_s, cloud.waits = cloud.newest_s, False
-        self._stage.at(cloud.newest_s)
-        angles, peaks = zip(*cloud.dots, strict=True)
-        largest = max(peaks)
+    def _draw(self, whose: str) -> None:
+        """Draw the cloud of `whose` anew; every cloud where a larger peak changes the scale."""
+        self._stage.at(self._newest_s)
+        drawn = {whose: self._clouds[whose]}
+        largest = max(peak for cloud in self._clouds.values() for _, peak in cloud.dots)
         if largest > self._top:
             axis = from_zero(_HEADROOM * largest)
             self._top = axis.high
             self._axes.fit(_ANGLES, axis)
+            drawn = self._clouds
+        for each, cloud in drawn.items():
+            self._log(each, cloud)
+
+    def _log(self, whose: str, cloud: _Cloud) -> None:
+        """Log all its dots instead of those before."""
+        cloud.drawn_s, cloud.waits = self._newest_s, False
+        angles, peaks = zip(*cloud.dots, strict=True)
         dots = rr.Points2D(
             self._axes.places(angles, peaks),
             colors=[paths.COLOURS[whose]],

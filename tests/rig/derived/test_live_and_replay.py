@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,7 @@ from rig.files.scenario import Scenario
 from rig.session.deriving import derive_live
 from rig.session.hub import Hub
 from rig.session.replay import replay_log
+from rig.session.signals import Stopped, StopRequest
 from rig.session.sinks import LogSink
 from tests.rig import synthetic_run as beam
 from tests.rig.derived import crank_run as crank
@@ -155,6 +157,19 @@ def test_nobody_waits_for_a_derivation_that_hangs() -> None:
         for _ in range(2_000):
             derived.block("measured", a_block())
         assert stopped(derived, "the derivation is slower than the data")
+
+
+def test_a_person_who_stops_the_run_does_not_wait_for_its_end() -> None:
+    stop, told, began_s = StopRequest(), list[Event](), time.monotonic()
+    stop.wanted = True
+    with started(derivation(), ListSink()) as derived:
+        assert derived.worker.pid is not None
+        os.kill(derived.worker.pid, signal.SIGSTOP)
+        with pytest.raises(Stopped):
+            derived.finish(told.append, stop.check)
+        derived.finish(told.append)  # as on every way out of a run
+    assert [event.code for event in told] == ["derived.stopped"]
+    assert time.monotonic() - began_s < 20.0  # it may take 30 s otherwise
 
 
 def test_its_death_is_told_and_what_comes_then_is_taken_and_left() -> None:

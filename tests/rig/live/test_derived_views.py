@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
+from numpy.typing import NDArray
 from rerun.blueprint import TimeSeriesView
 
 from daq.block import NS_PER_S, SampleBlock
@@ -93,18 +94,33 @@ def test_derived_values_are_shown_at_their_own_times_also_before_any_block_is_sh
     assert recording.times_s["/speed/measured"] == pytest.approx([0.5])
 
 
+def dots(recording: KeptRecording, whose: str) -> NDArray[np.float64]:
+    """Where the latest dots lie, shape (n, 2)."""
+    (path,) = (path for path in recording.logged if path.endswith(f"/{whose}"))
+    return np.array(recording.logged[path].positions.as_arrow_array().to_pylist())
+
+
 def test_impacts_lie_at_their_crank_angle_and_one_without_angle_nowhere() -> None:
     recording = KeptRecording()
     shown = ImpactPicture(Stage(recording, layout()), "crank y", "m/s2")
     for turns, peak in ((7.0, 10.0), (8.25, 20.0), (9.5, 40.0), (nan, 30.0)):
         shown.add("measured", 0.1, impact(turns, peak))
     shown.finish()
-    (path,) = (path for path in recording.logged if path.endswith("/measured"))
-    places = np.array(recording.logged[path].positions.as_arrow_array().to_pylist())
+    places = dots(recording, "measured")
     assert len(places) == 3
     across, down = places.T
     assert across[1] - across[0] == pytest.approx(across[2] - across[1])
     assert down[0] - down[1] == pytest.approx((down[1] - down[2]) / 2)
+
+
+@pytest.mark.parametrize(("louder", "softer"), [("measured", "predicted"), ("predicted", "measured")])
+def test_a_larger_peak_of_one_origin_changes_the_scale_of_both(louder: str, softer: str) -> None:
+    recording = KeptRecording()
+    shown = ImpactPicture(Stage(recording, layout()), "crank y", "m/s2")
+    for whose, peak, at_s in ((softer, 10.0, 2.0), (louder, 10.0, 2.0), (louder, 80.0, 4.0)):
+        shown.add(whose, at_s, impact(7.0, peak))
+    shown.finish()
+    assert dots(recording, softer)[0] == pytest.approx(dots(recording, louder)[0])
 
 
 def test_impacts_of_the_beam_are_shown_where_their_origin_is() -> None:

@@ -130,6 +130,21 @@ def test_a_speed_that_chatters_about_the_limit_runs_away_all_the_same() -> None:
     assert clock.now_s - away_s < OVERSPEED_S + 0.3 + 0.3
 
 
+def test_two_glitches_long_apart_stop_nothing_where_the_speed_between_is_within_the_hysteresis() -> None:
+    """1.45 times the wanted speed between them, and then as wanted."""
+    clock = SteppedClock()
+    away_s = clock.now_s + 4.0
+
+    def twice(now_s: float) -> float:
+        since_s = now_s - away_s
+        if 0.0 <= since_s < 0.1 or 0.9 <= since_s < 1.0:
+            return 150.0
+        return 90.0 if 0.0 <= since_s < 1.0 else 0.0
+
+    started(FakeDrive(clock, ripple=twice))
+    assert clock.now_s > away_s + 1.0
+
+
 def test_an_inverter_that_stays_where_it_is_is_refused_when_the_ramp_has_overrun() -> None:
     drive = FakeDrive(SteppedClock(), stuck=True)
     before_s = drive.clock.now_s

@@ -92,11 +92,27 @@ def test_what_is_seen_for_a_moment_now_and_then_is_not_seen() -> None:
     assert told == ["speed.unknown", "speed.abort"]
 
 
+@pytest.mark.parametrize("between", [Shown(1.045 * WANTED, valid=True), OVERDUE])
+@pytest.mark.parametrize("apart_s", [0.5, 0.6, 300.0])
+def test_two_wrong_readings_with_nothing_right_between_stop_nothing(between: Shown, apart_s: float) -> None:
+    guard, off = armed(), Shown(1.051 * WANTED, valid=True)
+    assert codes(guard, off, 0.0, 0.1) == ["speed.off"]
+    assert codes(guard, between, 0.1, apart_s - 0.1) == []
+    assert codes(guard, off, apart_s, 0.1) == ["speed.off"]
+    guard.check()
+
+
+def test_readings_that_come_rarely_trip_as_others_do() -> None:
+    guard, off = armed(), Shown(0.9 * WANTED, valid=True)
+    told = [codes(guard, off, at_s, 0.1) for at_s in (0.0, 0.7)]
+    assert told == [["speed.off"], ["speed.abort"]]
+
+
 def test_an_overdue_mark_neither_ends_nor_trips_what_was_off() -> None:
     guard, off = armed(), Shown(0.9 * WANTED, valid=True)
-    assert codes(guard, off, 0.0, 0.1) == ["speed.off"]
-    assert codes(guard, OVERDUE, 0.1, 0.9) == []
-    assert codes(guard, off, 1.0, 0.1) == ["speed.abort"]
+    assert codes(guard, off, 0.0, 0.2) == ["speed.off"]
+    assert codes(guard, OVERDUE, 0.2, 0.3) == []
+    assert codes(guard, off, 0.5, 0.1) == ["speed.abort"]
 
 
 @pytest.mark.parametrize("shown", [GOOD, OVERDUE, Shown(WANTED * (1 + 0.99 * OFF_SHARE), valid=True)])
