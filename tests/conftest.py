@@ -28,7 +28,6 @@ _ALONE = (
     "rig/session/test_hung_motor.py",
     "rig/live",
     "rig/ensembles",
-    "rig/commands/test_diagnose.py",
     "rig/commands/test_ensemble.py",
     "rig/diagnosis/test_workers.py",
     "benchmarks_blind/test_three_campaigns.py",
