@@ -52,8 +52,8 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
     for track in recording.tracks:
         if len(track.samples) * track.samples.dtype.itemsize > _MOST_BYTES:
             raise RattleError(f"{track.name}: more than the 2 GB that mat holds of a channel; use tdms")
-        if not track.has_one_base():
-            warn(f"{track.name}: its clock was set anew; start and rate are those of its first sample")
+        if strays := track.strays():
+            warn(f"{strays}, which other programs see")
     with new_file(path) as file:
         _append(file, _MARK, {_DESCRIPTION: description.encode(recording), "version": "1"})
         names = variable_names(track.name for track in recording.tracks)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from daq.block import Flag, sample_time_ns
+from daq.block import NS_PER_S, Flag, sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.samples import MOST_SAMPLES, Samples
@@ -106,9 +106,23 @@ class Track:
             if two.first_sample > one.end_sample
         ]
 
-    def has_one_base(self) -> bool:
-        """True if one rate and one start say the time of every sample."""
-        return all(stretch.base.agrees(self.stretches[0].base) for stretch in self.stretches[1:])
+    def strays(self) -> str:
+        """By how much its times lie off the start and rate of its first sample; empty within half a sample.
+
+        A device whose clock was set strays, and so may one whose clock was fitted better and better.
+        """
+        if not self.stretches:
+            return ""
+        base = self.stretches[0].base
+        off_ns = max(
+            abs(base.at(at) - stretch.base.at(at))
+            for stretch in self.stretches
+            for at in (stretch.first_sample, stretch.end_sample)
+        )
+        if off_ns * base.sample_rate <= NS_PER_S / 2:
+            return ""
+        off = f"{off_ns / 1e6:.3g} ms off the start and rate of its first sample"
+        return f"{self.name}: its times lie up to {off}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,8 +63,8 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
     for track in recording.tracks:
         if not track.stretches:
             continue
-        if not track.has_one_base():
-            warn(f"{track.name}: its clock was set anew; the column of times is that of its first sample")
+        if strays := track.strays():
+            warn(f"{strays}, which make the column of times")
         base = track.stretches[0].base
         group = next((each for each in groups if each[0].stretches[0].base.agrees(base)), None)
         if group is None:

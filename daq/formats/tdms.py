@@ -39,8 +39,8 @@ _ULPS = 4
 def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
     """Write the file; raises RattleError."""
     for track in recording.tracks:
-        if not track.has_one_base():
-            warn(f"{track.name}: its clock was set anew; a waveform has one start, that of its first sample")
+        if strays := track.strays():
+            warn(f"{strays}, which are all that a waveform has")
     root = {
         "name": recording.run_id or path.stem,
         "description": "recorded by rattle; NaN where samples are missing",

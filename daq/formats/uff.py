@@ -53,14 +53,17 @@ def write(recording: Recording, path: Path, warn: Callable[[str], None]) -> tupl
     with new_file(path) as file:
         file.write(run_header(_plain(recording.run_id, ID_WIDTH), _date(_start_ns(recording))))
         for node, track in enumerate(recording.tracks, start=1):
+            said: set[str] = set()
             for part in unbroken(track):
-                function = _function(recording, track, node, part, warn)
+                function = _function(recording, track, node, part, said.add)
                 file.write(header(function, track.samples.dtype))
                 for first in range(part.first_sample, part.end_sample, CHUNK):
                     stop = min(first + CHUNK, part.end_sample)
                     values = track.samples.read(first - track.first_sample, stop - track.first_sample)
                     file.write(values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
                 file.write(end())
+            for text in said:
+                warn(text)
     return (path,)
 
 

@@ -29,7 +29,9 @@ def add_to(app: typer.Typer) -> None:
         if as_json:
             told = dataclasses.asdict(found)
             for run, each, pace, own in zip(runs, told["recordings"], paces, found.recordings, strict=True):
-                each |= {"log": str(run), **dataclasses.asdict(pace.without(own))}
+                taken = pace.without(own)
+                each |= {"log": str(run), "first_s": None, "period_s": None}
+                each |= {} if taken is None else dataclasses.asdict(taken)
             print_json(told)
             return
         console = Console()
@@ -42,7 +44,7 @@ def _of_run(run: Path, each: RecordingSkew) -> str:
     marks = f"{each.revolutions} marks at {rpm} rpm" if rpm else "no speed that stays for three marks"
     if each.skew_s is None or each.skew_uncertainty_s is None:
         return f"{run}: {marks}"
-    return f"{run}: {marks}; in this run late by {late(each.skew_s, each.skew_uncertainty_s)}"
+    return f"{run}: {marks}; late by {late(each.skew_s, each.skew_uncertainty_s)} as this log places it"
 
 
 def _of_all(found: Skew) -> Iterator[str]:
@@ -50,4 +52,4 @@ def _of_all(found: Skew) -> Iterator[str]:
         yield str(found)
         return
     yield f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad"
-    yield f"{found}, whatever the run"
+    yield f"{found} by itself: how each log places its clock is no closer known"

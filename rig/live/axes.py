@@ -15,6 +15,8 @@ from rig.live import paths
 
 DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0}
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+_AGAIN = 5
+"""Pictures after which unchanged axes are drawn again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,19 +75,25 @@ class Frame:
 
 
 class AxesPicture:
-    """A frame with grid, labels and `caption` at `path`; drawn again only when an axis changes."""
+    """A frame with grid, labels and `caption` at `path`.
+
+    Drawn again when an axis changes and now and then besides: the viewer forgets what is old, and a page that
+    is opened late would have no axes.
+    """
 
     def __init__(
         self, recording: rr.RecordingStream, path: str, frame: Frame, caption: str | None = None
     ) -> None:
         self._recording, self._path, self._frame, self._caption = recording, path, frame, caption
         self._axes: tuple[Axis, Axis] | None = None
+        self._fits = 0
 
     def fit(self, x: Axis, y: Axis) -> None:
-        """Use these axes from now on."""
-        if self._axes != (x, y):
+        """Use these axes from now on; called for every picture."""
+        if self._axes != (x, y) or self._fits % _AGAIN == 0:
             self._axes = x, y
             self._draw(x, y)
+        self._fits += 1
 
     def places(
         self, x: NDArray[np.float64] | Sequence[float], y: NDArray[np.float64] | Sequence[float]

@@ -26,7 +26,7 @@ class SpectrumPicture:
         self._recording = recording
         self._channel = channel
         self._axes = AxesPicture(recording, paths.spectrum(channel), FRAME)
-        self._top = 0.0
+        self._density: Axis | None = None
 
     def draw(self, whose: str, spectrum: Autospectrum, sample_rate: float) -> None:
         """Log the line of `spectrum` at the recording's current time."""
@@ -34,10 +34,9 @@ class SpectrumPicture:
         if not seen.any():
             return
         largest = float(spectrum.density[seen].max())
-        if largest > self._top:
-            density = decades(10 * largest, _DECADES, _LABELLED)
-            self._top = density.high
-            self._axes.fit(_frequencies(sample_rate / 2), density)
+        if self._density is None or largest > self._density.high:
+            self._density = decades(10 * largest, _DECADES, _LABELLED)
+        self._axes.fit(_frequencies(sample_rate / 2), self._density)
         heard = log_bands(Autospectrum(spectrum.frequency_hz[seen], spectrum.density[seen]), BANDS)
         line = rr.LineStrips2D(
             [self._axes.places(heard.frequency_hz, heard.density)],

@@ -79,6 +79,7 @@ class DrivenRig:
         self.logbook: Logbook
         self.acquisition: Acquisition
         self.encoder: EncoderRecord | None = None
+        self._rests = False
 
     def launch(self, stack: ExitStack) -> None:
         """Start the supervisor's process, which takes seconds."""
@@ -166,10 +167,14 @@ class DrivenRig:
     def ramp_down(self) -> None:
         """Bring the drive softly to rest."""
         self._bring_to_rest(self.motion.ramp_down)
+        self._rests = True
         self.logbook.tell("info", "drive.off", "drive ramped down and off")
 
     def off(self) -> None:
-        """The safe state, on whatever way out."""
+        """The safe state, on whatever way out; the log says from when on no prediction follows the rig."""
+        if not self._rests:
+            text = "stopping before its time: what is recorded from here on no prediction follows"
+            self.logbook.tell("warning", "drive.stopping", text)
         self._bring_to_rest(self.motion.off)
 
     def warn(self, code: str, text: str) -> None:

@@ -62,7 +62,7 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
         motor = _motor(rig, request.scenarios[0])
         motor.arm(soft=True)
         rig.launch(stack)
-        run = rig.open_log(stack, request.folder, request.scenarios[0].name)
+        run = rig.open_log(stack, request.folder, f"{request.scenarios[0].name} dwells")
         dwells = _Dwells(request, rig, motor)
         rig.record(
             Hub([LogSink(rig.recorder)]),

@@ -49,10 +49,10 @@ class Pace:
     first_s: float
     period_s: float
 
-    def without(self, skew: RecordingSkew) -> Pace:
-        """When the shaft stood where the positions say: the pace less what the encoder is late."""
+    def without(self, skew: RecordingSkew) -> Pace | None:
+        """When the shaft stood where the positions say: the pace less the skew; None where that is open."""
         if skew.skew_s is None or skew.rate is None:
-            return self
+            return None
         late_s = skew.skew_s + skew.rate * (self.first_s - skew.at_s)
         return Pace(self.first_s - late_s, self.period_s * (1.0 - skew.rate))
 

@@ -45,6 +45,7 @@ class ImpactPicture:
         what = "contact force of each impact" if unit == "N" else "acceleration of each burst"
         caption = f"largest {what}, over the crank angle at which it begins"
         self._axes = AxesPicture(stage.recording, _path(group), _FRAME, caption)
+        self._axis = from_zero(1.0)
         self._top = self._newest_s = 0.0
         self._clouds: dict[str, _Cloud] = {}
 
@@ -71,10 +72,10 @@ class ImpactPicture:
         drawn = {whose: self._clouds[whose]}
         largest = max(peak for cloud in self._clouds.values() for _, peak in cloud.dots)
         if largest > self._top:
-            axis = from_zero(_HEADROOM * largest)
-            self._top = axis.high
-            self._axes.fit(_ANGLES, axis)
+            self._axis = from_zero(_HEADROOM * largest)
+            self._top = self._axis.high
             drawn = self._clouds
+        self._axes.fit(_ANGLES, self._axis)
         for each, cloud in drawn.items():
             self._log(each, cloud)
 

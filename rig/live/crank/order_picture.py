@@ -34,7 +34,7 @@ class OrderPicture:
     def __init__(self, recording: rr.RecordingStream, channel: str) -> None:
         self._recording, self._channel = recording, channel
         self._axes = AxesPicture(recording, _path(channel), _FRAME)
-        self._top = 0.0
+        self._axis: Axis | None = None
 
     def draw(self, whose: str, order: NDArray[np.float64], amplitude: NDArray[np.float64]) -> None:
         """Log lines, both of shape (m,), at the recording's current time."""
@@ -43,10 +43,9 @@ class OrderPicture:
             return
         order, amplitude = _largest_in_bands(order[seen], amplitude[seen])
         largest = float(amplitude.max())
-        if largest > self._top:
-            axis = decades(1.5 * largest, _DECADES)
-            self._top = axis.high
-            self._axes.fit(_ORDERS, axis)
+        if self._axis is None or largest > self._axis.high:
+            self._axis = decades(1.5 * largest, _DECADES)
+        self._axes.fit(_ORDERS, self._axis)
         line = rr.LineStrips2D(
             [self._axes.places(order, amplitude)],
             colors=[paths.COLOURS[whose]],

@@ -345,3 +345,38 @@ def test_a_recording_of_another_program_comes_back(call: Call, tmp_path: Path) -
             assert found.values.tobytes() == whole.values.tobytes()
             assert (found.time_ns, found.sample_rate) == (whole.time_ns, whole.sample_rate)
         assert back.scenario == log.scenario
+
+
+@pytest.mark.parametrize("name", list(SUFFIX))
+def test_an_encoder_and_what_was_derived_come_back(call: Call, tmp_path: Path, name: str) -> None:
+    """Channels that no rig has of its own: one on a clock of its own, one with a value each cycle."""
+    encoder = Channel("encoder.angle", "rad", "angle", "encoder", "CiA 406", scale=1.5e-3, raw_unit="count")
+    peak = Channel("contact.force_upper.cycle_peak", "N", "force")
+    rng, run = np.random.default_rng(2), tmp_path / "run.mcap"
+    with LogWriter(run) as log:
+        log.add_metadata("scenario", {"toml": RUN})
+        for origin, channel, rate, off_ns in (
+            ("measured", FORCE, 51_200.0, 0),
+            ("measured", encoder, 1000.0, 20_000),
+            ("derived", peak, 20.0, 1_000_000),
+        ):
+            log.declare(origin, channel)
+            for number in range(5):
+                at_ns = sample_time_ns(START_NS, number * 100, rate) + number * off_ns
+                values = rng.normal(size=100).astype(np.float64 if channel is encoder else np.float32)
+                log.add_block(origin, SampleBlock(channel.name, number * 100, at_ns, rate, values), at_ns)
+    exported = call("export", run, "--to", name)
+    assert exported.code == 0, exported.err
+    assert "off the start and rate" not in exported.out  # by less than half a sample
+    assert exported.out.count("too long for the ID lines") <= 1
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(RUN, encoding="utf-8")
+    files = sorted(tmp_path.glob(f"run*{SUFFIX[name]}"))
+    answer = call("import", *files, "--scenario", scenario, "-o", tmp_path / "back.mcap")
+    assert answer.code == 0, answer.err
+    with LogReader(run) as log, LogReader(tmp_path / "back.mcap") as back:
+        for origin in ("measured", "derived"):
+            assert set(back.channels(origin)) == set(log.channels(origin))
+            for channel, whole in log.table(origin).items():
+                assert back.series(origin, channel).values.tobytes() == whole.values.tobytes()
+                assert back.channels(origin)[channel].unit == log.channels(origin)[channel].unit
