@@ -22,7 +22,8 @@ from drivers.canopen_cia406.settings import EncoderSettings, problems
 from drivers.canopen_cia406.stream import HEARTBEATS_MISSED, PositionStream
 from drivers.protocols import Emergency, Notice, PositionBlock, PositionStatistics
 
-HEARTBEAT_S = 0.1
+HEARTBEAT_S = 0.2
+"""Three of these are longer than a busy machine stalls, and well within a second."""
 _SLOWEST_HEARTBEAT_S = 0.3
 """Three of these are 0.9 s: a lost encoder is to be noticed within a second."""
 _ANSWER_MARGIN_S = 0.2

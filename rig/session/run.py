@@ -22,6 +22,7 @@ from rig.live import LiveView
 from rig.session.acquisition import Recorded
 from rig.session.deriving import derive_live
 from rig.session.driven_rig import Connect, DrivenRig, connected
+from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
 from rig.session.progress import Screen
@@ -166,7 +167,9 @@ class _Run:
             sinks.append(self._frequency)
         if self._request.live:
             picture = picture_of(twin)
-            channels = (self._origins["measured"], self._origins["predicted"])
+            encoder = self._rig.devices.encoder
+            beside = [] if encoder is None else [encoder_channel(encoder)]
+            channels = ([*self._origins["measured"], *beside], self._origins["predicted"])
             view = stack.enter_context(LiveView(self._scenario.name, *channels, picture, derived=derived))
             self._rig.screen.say(f"live view  {view.url}")
             self._view = view

@@ -140,7 +140,7 @@ def test_a_heartbeat_is_required_and_set_where_there_is_none_or_too_slow_a_one()
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         _, error = read_until_lost(encoder)
-        assert "more than 3 periods (0.3 s)" in error.what
+        assert "more than 3 periods (0.6 s)" in error.what
 
 
 def test_no_position_although_it_lives() -> None:

@@ -192,7 +192,7 @@ def test_objects_that_are_missing_are_listed_with_the_rest(peer: RunPeer) -> Non
 def test_a_node_that_sends_no_heartbeat_although_it_is_told_to(peer: RunPeer) -> None:
     with peer(eds(**{"Producer heartbeat time": "0"})) as other:
         other.node.nmt.start_heartbeat = lambda _: None
-        with pytest.raises(InstrumentSilent, match=r"no heartbeat within 0\.8 s, although it is to send one"):
+        with pytest.raises(InstrumentSilent, match=r"no heartbeat within 1\.1 s, although it is to send one"):
             CanopenEncoder(settings(timeout_s=0.5)).open()
 
 
