@@ -122,7 +122,7 @@ def test_a_generator_that_dies_while_recording_ends_the_run(bench: SpiedBench, t
 
 
 def helper_processes(run: Command) -> list[psutil.Process]:
-    """The run's own processes in the order of their start: the supervisor, the twin, what derives."""
+    """The run's own processes in the order of their start: the supervisor, what derives, the twin."""
     ours = [child for child in run.children() if RESOURCE_TRACKER not in " ".join(child.cmdline())]
     return sorted(ours, key=lambda child: child.create_time())
 
@@ -133,7 +133,7 @@ def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
-        _, twin, _ = helper_processes(run)
+        *_, twin = helper_processes(run)
         twin.kill()
         ended = failed_run(run, bench)
     assert "the twin's process died; all that was measured is in the log" in ended.err
@@ -141,6 +141,22 @@ def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
         ends = {name: log.series("measured", name).end_sample for name in CHANNELS}
         assert set(ends.values()) == {round(3.0 * 51_200)}
         assert "twin.failed" in [event.code for event in log.events()]
+    assert verify_log(ended.log).sound
+
+
+def test_a_derivation_that_dies_is_told_and_costs_nothing_else(bench: SpiedBench, tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        _, derivation, _ = helper_processes(run)
+        derivation.kill()
+        ended = run.end()
+    assert ended.code == 0
+    with LogReader(ended.log) as log:
+        for origin in ("measured", "predicted"):
+            ends = {name: log.series(origin, name).end_sample for name in CHANNELS}
+            assert set(ends.values()) == {round(3.0 * 51_200)}
+        assert "derived.stopped" in [event.code for event in log.events()]
     assert verify_log(ended.log).sound
 
 
