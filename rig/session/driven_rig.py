@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from daq.errors import RecorderFailed
 from daq.log import LogWriter
 from daq.recorder import Recorder
 from daq.time_base import RunClock
@@ -172,10 +173,11 @@ class DrivenRig:
 
     def off(self) -> None:
         """The safe state, on whatever way out; the log says from when on no prediction follows the rig."""
-        if not self._rests:
-            text = "stopping before its time: what is recorded from here on no prediction follows"
-            self.logbook.tell("warning", "drive.stopping", text)
-        self._bring_to_rest(self.motion.off)
+        try:
+            if not self._rests:
+                self._tell_of_stopping()
+        finally:  # nothing that goes wrong with a log may keep the drive on
+            self._bring_to_rest(self.motion.off)
 
     def warn(self, code: str, text: str) -> None:
         """Tell a warning to log and screen."""
@@ -192,6 +194,11 @@ class DrivenRig:
         if self.encoder is not None:
             for code, text in self.shaft.encoder_at_mark(self.encoder):
                 self.logbook.tell("info", code, text)
+
+    def _tell_of_stopping(self) -> None:
+        text = "stopping before its time: what is recorded from here on no prediction follows"
+        with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
+            self.logbook.tell("warning", "drive.stopping", text)
 
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
         """Stop the drive; the supervisor waits as long as that may take."""
