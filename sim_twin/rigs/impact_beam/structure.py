@@ -8,13 +8,13 @@ with a `FlexibleBase` the modes of beam, connecting rod and base together.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from sim_twin.parts.modal import Modes, lowest_modes
+from sim_twin.parts.one_thread import by_one_thread
 from sim_twin.rigs.impact_beam.base.coupling import couple
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
@@ -43,21 +43,9 @@ class Structure:
 
 
 @lru_cache(maxsize=256)
+@by_one_thread
 def structure_of(rig: ImpactBeam) -> Structure:
-    """Return the structure of `rig`; raises UnphysicalParameter for more modes than the meshes have.
-
-    By one thread: the last bits of its modes would hang on how many share the work.
-    """
-    with _blas().limit(limits=1, user_api="blas"):
-        return _computed(rig)
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
-def _computed(rig: ImpactBeam) -> Structure:
+    """Return the structure of `rig`; raises UnphysicalParameter for more modes than the meshes have."""
     if isinstance(rig.base, FlexibleBase):
         return _on_flexible_base(rig, rig.base)
     structure = _on_rigid_post(rig)

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.parts.one_thread import by_one_thread
 from sim_twin.parts.plate import Plate, mesh_lines
 from sim_twin.parts.synthesis import Component, craig_bampton
 from sim_twin.rigs.impact_beam.base.model import Cover
@@ -54,6 +55,7 @@ class Box:
 
 
 @lru_cache(maxsize=16)
+@by_one_thread
 def box_of(cover: Cover) -> Box:
     """Reduce the cover; its accelerometers sit in the middle of the top and near a corner of it."""
     walls = walls_of(cover)

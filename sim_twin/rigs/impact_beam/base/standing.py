@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from sim_twin.parts.frame import DOFS, Member, frame_matrices
+from sim_twin.parts.one_thread import by_one_thread
 from sim_twin.parts.plate import Plate, mesh_lines
 from sim_twin.parts.synthesis import Component, Leading, craig_bampton, modal_damping
 from sim_twin.rigs.impact_beam.base.cover import RIGID, box_of, rigid_rise
@@ -47,6 +48,7 @@ class Unreduced:
 
 
 @lru_cache(maxsize=16)
+@by_one_thread
 def standing_on(base: FlexibleBase) -> Standing:
     """Reduce the base to its boundary and modes; raises UnphysicalParameter for more than the mesh has."""
     whole = unreduced(base)
