@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.angle import MarkTracker
+from daq.angle.marker import MOST_MISSING
 from daq.channel import Channel
 from daq.clock import Clock
 
@@ -26,14 +27,19 @@ _STEADY_SHARE = 0.10
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
 _MOST_MARKS = 4096
+_MISSED = f"the marker missed more than {MOST_MISSING} marks in a row"
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What a channel shows: the speed in rad/s (NaN: not at this moment), and whether it can be relied on."""
+    """What a channel shows: the speed in rad/s (NaN: not at this moment), and whether it can be relied on.
+
+    `lost` says in words why the shaft cannot be followed any more, in the block where that came to light.
+    """
 
     speed_rad_s: float = math.nan
     valid: bool = False
+    lost: str = ""
 
 
 class ShaftReading(Protocol):
@@ -148,15 +154,19 @@ class _ByMarker:
         self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
-        marks, _ = self._tracker.track(values)
+        marks, changes = self._tracker.track(values)
         if len(marks):
             self._last = float(marks.position[-1])
         self.marks.extend(marks.position[~marks.interpolated].tolist())
+        # one that is found at another speed at once has missed no marks
+        found = {change.position for change in changes if change.valid}
+        missed = any(not change.valid and change.position not in found for change in changes)
+        lost = _MISSED if missed else ""
         interval = self._tracker.samples_per_turn
         if interval is None:
-            return Shown()
+            return Shown(lost=lost)
         overdue = first_sample + len(values) - self._last > _OVERDUE * interval
-        return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True)
+        return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True, lost=lost)
 
 
 def shows_marks(channel: Channel) -> bool:

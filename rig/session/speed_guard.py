@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 
+from daq.angle.marker import MOST_MISSING
 from daq.clock import Clock
 from daq.errors import InterlockTripped
 from daq.log.records import Event
@@ -17,10 +18,11 @@ OFF_SHARE, OFF_S = 0.05, 0.5
 BACK_SHARE = 0.04
 """How near a speed that has been off must come to count as back."""
 UNKNOWN_S = 1.0
-"""How long a run goes on blind. A marker has by then missed more than three marks in a row, besides."""
+"""How long a run goes on blind."""
 SPEED_GUARDED = (
     f"shaft within {OFF_SHARE:.0%} of its speed: the run ends {OFF_S:g} s after it has left it, "
-    f"{UNKNOWN_S:g} s after no instrument shows it"
+    f"{UNKNOWN_S:g} s after no instrument shows it, at once after more than {MOST_MISSING} lost marks "
+    "in a row"
 )
 """What a person should know of it before anything moves."""
 
@@ -34,11 +36,12 @@ class SpeedGuard:
     """Looks at every block in the acquisition thread, between `arm` and `disarm`.
 
     A speed that leaves the wanted one by more than 5 %, either way, is an event at once and `tripped` after
-    half a second; one that no instrument shows is an event at once and `tripped` after a second. Either is
-    over after 0.15 s within 4 %, or seen; and a speed between 4 % and 5 % off, or overdue, is off no more
-    after half a second of it: one wrong reading, as a glitch on a marker makes it, stops nothing, and a speed
-    that chatters about the limit does. All times are those of the instrument that shows it; readings come
-    every 0.1 s, so that a shaft that runs away has tripped it 0.6 s after that is shown, at the latest.
+    half a second; one that no instrument shows is an event at once and `tripped` after a second, and at once
+    where its instrument says that it has lost the shaft. Either is over after 0.15 s within 4 %, or seen; and
+    a speed between 4 % and 5 % off, or overdue, is off no more after half a second of it: one wrong reading,
+    as a glitch on a marker makes it, stops nothing, and a speed that chatters about the limit does. All times
+    are those of the instrument that shows it; readings come every 0.1 s, so that a shaft that runs away has
+    tripped it 0.6 s after that is shown, at the latest.
     `shows` and `shows_not` say in words which instrument it is.
     """
 
@@ -82,6 +85,7 @@ class SpeedGuard:
             rpm, wanted_rpm = shown.speed_rad_s * _RPM_PER_RAD_S, wanted * _RPM_PER_RAD_S
             off = f"{self._shows} {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
             told = [
+                *self._trip(shown.lost),
                 *self._judge("unknown", self._unknown, card_s, not shown.valid, shown.valid, self._shows_not),
                 *self._judge("off", self._off, card_s, apart > OFF_SHARE, apart <= BACK_SHARE, off),
             ]
@@ -93,7 +97,10 @@ class SpeedGuard:
         known_s = held.since_s
         lasted_s = held.look(card_s, holds=holds, gone=gone)
         news = [("warning", f"speed.{what}", text)] if held.since_s not in (None, known_s) else []
-        if lasted_s is not None and self.tripped is None:
-            self.tripped = f"{text} for {lasted_s:.1f} s"
-            news.append(("error", "speed.abort", self.tripped))
-        return news
+        return news if lasted_s is None else [*news, *self._trip(f"{text} for {lasted_s:.1f} s")]
+
+    def _trip(self, why: str) -> list[tuple[str, str, str]]:
+        if not why or self.tripped is not None:
+            return []
+        self.tripped = why
+        return [("error", "speed.abort", why)]

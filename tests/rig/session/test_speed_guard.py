@@ -48,6 +48,13 @@ def test_a_speed_that_nobody_sees_trips_after_its_time() -> None:
         guard.check()
 
 
+def test_an_instrument_that_lost_the_shaft_trips_at_once() -> None:
+    guard = armed()
+    assert codes(guard, Shown(lost="the marker fell off"), 0.0, 0.1) == ["speed.abort", "speed.unknown"]
+    with pytest.raises(InterlockTripped, match="interlock: the marker fell off; the motor is off"):
+        guard.check()
+
+
 def test_a_speed_that_comes_back_in_time_is_told_again_when_it_leaves_again() -> None:
     guard, off = armed(), Shown(0.9 * WANTED, valid=True)
     told = [codes(guard, each, at, 0.4) for at, each in enumerate((off, GOOD, off, GOOD))]
