@@ -9,7 +9,7 @@ from typing import Any
 
 import nidaqmx
 import numpy as np
-from nidaqmx.errors import DaqError
+from nidaqmx.errors import DaqError, DaqWarning
 from nidaqmx.system import System
 from numpy.typing import NDArray
 
@@ -17,7 +17,7 @@ from daq import Channel, Clock, Flag, SystemClock
 from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused, RecorderFailed
 from drivers.ni_daq import session
 from drivers.ni_daq.channels import CardChannel, CardSettings
-from drivers.ni_daq.faults import UNSUPPORTED, translated
+from drivers.ni_daq.faults import NOT_YET, UNSUPPORTED, translated
 from drivers.ni_daq.kinds import INPUTS, described
 from drivers.ni_daq.problems import problems
 from drivers.ni_daq.quality import QualityWatch
@@ -28,6 +28,7 @@ from drivers.protocols import CardReading, Finding
 RATE_TOLERANCE = 10e-6
 LARGEST_RATE_ERROR = 0.01
 WAIT_MARGIN_S = 1.0  # how much later than its last sample a block may come
+STAMP_WAIT_S = 0.1  # how long the stamp of the first sample may take
 _STATUS = {
     "overloaded_chans": Flag.OVERLOAD,
     "open_chans": Flag.OPEN_SENSOR,
@@ -46,14 +47,15 @@ class NiDaqCard:
         self.channels: tuple[Channel, ...] = tuple(described(channel) for channel in settings.channels)
         self.identity = ""
         self.sample_rate = 0.0
-        self._expired = tuple(_expired(settings.channels, _today(clock or SystemClock())))
+        self._clock = clock or SystemClock()
+        self._expired = tuple(_expired(settings.channels, _today(self._clock)))
         self.warnings = self._expired
         self._rows = {channel.physical: row for row, channel in enumerate(settings.channels)}
         self._analog_rows = [self._rows[channel.physical] for channel in _on(settings, "ai")]
         self._grpc_channel: Any = None
         self._analog: AnalogTask | None = None
         self._counters: list[CounterTask] = []
-        self._armed = False
+        self._armed = self._stamps = False
         self._watch = QualityWatch((), 0.0)
         self._next_sample = 0
         self._status = dict(_STATUS)
@@ -72,6 +74,7 @@ class NiDaqCard:
             self._accept(seen)
             self._analog = self._create_analog()
             self._set_clock(self._analog)
+            self._stamps = self._stamped(self._analog)
             for channel in _on(self.settings, "ctr"):
                 self._counters.append(self._create_counter(channel, f"/{seen.chassis}/ai/SampleClock"))
         except BaseException:
@@ -114,6 +117,18 @@ class NiDaqCard:
         with self._translated("starting"):
             analog.start()
 
+    def started_ns(self) -> int | None:
+        """When sample 0 was taken, by the device's own stamp; see `AcquisitionCard.started_ns`."""
+        analog, until_s = self._opened(), self._clock.monotonic_s() + STAMP_WAIT_S
+        while self._stamps:
+            try:
+                return analog.started_ns()
+            except (DaqError, DaqWarning) as error:
+                if error.error_code != NOT_YET or self._clock.monotonic_s() > until_s:
+                    return None
+            self._clock.sleep(STAMP_WAIT_S / 20)
+        return None
+
     def stop(self) -> None:
         """Stop the sample clock."""
         with self._translated("stopping"):
@@ -139,6 +154,7 @@ class NiDaqCard:
         values = np.empty((len(self.channels), count))
         with self._translated(doing):
             samples = analog.read(count, count / self.sample_rate + WAIT_MARGIN_S)
+            arrived_s = self._clock.monotonic_s()
             reported = self._reported(analog.stream)
         values[self._analog_rows] = self._whole(samples, count, doing)
         for counter in self._counters:
@@ -150,7 +166,7 @@ class NiDaqCard:
             flags[row] |= _STATUS[attribute]
             if attribute in _FAULTS:
                 faults.append(Finding(self.channels[row].name, "supply", _FAULTS[attribute]))
-        return CardReading(first, values, tuple(flags), self._watch.findings(values, faults))
+        return CardReading(first, values, tuple(flags), arrived_s, self._watch.findings(values, faults))
 
     def _counted(self, counter: CounterTask, count: int, doing: str) -> NDArray[np.float64]:
         # The clock has sampled them already; all that is left to wait for is their way here.
@@ -236,6 +252,12 @@ class NiDaqCard:
             "acquisition.sample_rate in the scenario",
             "rate",
         )
+
+    def _stamped(self, analog: AnalogTask) -> bool:
+        try:
+            return analog.stamp_by_host()
+        except DaqError:  # whatever it has against it: a run does without
+            return False
 
     def _reported(self, stream: Any) -> list[tuple[str, int]]:
         reported: list[tuple[str, int]] = []

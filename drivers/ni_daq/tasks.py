@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from nidaqmx.constants import AcquisitionType, TaskMode
-from nidaqmx.errors import DaqError, Error
+from nidaqmx.constants import AcquisitionType, TaskMode, Timescale
+from nidaqmx.errors import DaqError, DaqWarning, Error
 from nidaqmx.stream_readers import AnalogMultiChannelReader, CounterReader
 from numpy.typing import NDArray
 
+from daq.block import NS_PER_S
 from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.kinds import ANALOG, COUNTERS
 
@@ -55,6 +57,24 @@ class AnalogTask:
     def commit(self) -> None:
         """Reserve and program the hardware, so that `start` has nothing left to do but to start it."""
         self._task.control(TaskMode.TASK_COMMIT)
+
+    def stamp_by_host(self) -> bool:
+        """Have the first sample stamped in the host's time; False for a device that stamps nothing.
+
+        Network-synchronized ones do, and by themselves: NI-DAQmx manual, "Timestamps".
+        """
+        timing = self._task.timing
+        if timing.first_samp_timestamp_enable:
+            timing.first_samp_timestamp_timescale = Timescale.USE_HOST
+            return True
+        return False
+
+    def started_ns(self) -> int:
+        """The stamp of the first sample, Unix epoch, ns; a warning that it is inaccurate is an error."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DaqWarning)
+            stamp_s = float(self._task.timing.first_samp_timestamp_val.timestamp())
+        return round(stamp_s * NS_PER_S)
 
     def start(self) -> None:
         """Start the sample clock, and with it the counters."""

@@ -28,13 +28,15 @@ class CardReading:
     """Consecutive samples of all channels of a card, analog or counted, on one sample grid.
 
     `first_sample` counts since the start of the task; `values` has shape (channels, n), row by row in the
-    channel's unit; `flags` has one entry a channel. `findings` are those that came up with this reading; one
-    that lasts is not told again.
+    channel's unit; `flags` has one entry a channel. `arrived_s` is when they were there, in s of the
+    monotonic clock, before anything was made of them. `findings` are those that came up with this reading;
+    one that lasts is not told again.
     """
 
     first_sample: int
     values: NDArray[np.float64]
     flags: tuple[Flag, ...]
+    arrived_s: float
     findings: tuple[Finding, ...] = ()
 
 
@@ -85,6 +87,13 @@ class AcquisitionCard(Protocol):
 
     def start(self) -> None:
         """Start the sample clock of an armed card; sample 0 is taken before this returns."""
+        ...
+
+    def started_ns(self) -> int | None:
+        """When sample 0 was taken (Unix epoch, ns, by the clock of this host), asked right after `start`.
+
+        None for a device that does not tell, and where it has not within a tenth of a second.
+        """
         ...
 
     def read(self, count: int) -> CardReading:

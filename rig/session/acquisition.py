@@ -72,7 +72,9 @@ class Acquisition:
 
     def __enter__(self) -> Acquisition:
         self._card.arm()
-        self.base.start(self._card.start)
+        doubt = self.base.start(self._card.start, self._card.started_ns)
+        if doubt:
+            self._event("warning", "clock.stamp_ignored", f"{self._card.name} {doubt}")
         self._thread.start()
         return self
 
@@ -128,7 +130,7 @@ class Acquisition:
             self.changed.notify_all()
 
     def _take(self, reading: CardReading) -> None:
-        self.base.arrived(reading.first_sample + reading.values.shape[1])
+        self.base.arrived(reading.first_sample + reading.values.shape[1], reading.arrived_s)
         rows = dict(zip(self._names, reading.values, strict=True))
         for passed in self._limits.check(rows, dict(zip(self._names, reading.flags, strict=True))):
             self._note_limit(passed)

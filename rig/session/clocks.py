@@ -21,6 +21,8 @@ _FIRST_FIT_S, _FIT_AGAIN = 1.0, 1.3
 
 _CRYSTAL = 50e-6
 """Standard deviation of one clock's rate from another's, before anything is known of them."""
+_STAMP_S = 100e-6
+"""95 % half width of a card's stamp of its start in this host's time: generous, for no maker states it."""
 _STEP_S = 1e-3
 """What of a step is worth telling: less than any crank angle here could show."""
 
@@ -59,10 +61,11 @@ class _Fitted:
 class CardClock:
     """The run's time base: card sample i lies at `start_ns` + i / rate, whatever the host's clock does.
 
-    The host's clock is joined to it where the card starts, for its sample 0 is taken while `start` is being
-    answered, in the middle of that for all that is known; from there on it goes by the rate that the arrivals
-    of blocks show. Their delay is no part of it: a card that is read over a network hands on its blocks tens
-    of milliseconds late. Until arrivals say it better the two clocks are taken to agree as crystals do.
+    The host's clock is joined to it where the card starts: by the card's own stamp of its sample 0 where it
+    has one; else that was taken while `start` was being answered, in the middle of it for all that is known.
+    From there on the host's clock goes by the rate that the arrivals of blocks show. Their delay is no part
+    of it: a card that is read over a network hands on its blocks tens of milliseconds late. Until arrivals
+    say it better the two clocks are taken to agree as crystals do.
     """
 
     def __init__(self, clock: Clock, sample_rate: float) -> None:
@@ -70,18 +73,29 @@ class CardClock:
         self._fitted = _Fitted()
         self.start_ns, self._start_s, self._start_uncertainty_s = 0, 0.0, 0.0
 
-    def start(self, start: Callable[[], None]) -> None:
-        """Call what starts the card: it takes its sample 0 before it returns."""
+    def start(self, start: Callable[[], None], started_ns: Callable[[], int | None] = lambda: None) -> str:
+        """Call what starts the card, which takes its sample 0 before it returns, and ask when that was.
+
+        Says what is wrong with the answer, for which it is left out; nothing, mostly.
+        """
         before_s = self._clock.monotonic_s()
         start()
-        taken_s = self._clock.monotonic_s() - before_s
-        self._start_s = before_s + taken_s / 2
-        self.start_ns = self._clock.unix_ns() - round(taken_s / 2 * NS_PER_S)
-        self._start_uncertainty_s = taken_s / 2
+        after_s, after_ns = self._clock.monotonic_s(), self._clock.unix_ns()
+        self._start_s, self._start_uncertainty_s = (before_s + after_s) / 2, (after_s - before_s) / 2
+        stamp_ns, doubt = started_ns(), ""
+        if stamp_ns is not None:
+            stamp_s = after_s + (stamp_ns - after_ns) / NS_PER_S
+            if before_s - _STAMP_S <= stamp_s <= after_s + _STAMP_S:
+                self._start_s, self._start_uncertainty_s = stamp_s, _STAMP_S
+            else:
+                away_s = stamp_s - self._start_s
+                doubt = f"says that it started {away_s:+.6f} s from when it was told to: no time of this host"
+        self.start_ns = after_ns - round((after_s - self._start_s) * NS_PER_S)
+        return doubt
 
-    def arrived(self, end_sample: int) -> None:
-        """A block that ends before `end_sample` is there."""
-        self._fitted.add(end_sample / self._rate, self._clock.monotonic_s() - self._start_s)
+    def arrived(self, end_sample: int, arrived_s: float) -> None:
+        """A block that ends before `end_sample` was there at `arrived_s` of the monotonic clock."""
+        self._fitted.add(end_sample / self._rate, arrived_s - self._start_s)
 
     def now_s(self) -> float:
         """Seconds since the card's start by the host's clock."""

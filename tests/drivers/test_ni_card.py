@@ -14,7 +14,7 @@ from datetime import date
 
 import numpy as np
 import pytest
-from nidaqmx.errors import DaqNotFoundError
+from nidaqmx.errors import DaqError, DaqNotFoundError, DaqWarning
 from numpy.typing import NDArray
 
 from daq import Flag
@@ -27,8 +27,11 @@ from daq.errors import (
 )
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
+from drivers.ni_daq.card import STAMP_WAIT_S
 from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.ni_daq.faults import NOT_YET
+from drivers.ni_daq.tasks import AnalogTask
 from drivers.protocols import DriveSettings
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from drivers.scpi.emulator import start_function_generator
@@ -70,6 +73,54 @@ def test_reads_what_the_plant_makes_in_the_units_of_the_bench(card_emulator: Emu
         assert first.flags == (Flag.GOOD,) * 3
         assert card.total_acquired >= 6120
         card.stop()
+
+
+def test_a_card_that_stamps_its_start_says_when_that_was(card_emulator: EmulatedInstrument) -> None:
+    with opened(card_settings(card_emulator.address)) as card:
+        before_ns = time.time_ns()
+        card.start()
+        after_ns = time.time_ns()
+        stamp_ns = card.started_ns()
+        assert stamp_ns is not None
+        assert before_ns - 1000 <= stamp_ns <= after_ns + 1000  # it comes as a float of seconds
+        reading = card.read(5120)
+        assert 0.1 < reading.arrived_s - time.monotonic() - (stamp_ns - time.time_ns()) * 1e-9 < 0.5
+
+
+def test_a_card_without_stamps_says_nothing_of_its_start() -> None:
+    wiring = replace(WIRING, stamps_start=False)
+    with (
+        start_daq_card(SinePlant, wiring) as emulator,
+        opened(card_settings(emulator.address)) as card,
+    ):
+        card.start()
+        assert card.started_ns() is None
+        assert card.read(5120).first_sample == 0
+
+
+@pytest.mark.parametrize(
+    ("error", "waits_s"),
+    [
+        (DaqError("not yet", NOT_YET), STAMP_WAIT_S),
+        (DaqError("not enabled", -209842), 0.0),
+        (DaqWarning("inaccurate", 209805), 0.0),
+    ],
+)
+def test_a_stamp_that_is_not_to_be_had_is_not_waited_for_long(
+    card_emulator: EmulatedInstrument, monkeypatch: pytest.MonkeyPatch, error: Exception, waits_s: float
+) -> None:
+    asked_s: list[float] = []
+
+    def fails(_: AnalogTask) -> int:
+        asked_s.append(time.monotonic())
+        raise error
+
+    monkeypatch.setattr(AnalogTask, "started_ns", fails)
+    with opened(card_settings(card_emulator.address)) as card:
+        card.start()
+        assert card.started_ns() is None
+    assert asked_s[-1] - asked_s[0] == pytest.approx(waits_s, abs=0.5)
+    assert (len(asked_s) == 1) is (waits_s == 0.0)
 
 
 def test_channels_say_what_they_are() -> None:

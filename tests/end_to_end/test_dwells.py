@@ -19,6 +19,8 @@ from tests.end_to_end.files import write_crank
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 DEADLINE_S = 300.0
 LAG_S = 2e-3
+QUICKEST_S = 1e-3
+"""From one program to another over a socket; 0.3 to 0.4 ms on an idle machine, more on a busy one."""
 RPM = (60.0, 280.0)
 BENCH = '[encoder]\nemulated = true\n[emulation]\nseed = 7\nencoder_lag = "2 ms"\n'
 
@@ -89,10 +91,10 @@ def test_the_skew_is_known_to_50_us_and_the_counter_on_the_card_agrees(
     assert abs(slow) < 2 * math.tau / 4096
 
 
-def test_the_seeded_lag_is_found_as_closely_as_the_card_was_started(found: dict[str, Any]) -> None:
-    """On a busy machine within some ms; tests/rig/session/test_encoder_skew.py has all clocks in hand."""
-    assert found["skew_s"] == pytest.approx(LAG_S, abs=found["skew_uncertainty_s"] + 50e-6)
-    assert found["skew_uncertainty_s"] < 20e-3
+def test_the_seeded_lag_is_found(found: dict[str, Any]) -> None:
+    """With what the quickest frame took; tests/rig/session/test_encoder_skew.py has all clocks in hand."""
+    assert -found["skew_uncertainty_s"] < found["skew_s"] - LAG_S < found["skew_uncertainty_s"] + QUICKEST_S
+    assert found["skew_uncertainty_s"] < 1.5e-3
 
 
 def test_an_interrupted_dwell_leaves_a_motor_at_rest_and_a_sound_log(tmp_path: Path) -> None:

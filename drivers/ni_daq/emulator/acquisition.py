@@ -23,6 +23,7 @@ from drivers.protocols import ActuatorOutput, Plant
 Output = TypeVar("Output", bound=ActuatorOutput)
 BLOCK_S = 0.025
 LAG_S = 0.025  # samples are made this much after their time; news of the drive travels faster
+TRANSFER_S = 0.01  # and can be read so much later, however long it took to make them
 
 
 class DriveInbox(Generic[Output]):
@@ -89,7 +90,7 @@ class Acquisition:
         self._clipped = np.zeros(len(inputs), dtype=bool)
         self._clipping = threading.Lock()
         self._counters: tuple[CounterRun, ...] = ()
-        self._start_s = 0.0
+        self._start_s, self._start_ns = 0.0, 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated card", daemon=True)
 
@@ -112,9 +113,14 @@ class Acquisition:
         """Let a counter follow the sample clock from its next block on."""
         self._counters += (counter,)
 
+    @property
+    def started_ns(self) -> int:
+        """When sample 0 was taken, Unix epoch, ns."""
+        return self._start_ns
+
     def start(self) -> None:
         """Start the sample clock; once."""
-        self._start_s = self._clock.monotonic_s()
+        self._start_s, self._start_ns = self._clock.monotonic_s(), self._clock.unix_ns()
         self._thread.start()
 
     def stop(self) -> None:
@@ -151,6 +157,7 @@ class Acquisition:
         for counter in self._counters:
             counter.take(plant)
         values, clipped = self._converter.convert(plant)
+        self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
         with self._clipping:
             self._clipped |= clipped
         self.buffer.put(values)

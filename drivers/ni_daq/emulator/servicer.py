@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from google.protobuf.timestamp_pb2 import Timestamp
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 from nidaqmx.constants import (
     AccelSensitivityUnits,
@@ -18,6 +19,7 @@ from nidaqmx.constants import (
     EncoderType,
     ForceIEPESensorSensitivityUnits,
     TaskMode,
+    Timescale,
 )
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
@@ -27,7 +29,17 @@ from daq.errors import ConfigurationError, Problem
 from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, DriveInbox
 from drivers.ni_daq.emulator.counters import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
 from drivers.ni_daq.emulator.devices import DeviceCalls
-from drivers.ni_daq.emulator.tasks import READ_BOOL, READ_STRING, READ_UINT32, TASK_STRING, Task, lookup
+from drivers.ni_daq.emulator.tasks import (
+    READ_BOOL,
+    READ_STRING,
+    READ_UINT32,
+    STAMP,
+    STAMP_ENABLED,
+    STAMP_TIMESCALE,
+    TASK_STRING,
+    Task,
+    lookup,
+)
 from drivers.ni_daq.emulator.wiring import (
     EXCITATION_A,
     CardWiring,
@@ -165,6 +177,23 @@ class CardServicer(DeviceCalls):
     def GetTimingAttributeDouble(self, request: Any, context: Any) -> Any:
         values = {0x1344: self._task(request).sample_rate}
         return messages.GetTimingAttributeDoubleResponse(value=lookup(values, request.attribute_raw))
+
+    def GetTimingAttributeBool(self, request: Any, context: Any) -> Any:
+        values = {STAMP_ENABLED: self._task(request).stamped} if self._wiring.stamps_start else {}
+        return messages.GetTimingAttributeBoolResponse(value=lookup(values, request.attribute_raw))
+
+    def SetTimingAttributeInt32(self, request: Any, context: Any) -> Any:
+        lookup({STAMP_TIMESCALE: None} if self._wiring.stamps_start else {}, request.attribute_raw)
+        if request.value_raw != Timescale.USE_HOST.value:
+            text = "this card stamps its first sample in the host's time only"
+            raise DaqmxError(DAQmxErrors.INVALID_ATTRIBUTE_VALUE, text)
+        return messages.SetTimingAttributeInt32Response()
+
+    def GetTimingAttributeTimestamp(self, request: Any, context: Any) -> Any:
+        lookup({STAMP: None} if self._wiring.stamps_start else {}, request.attribute_raw)
+        stamp = Timestamp()
+        stamp.FromNanoseconds(self._task(request).running().started_ns)
+        return messages.GetTimingAttributeTimestampResponse(value=stamp)
 
     def GetTaskAttributeString(self, request: Any, context: Any) -> Any:
         value = lookup(TASK_STRING, request.attribute_raw)(self._task(request))

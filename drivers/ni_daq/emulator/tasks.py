@@ -16,6 +16,7 @@ from drivers.ni_daq.emulator.wiring import DaqmxError, Input
 
 T = TypeVar("T")
 
+STAMP_ENABLED, STAMP, STAMP_TIMESCALE = 0x3139, 0x313A, 0x313B
 DEFAULT_BUFFER = 100_000  # samples per channel at 10 kHz to 1 MHz: NI-DAQmx manual, "Buffer size"
 
 
@@ -33,6 +34,11 @@ class Task:
     counting: CounterRun | None = None
     attributes: dict[tuple[str, int], float] = field(default_factory=dict)
     reported: tuple[str, ...] = ()
+
+    @property
+    def stamped(self) -> bool:
+        """Whether its first sample is stamped, as that of an analog task is by itself."""
+        return bool(self.inputs)
 
     def running(self) -> Acquisition:
         """Return the running acquisition; raises where only a counter runs, or nothing."""

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
+from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
 from daq.log import Event, Impact, Origin
 from drivers.protocols import CardReading
@@ -93,6 +94,9 @@ class SteppedCard:
     def start(self) -> None:
         self._next = 0
 
+    def started_ns(self) -> int | None:
+        return None
+
     def read(self, count: int) -> CardReading:
         if not self._allowed.acquire(timeout=10):
             raise InstrumentSilent(self.name, self.address, "no block was let through")
@@ -101,7 +105,7 @@ class SteppedCard:
         values = np.stack([self._values(samples, row) for row in range(len(self.channels))])
         flags = (self._flags(self._block),) * len(self.channels)
         self._block += 1
-        return CardReading(int(samples[0]), values, flags)
+        return CardReading(int(samples[0]), values, flags, SystemClock().monotonic_s())
 
     def stop(self) -> None:
         self.stopped = True

@@ -186,7 +186,7 @@ def test_what_a_card_finds_is_told() -> None:
         def read(self, count: int) -> CardReading:
             reading = super().read(count)
             found = (Finding("a", "supply", "its supply is overloaded"),) if reading.first_sample == 0 else ()
-            return CardReading(reading.first_sample, reading.values, reading.flags, found)
+            return CardReading(reading.first_sample, reading.values, reading.flags, reading.arrived_s, found)
 
     card = FindingCard(CHANNELS, flags=lambda block: Flag.CLOCK_NOT_LOCKED if block else Flag.GOOD)
     sink = ListSink()

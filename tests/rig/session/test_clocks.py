@@ -38,7 +38,7 @@ class Lab:
             end_s = number * BLOCK_S
             delay_s = CARD_DELAY_S + self._jitter.exponential(self._jitter_s)
             self.clock.now_s = self._zero_s + (end_s + delay_s) * self._host
-            self.base.arrived(round(end_s * RATE))
+            self.base.arrived(round(end_s * RATE), self.clock.now_s)
             taken = end_s - BLOCK_S + np.arange(10) * BLOCK_S / 10
             late = self._jitter.exponential(self._jitter_s, 10)
             self.encoder.note(self.stamps(taken), self._zero_s + (taken + late) * self._host)
@@ -95,11 +95,38 @@ def test_how_long_the_card_took_to_start_is_uncertain() -> None:
     assert base.card_s(base.host_s(clock.now_s)) == pytest.approx(0.01)
 
 
+def test_a_card_that_stamps_its_start_leaves_nothing_uncertain_of_it() -> None:
+    clock, stamps = SteppedClock(), []
+
+    def start() -> None:
+        clock.sleep(0.003)
+        stamps.append(clock.unix_ns())
+        clock.sleep(0.017)
+
+    base = CardClock(clock, RATE)
+    assert base.start(start, lambda: stamps[0]) == ""
+    assert base.start_ns == stamps[0]
+    assert base.uncertainty_s(0.0) == pytest.approx(1e-4)
+    assert base.card_s(base.host_s(clock.now_s)) == pytest.approx(0.017)
+
+
+@pytest.mark.parametrize("away_s", [-0.001, 0.021, 3600.0])
+def test_a_stamp_of_a_time_at_which_the_card_was_not_started_is_left_out(away_s: float) -> None:
+    clock = SteppedClock()
+    base, began_ns = CardClock(clock, RATE), clock.unix_ns()
+    doubt = base.start(lambda: clock.sleep(0.02), lambda: began_ns + round(away_s * 1e9))
+    assert (
+        doubt == f"says that it started {away_s - 0.01:+.6f} s from when it was told to: no time of this host"
+    )
+    assert base.start_ns == began_ns + 10_000_000
+    assert base.uncertainty_s(0.0) == pytest.approx(0.01)
+
+
 def test_news_come_ever_more_rarely() -> None:
     lab, fits = Lab(0.0), 0
     for number in range(1, 1201):
         lab.clock.now_s = lab._zero_s + number * BLOCK_S + CARD_DELAY_S
-        lab.base.arrived(round(number * BLOCK_S * RATE))
+        lab.base.arrived(round(number * BLOCK_S * RATE), lab.clock.now_s)
         fits += len(lab.base.refit())
     assert 3 < fits < 30  # each takes tens of milliseconds; 120 s by steps of 30 %
 
@@ -110,7 +137,7 @@ def test_a_step_of_the_encoders_clock_is_told_once() -> None:
     for number in range(201, 401):
         end_s = number * BLOCK_S
         lab.clock.now_s = lab._zero_s + end_s + CARD_DELAY_S
-        lab.base.arrived(round(end_s * RATE))
+        lab.base.arrived(round(end_s * RATE), lab.clock.now_s)
         taken = end_s - BLOCK_S + np.arange(10) * BLOCK_S / 10
         late = lab._jitter.exponential(1e-3, 10)
         lab.encoder.note(lab.stamps(taken) + 3600.0, lab._zero_s + taken + late)

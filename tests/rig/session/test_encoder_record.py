@@ -94,7 +94,7 @@ class Lab:
         zero_s = self.clock.now_s
         for number in range(1, 40):  # 4 s of blocks: the host's clock is known
             self.clock.now_s = zero_s + number * 0.1 + 1e-3
-            self.base.arrived(number * 2560)
+            self.base.arrived(number * 2560, self.clock.now_s)
         self.base.refit(at_last=True)
         self.encoder = encoder or SteppedEncoder(missing, angle)
         self.encoder.total_range = turns * COUNTS
