@@ -80,6 +80,7 @@ class DrivenRig:
         self.logbook: Logbook
         self.acquisition: Acquisition
         self.encoder: EncoderRecord | None = None
+        self.on_stopping: Callable[[], None] = lambda: None
         self._rests = False
 
     def launch(self, stack: ExitStack) -> None:
@@ -172,9 +173,10 @@ class DrivenRig:
         self.logbook.tell("info", "drive.off", "drive ramped down and off")
 
     def off(self) -> None:
-        """The safe state, on whatever way out; the log says from when on no prediction follows the rig."""
+        """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
+                self.on_stopping()
                 self._tell_of_stopping()
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.off)
@@ -196,7 +198,7 @@ class DrivenRig:
                 self.logbook.tell("info", code, text)
 
     def _tell_of_stopping(self) -> None:
-        text = "stopping before its time: what is recorded from here on no prediction follows"
+        text = "stopping before its time: what is recorded from here on has no prediction"
         with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
             self.logbook.tell("warning", "drive.stopping", text)
 

@@ -104,6 +104,7 @@ class _Run:
         )
         rig.logbook.events.append(self._derived.events)
         self._feed.tell = rig.logbook.tell
+        rig.on_stopping = self._feed.end
         self._declare(run.id)
         self._move_and_record()
         with rig.screen.busy("finishing the prediction"):

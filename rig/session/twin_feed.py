@@ -36,7 +36,7 @@ class TwinFeed:
     ) -> None:
         self._names, self._unseen = names, unseen
         self._reference = kind_of(twin).reference(names).channel
-        self._last = False
+        self._last = self._ends = False
         task = Predict(twin, self._reference, sample_rate, settle_s)
         self.worker = WorkerProcess("twin", task, self._deliver)
         self.hub = Hub(())
@@ -46,16 +46,24 @@ class TwinFeed:
     def take(self, reading: CardReading, acquisition: Acquisition) -> None:
         """In the acquisition thread: hand over the reference, and say how far the record is."""
         feed_from = self.feed_from
+        if self._last:
+            return
         if feed_from is not None and reading.first_sample >= feed_from and self._reference in self._names:
             row = reading.values[self._names.index(self._reference)]
             self.worker.give(Drive(reading.first_sample, as_logged(self._reference, row)))
         begin, until = acquisition.record_from, acquisition.record_until
-        if begin is not None and until is not None and not self._last:
+        if begin is not None and until is not None:
+            if self._ends:
+                until = max(reading.first_sample, begin)
             end = min(reading.first_sample + reading.values.shape[1], until)
             self._last = end == until
             turned_off = acquisition.turned_off.get(self._reference, 0.0)
             start_ns = acquisition.record_start_ns
             self.worker.give(Recorded(begin, end - begin, start_ns, self._last, turned_off))
+
+    def end(self) -> None:
+        """Predict no further than what has been recorded by now: the drive leaves what the twin follows."""
+        self._ends = True
 
     def finish(self, check: Callable[[], None]) -> None:
         """Wait for the end of the prediction; raises WorkerFailed, and what `check` raises meanwhile."""

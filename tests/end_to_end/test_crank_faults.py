@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.log import LogReader, recover_log
+from daq.block import NS_PER_S
+from daq.log import LogReader, Origin, recover_log
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
 from drivers.mitsubishi_fr.emulator import LineFaults, Trip
 from drivers.protocols import InverterOutput
@@ -58,6 +59,12 @@ def events(log: Path) -> list[str]:
         return [event.code for event in reader.events()]
 
 
+def end_s(reader: LogReader, origin: Origin) -> float:
+    """When the angle of `origin` ends, Unix epoch."""
+    last = [block for _, block in reader.blocks(origin, ["crank.angle"])][-1]
+    return last.time_ns / NS_PER_S + len(last) / last.sample_rate
+
+
 def test_ctrl_c_brings_the_motor_down_on_its_ramp(crank: SpiedCrank, tmp_path: Path) -> None:
     with command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
@@ -69,6 +76,11 @@ def test_ctrl_c_brings_the_motor_down_on_its_ramp(crank: SpiedCrank, tmp_path: P
     assert "run.interrupted" in codes
     assert codes.index("motor.trimmed") < codes.index("record.start")
     assert "inverter.off" in codes  # seen to stand, run withdrawn
+    # what the motor does on its ramp no twin of a steady speed follows
+    with LogReader(ended.log) as reader:
+        stopping = next(event for event in reader.events() if event.code == "drive.stopping")
+        assert end_s(reader, "predicted") <= stopping.time_ns / NS_PER_S + 0.15
+        assert end_s(reader, "measured") >= stopping.time_ns / NS_PER_S + 0.5
 
 
 def test_a_lost_encoder_brings_the_motor_down(crank: SpiedCrank, tmp_path: Path) -> None:

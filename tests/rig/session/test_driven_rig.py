@@ -1,0 +1,92 @@
+"""The way to rest that every recording of a moving rig takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from daq.channel import Channel
+from daq.clock import SystemClock
+from daq.errors import RecorderFailed
+from daq.log import Event
+from daq.time_base import RunClock
+from rig.files.bench import embedded_bench
+from rig.files.scenario import parse_scenario
+from rig.session.devices import Devices
+from rig.session.drive import Shaker
+from rig.session.driven_rig import DrivenRig
+from rig.session.hub import Hub
+from rig.session.signals import StopRequest
+from tests.rig.session.fakes import ListSink, RecordingGenerator, SteppedCard, silent_screen
+
+SCENARIO = """\
+rig = "impact_beam"
+[drive]
+frequency = "20 Hz"
+amplitude = "9 N"
+[acquisition]
+sample_rate = "51.2 kHz"
+duration = "1 s"
+"""
+
+
+class FullLog(ListSink):
+    """Takes nothing more."""
+
+    def event(self, event: Event) -> None:
+        raise RecorderFailed("disk full")
+
+
+@contextmanager
+def recorded(folder: Path, generator: RecordingGenerator, sink: ListSink) -> Iterator[DrivenRig]:
+    """A beam that is about to be recorded into `sink`."""
+    scenario = parse_scenario(SCENARIO, "stopped")
+    devices = Devices(
+        generator,
+        RecordingGenerator,
+        lambda wait, _: Shaker(generator, scenario.drive, 3.6, wait),
+        SteppedCard((Channel("drive.force", "N"),)),
+    )
+    clock = RunClock(SystemClock())
+    rig = DrivenRig(embedded_bench(), devices, StopRequest(), silent_screen(), clock)
+    with ExitStack() as stack:
+        rig.open_log(stack, folder, scenario.name)
+        rig.record(Hub([sink]), (), None)
+        yield rig
+
+
+def test_a_stop_before_its_time_is_told_to_whoever_follows_and_to_the_log(tmp_path: Path) -> None:
+    generator, sink, heard = RecordingGenerator(), ListSink(), list[str]()
+    with recorded(tmp_path, generator, sink) as rig:
+        rig.on_stopping = lambda: heard.append("stopping")
+        rig.off()
+    assert heard == ["stopping"]
+    assert sink.codes() == ["drive.stopping"]
+    assert generator.told[-1] == ("off",)
+
+
+def test_a_log_that_takes_nothing_more_keeps_no_drive_on(tmp_path: Path) -> None:
+    generator = RecordingGenerator()
+    with recorded(tmp_path, generator, FullLog()) as rig:
+        rig.off()
+    assert generator.told[-1] == ("off",)
+
+
+def test_nothing_that_fails_on_the_way_keeps_the_drive_on(tmp_path: Path) -> None:
+    generator = RecordingGenerator()
+    with recorded(tmp_path, generator, ListSink(fails_on=Event)) as rig, pytest.raises(ZeroDivisionError):
+        rig.off()
+    assert generator.told[-1] == ("off",)
+
+
+def test_what_has_come_to_rest_in_time_is_not_told_of_again(tmp_path: Path) -> None:
+    generator, sink = RecordingGenerator(), ListSink()
+    with recorded(tmp_path, generator, sink) as rig:
+        rig.on_stopping = lambda: pytest.fail("it rests")
+        rig.watch.checks.clear()  # nobody supervises here
+        rig.ramp_down()
+        rig.off()
+    assert sink.codes() == ["drive.off"]
