@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.signals import EvenAngles, order_map, to_even_angles
-from rig.live.crank.order_lines import POINTS, TURNS, OrderLines
-from tests.rig.live.crank.turning import RATE, turns
+from rig.crank.order_lines import POINTS, TURNS, OrderLines
+from tests.rig.crank.turning import RATE, turns
 
 FAST_HZ = 20.0
 """At 1200 rpm a second has the turns that a spectrum needs."""
