@@ -107,6 +107,8 @@ def largest_in_bands(
     """The largest line above 0 of each of many narrow bands, so that no peak is lost; shapes (k,)."""
     seen = (order >= LOWEST_ORDER) & (order <= HIGHEST_ORDER) & (amplitude > 0)
     order, amplitude = order[seen], amplitude[seen]
+    if not len(order):
+        return order, amplitude
     band = np.floor(np.log(order / LOWEST_ORDER) / math.log(HIGHEST_ORDER / LOWEST_ORDER) * _BANDS)
     begins = np.flatnonzero(np.diff(band, prepend=-1.0))
     ends = np.append(begins[1:], len(order))
