@@ -112,6 +112,13 @@ class RunRecord:
         """The origin as a report names it: beside a nominal twin, the prediction is the repaired one."""
         return "repaired" if self.repaired and origin == "predicted" else origin
 
+    @property
+    def kept_s(self) -> float | None:
+        """How much of a long run, from its beginning, the traces hold; None where they hold all of it."""
+        cut = [key for key, trace in self.traces.items() if len(trace.values) < self.tallies[key].end_sample]
+        kept = (len(self.traces[key].values) / self.traces[key].sample_rate for key in cut)
+        return min(kept, default=None)
+
     def contact_forces(self, origin: Origin) -> tuple[Trace, Trace] | None:
         """Upper and lower contact force, where the run has both."""
         upper, lower = self.traces.get((origin, UPPER)), self.traces.get((origin, LOWER))

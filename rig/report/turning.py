@@ -11,7 +11,7 @@ from daq.block import SampleBlock
 from daq.log.reader import Origin
 from rig.crank.order_lines import OrderLines
 from rig.crank.turns import Turns, turns_from
-from rig.report.record import RunRecord
+from rig.report.record import RunRecord, Trace
 
 _PIECE_S = 1.0
 """Turns are followed as in a run, which keeps but the last seconds of them."""
@@ -44,13 +44,19 @@ def order_lines(run: RunRecord, origin: Origin, channels: Sequence[str]) -> Orde
     turns = turns_of(run, origin)
     if turns is None or not channels:
         return None
-    traces = [run.traces[origin, name] for name in channels]
-    count = min(len(turns), *(len(trace.values) for trace in traces))
-    values = np.array([trace.values[:count] for trace in traces])
     lines = OrderLines(averaged=None)
-    for first, end in _pieces(count, traces[0].sample_rate):
-        lines.add(values[:, first:end], turns[first:end])
+    for values, way in in_pieces([run.traces[origin, name] for name in channels], turns):
+        lines.add(values, way)
     return lines
+
+
+def in_pieces(
+    traces: Sequence[Trace], turns: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float64]]]:
+    """Samples of c traces, shape (c, n), with their turns, shape (n,), a stretch after the other."""
+    count = min(len(turns), *(len(trace.values) for trace in traces))
+    for first, end in _pieces(count, traces[0].sample_rate):
+        yield np.array([trace.values[first:end] for trace in traces]), turns[first:end]
 
 
 def _follower(run: RunRecord, origin: Origin) -> Turns | None:

@@ -17,8 +17,14 @@ _COLUMNS = 2
 _BIN_DEG = 10
 _MOST_DOTS = 3_000
 _EXPLANATION = {
-    "N": "On a force sensor an impact is a contact with its bounces, and its peak the largest force.",
-    "m/s2": "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration.",
+    "N": (
+        "On a force sensor an impact is a contact with its bounces, and its peak the largest force; it "
+        "counts from a tenth of the largest in the first second or three revolutions of its own origin."
+    ),
+    "m/s2": (
+        "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration; it "
+        "counts from a fifth of the largest in the first second or three revolutions of its own origin."
+    ),
 }
 _CAPTION = (
     "Left: a dot each, at the crank angle at which the impact begins. Right: how many begin in each "

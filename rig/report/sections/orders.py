@@ -11,6 +11,7 @@ from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in
 from rig.report.content import Part, Sentence, Table
 from rig.report.plot import PlotGrid
 from rig.report.record import ORIGINS, RunRecord
+from rig.report.sections.cut import cut
 from rig.report.sections.numbers import DASH, number
 from rig.report.turning import counted_by, order_lines
 
@@ -36,7 +37,7 @@ def parts(run: RunRecord) -> list[Part]:
     found = _found(run, [name for name in run.channels if name not in run.crank.plain])
     if not found:
         return [Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")]
-    return [Sentence(_EXPLANATION), _figure(run, found), _table(run, found)]
+    return [Sentence(_EXPLANATION), *cut(run), _figure(run, found), _table(run, found)]
 
 
 def _found(run: RunRecord, channels: list[str]) -> dict[str, Lines]:
