@@ -9,12 +9,12 @@ from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
 from daq.signals import autospectrum
+from rig.crank.recent import Recent
 from rig.live import paths
 from rig.live.cycle_figures import CycleFigurePlots
 from rig.live.frames import ShapeFrame
 from rig.live.layout import Layout
 from rig.live.picture import OwnViews, Stage
-from rig.live.recent import Recent
 from rig.live.series import line_style
 from rig.live.spectrum_picture import SpectrumPicture
 from rig.live.trace import Trace

@@ -75,7 +75,10 @@ Part = Sentence | BigNumbers | Table | Figure | Listing
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One section: its heading and the function that makes its parts from a run."""
+    """One section: its heading and the function that makes its parts from a run.
+
+    Where those are none, it has nothing to say of the run's rig and is left out.
+    """
 
     heading: str
     parts: Callable[[RunRecord], list[Part]]

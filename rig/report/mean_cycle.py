@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from rig.report.record import RunRecord, Trace
 
 _POINTS = 400
+GROWS = ".angle"
+"""Such a channel is unwrapped: it has no mean cycle."""
 
 
 class Cycle(NamedTuple):

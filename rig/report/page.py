@@ -25,7 +25,8 @@ def render(run: RunRecord) -> str:
     facts = scenario_facts(run.scenario)
     identity = run.metadata.get("run", {})
     subtitle = [facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]
-    sections = [(section.heading, section.parts(run)) for section in SECTIONS]
+    made = [(section.heading, section.parts(run)) for section in SECTIONS]
+    sections = [(heading, parts) for heading, parts in made if parts]
     return page(facts.name or run.path.stem, subtitle, sections)
 
 

@@ -13,10 +13,18 @@ from numpy.typing import NDArray
 
 from rig.report.content import Figure
 
-COLOURS = {"measured": "#1a6fb5", "predicted": "#d95f02", "nominal": "#d95f02", "repaired": "#111111"}
-"""Blue and orange, apart for every kind of colour blindness and in a grey print; black is what was added."""
+COLOURS = {
+    "measured": "#1a6fb5",
+    "predicted": "#d95f02",
+    "nominal": "#d95f02",
+    "repaired": "#111111",
+    "set": "#8a929c",
+}
+"""Blue and orange, apart for every kind of colour blindness and in a grey print; black is what was added.
 
-_WIDTHS = {"measured": 2.4, "predicted": 1.1, "nominal": 1.1, "repaired": 1.1}
+Grey is what was asked for."""
+
+_WIDTHS = {"measured": 2.4, "predicted": 1.1, "nominal": 1.1, "repaired": 1.1, "set": 1.0}
 """Predictions are drawn last and thin, so that what was measured shows on both sides of them."""
 
 _POINTS_IN_ALL = 140_000
@@ -127,6 +135,20 @@ class PlotGrid:
                 "marker": {"color": colour, "symbol": symbols, "size": 8},
             },
         )
+
+    def dots(
+        self,
+        cell: int,
+        whose: str,
+        x: NDArray[np.floating],
+        y: NDArray[np.floating],
+        names: Sequence[str],
+    ) -> None:
+        """Draw a cloud of dots of one of `COLOURS` in a cell, shape (n,); `names` show at the pointer."""
+        size = 7 if whose == "measured" else 4.5
+        data = {"type": "scatter", "mode": "markers", "x": packed(x), "y": packed(y)}
+        marker = {"color": COLOURS[whose], "size": size, "opacity": 0.7}
+        self._add(cell, whose, {**data, "text": [html.escape(name) for name in names], "marker": marker})
 
     def bars(
         self, cell: int, whose: str, centres: NDArray[np.floating], heights: NDArray[np.floating]

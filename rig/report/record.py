@@ -12,8 +12,13 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
+from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import LogReader, Origin
 from daq.log.records import Event, Gap, Impact
+from rig.crank.channels import CrankChannels
+from rig.files.rigs import RIGS
+from rig.files.rigs.kind import RigKind
+from rig.report.scenario_facts import scenario_facts
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 """In the order in which they are drawn, the last on top."""
@@ -72,7 +77,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """A run as its log tells it."""
+    """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived."""
 
     path: Path
     complete: bool
@@ -85,6 +90,18 @@ class RunRecord:
     tallies: dict[tuple[Origin, str], Tally]
     events: list[Event]
     gaps: list[Gap]
+    impacts: list[Impact]
+    speeds: dict[Origin, Trace]
+
+    @property
+    def kind(self) -> RigKind | None:
+        """The rig that the scenario names; None for one that nobody knows here."""
+        return RIGS.get(scenario_facts(self.scenario).rig)
+
+    @property
+    def crank(self) -> CrankChannels | None:
+        """What the channels of its crank are; None where no crank turns."""
+        return self.kind.crank if self.kind else None
 
     @property
     def repaired(self) -> bool:
@@ -95,6 +112,13 @@ class RunRecord:
         """The origin as a report names it: beside a nominal twin, the prediction is the repaired one."""
         return "repaired" if self.repaired and origin == "predicted" else origin
 
+    @property
+    def kept_s(self) -> float | None:
+        """How much of a long run, from its beginning, the traces hold; None where they hold all of it."""
+        cut = [key for key, trace in self.traces.items() if len(trace.values) < self.tallies[key].end_sample]
+        kept = (len(self.traces[key].values) / self.traces[key].sample_rate for key in cut)
+        return min(kept, default=None)
+
     def contact_forces(self, origin: Origin) -> tuple[Trace, Trace] | None:
         """Upper and lower contact force, where the run has both."""
         upper, lower = self.traces.get((origin, UPPER)), self.traces.get((origin, LOWER))
@@ -104,7 +128,7 @@ class RunRecord:
 class RunCollector:
     """A run's record from its blocks as they pass: a sink of a replay, or fed by `read_run`.
 
-    Blocks of a channel come in their order; what is derived is not in a record.
+    Blocks of a channel come in their order. Of what is derived a record has impacts and the crank's speed.
     """
 
     def __init__(self, reader: LogReader) -> None:
@@ -116,9 +140,14 @@ class RunCollector:
         self._limits = {key: _limit(key[1], len(keys)) for key in keys}
         self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
         self._blocks: dict[tuple[Origin, str], list[SampleBlock]] = defaultdict(list)
+        self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
+        self._speeds: dict[Origin, list[SampleBlock]] = defaultdict(list)
+        self._impacts: list[Impact] = []
 
     def block(self, origin: Origin, block: SampleBlock) -> None:
         """Take a block."""
+        if origin == "derived" and block.channel in self._whose_speed:
+            self._speeds[self._whose_speed[block.channel]].append(block)
         key = origin, block.channel
         if key in self._limits:
             self._tallies[key].add(block)
@@ -129,7 +158,8 @@ class RunCollector:
         """Events are read with the record."""
 
     def impact(self, impact: Impact) -> None:
-        """Impacts are not in a record."""
+        """Take an impact."""
+        self._impacts.append(impact)
 
     def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
         """Shapes are not in a record."""
@@ -149,6 +179,8 @@ class RunCollector:
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
+            impacts=list(self._impacts),
+            speeds={origin: _joined(blocks) for origin, blocks in self._speeds.items()},
         )
 
 
@@ -156,8 +188,10 @@ def read_run(log: Path) -> RunRecord:
     """Read a log in one pass; raises LogError if it is none or damaged in its middle."""
     with LogReader(log) as reader:
         collector = RunCollector(reader)
-        for origin, block in reader.blocks(ORIGINS):
+        for origin, block in reader.blocks((*ORIGINS, "derived")):
             collector.block(origin, block)
+        for impact in reader.impacts():
+            collector.impact(impact)
         return collector.record()
 
 

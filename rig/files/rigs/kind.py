@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rig.crank.channels import CrankChannels
 from rig.files.section import Check
 
 
@@ -40,10 +41,9 @@ class RigKind:
     limit may name, for messages; `channel_unit` gives a channel's unit or None. `drive_frequency` is the
     highest frequency in Hz that the drive holds, from the sound values of [drive], or None; `drive_peak` the
     largest value that the drive asks of its actuator, in SI, and `highest` what a bench allows of it. `sine`
-    is there where the drive is a sine whose frequency is held, `turns` where a shaft does, whose speed is
-    guarded. `by_hand` are the keys of [model] that a person
-    changes on the rig between two points of a sweep, each with what to do; `contacts` the force channels on
-    which impacts show.
+    is there where the drive is a sine whose frequency is held, `crank` where one turns. `by_hand` are the
+    keys of [model] that a person changes on the rig between two points of a sweep, each with what to do;
+    `contacts` the force channels on which impacts show.
     """
 
     name: str
@@ -63,7 +63,12 @@ class RigKind:
     contacts: tuple[str, ...] = ()
     extras: tuple[str, ...] = ()
     sine: ShownSine | None = None
-    turns: bool = False
+    crank: CrankChannels | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether a shaft does, whose speed is held and guarded."""
+        return self.crank is not None
 
 
 def unit_or_none(channel_unit: Callable[[str], str]) -> Callable[[str], str | None]:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic.dataclasses import dataclass
 
+from rig.crank.channels import PLANAR_SLIDER_CRANK
 from rig.files.benches.planar_slider_crank import BENCH
 from rig.files.fields import Measured, Word
 from rig.files.rigs.kind import RigKind, unit_or_none
@@ -69,5 +70,5 @@ KIND: Final = RigKind(
         "material": "mount the links of that material",
     },
     extras=("encoder",),
-    turns=True,
+    crank=PLANAR_SLIDER_CRANK,
 )

@@ -6,6 +6,7 @@ from typing import Annotated, Final
 
 from pydantic.dataclasses import dataclass
 
+from rig.crank.channels import SPATIAL_SLIDER_CRANK
 from rig.files.benches.spatial_slider_crank import BENCH
 from rig.files.fields import Measured, Whole
 from rig.files.rigs.kind import RigKind, unit_or_none
@@ -51,5 +52,5 @@ KIND: Final = RigKind(
     },
     contacts=tuple(f"slider.force_{number}" for number in range(1, 9)),
     extras=("encoder",),
-    turns=True,
+    crank=SPATIAL_SLIDER_CRANK,
 )

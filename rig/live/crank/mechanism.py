@@ -14,8 +14,8 @@ from rerun.components import FillMode
 from scipy.spatial.transform import Rotation
 
 from daq.log.reader import Origin
+from rig.crank.turns import Turns
 from rig.live import paths
-from rig.live.crank.turns import Turns
 from rig.live.picture import Stage
 
 PATH = "/mechanism"

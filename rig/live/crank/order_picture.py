@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, largest_in_bands
 from rig.live import paths
 from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades
-from rig.live.crank.order_lines import HIGHEST_ORDER
 
 _FRAME = Frame(height=10.0, left=2.4, bottom=1.6)
-_LOWEST_ORDER = 0.5
 _DECADES = 5
-_BANDS = 360
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200)
-_ORDERS = Axis(_LOWEST_ORDER, HIGHEST_ORDER, tuple((at, f"{at:g}") for at in _TICKS), logarithmic=True)
+_ORDERS = Axis(LOWEST_ORDER, HIGHEST_ORDER, tuple((at, f"{at:g}") for at in _TICKS), logarithmic=True)
 
 
 def order_view(channel: str, unit: str) -> rrb.Spatial2DView:
@@ -38,10 +34,9 @@ class OrderPicture:
 
     def draw(self, whose: str, order: NDArray[np.float64], amplitude: NDArray[np.float64]) -> None:
         """Log lines, both of shape (m,), at the recording's current time."""
-        seen = (order >= _LOWEST_ORDER) & (order <= HIGHEST_ORDER) & (amplitude > 0)
-        if not seen.any():
+        order, amplitude = largest_in_bands(order, amplitude)
+        if not len(order):
             return
-        order, amplitude = _largest_in_bands(order[seen], amplitude[seen])
         largest = float(amplitude.max())
         if self._axis is None or largest > self._axis.high:
             self._axis = decades(1.5 * largest, _DECADES)
@@ -53,17 +48,6 @@ class OrderPicture:
             draw_order=DRAW_ORDER[whose],
         )
         self._recording.log(f"{_path(self._channel)}/{whose}", line)
-
-
-def _largest_in_bands(
-    order: NDArray[np.float64], amplitude: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The largest line of each of many narrow bands, so that no peak is lost; shapes (k,)."""
-    band = np.floor(np.log(order / _LOWEST_ORDER) / math.log(HIGHEST_ORDER / _LOWEST_ORDER) * _BANDS)
-    begins = np.flatnonzero(np.diff(band, prepend=-1.0))
-    ends = np.append(begins[1:], len(order))
-    chosen = [first + int(np.argmax(amplitude[first:end])) for first, end in zip(begins, ends, strict=True)]
-    return order[chosen], amplitude[chosen]
 
 
 def _path(channel: str) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rig.crank.channels import CrankChannels
 from rig.live.crank import mechanism
 from rig.live.crank.impact_picture import impact_view
 from rig.live.crank.joints import Joint, joints_view
@@ -22,20 +22,11 @@ from rig.live.shown import Shown
 
 
 class CrankPicture(ABC):
-    """A mechanism whose crank angle is measured.
-
-    The angle comes from the channel `angle` where it is measured, else from `marker`. `impacts` are groups of
-    channels whose blows are shown together, `ordered` the channels whose orders are. `plain` channels tell
-    how the rig moves.
-    """
+    """A mechanism whose crank angle is measured."""
 
     rig: ClassVar[str]
     __dataclass_fields__: ClassVar[dict[str, Any]]
-    angle: ClassVar[str]
-    marker: ClassVar[str]
-    plain: ClassVar[frozenset[str]]
-    ordered: ClassVar[tuple[str, ...]]
-    impacts: ClassVar[Mapping[str, tuple[str, ...]]]
+    channels: ClassVar[CrankChannels]
 
     @property
     @abstractmethod
@@ -76,7 +67,7 @@ class CrankPicture(ABC):
             side.append((rrb.Tabs(*impacts) if len(impacts) > 1 else impacts[0], 2.6))
         side.append((speed_view(self.set_rad_s, shown.window_s), 1.7))
         orders = tuple(order_view(name, shown.units[name]) for name in self.turning(shown))
-        return OwnViews(tuple(side), orders, self.plain)
+        return OwnViews(tuple(side), orders, self.channels.plain)
 
     def play(self, stage: Stage) -> CrankPlay:
         """What fills them."""
@@ -84,15 +75,11 @@ class CrankPicture(ABC):
 
     def turning(self, shown: Shown) -> tuple[str, ...]:
         """Those of the channels whose orders are shown."""
-        return tuple(name for name in self.ordered if name in shown.units)
+        return tuple(name for name in self.channels.ordered if name in shown.units)
 
     def heard(self, shown: Shown) -> dict[str, tuple[str, ...]]:
         """Those of the channels whose blows are shown, in their groups."""
-        groups = {
-            group: tuple(name for name in names if name in shown.units)
-            for group, names in self.impacts.items()
-        }
-        return {group: names for group, names in groups.items() if names}
+        return self.channels.heard(shown.units)
 
     def _mechanism_view(self, shown: Shown) -> rrb.Spatial3DView:
         both = shown.origins.get("measured") and shown.origins.get("predicted")

@@ -11,16 +11,16 @@ from daq.block import SampleBlock
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
 from daq.log.records import Impact
+from rig.crank.order_lines import OrderLines
+from rig.crank.recent import Recent
+from rig.crank.turns import KEPT_S, Turns, turns_from
 from rig.live.crank.impact_picture import ImpactPicture
 from rig.live.crank.joints import JointPicture
 from rig.live.crank.mechanism import MovingMechanism
-from rig.live.crank.order_lines import OrderLines
 from rig.live.crank.order_picture import OrderPicture
 from rig.live.crank.speed_plot import SpeedPlot
-from rig.live.crank.turns import KEPT_S, Turns, turns_from
 from rig.live.frames import ShapeFrame
 from rig.live.picture import Stage
-from rig.live.recent import Recent
 
 if TYPE_CHECKING:  # it names this module, which fills its views
     from rig.live.crank.picture import CrankPicture
@@ -53,7 +53,7 @@ class CrankPlay:
         self._picture, self._stage = picture, stage
         self._turning: dict[Origin, _Turning] = {}
         for origin, names in stage.shown.origins.items():
-            turns = turns_from(tuple(names), picture.angle, picture.marker)
+            turns = turns_from(tuple(names), picture.channels.angle, picture.channels.marker)
             if turns is not None:
                 self._turning[origin] = _Turning(picture, stage, turns, tuple(names))
         moving = [origin for origin in self._turning if origin != "nominal"]

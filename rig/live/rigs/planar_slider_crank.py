@@ -9,6 +9,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rig.crank.channels import PLANAR_SLIDER_CRANK, CrankChannels
 from rig.live.crank.joints import Joint
 from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
 from rig.live.crank.picture import CrankPicture
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
     from sim_twin.twin import Twin
 
-_CRANK_Y, _CRANK_X = "crank_frame.acceleration_y", "crank_frame.acceleration_x"
-_PISTON_Y = "piston_frame.acceleration_y"
 _SIDE = np.array([0.0, 0.0, 1.0])
 
 
@@ -28,15 +27,7 @@ class PlanarCrankPicture(CrankPicture):
     """Crank around the origin, slider along +x, gravity along -y. In m and rad/s."""
 
     rig: ClassVar[str] = "planar_slider_crank"
-    angle: ClassVar[str] = "crank.angle"
-    marker: ClassVar[str] = "crank.marker"
-    plain: ClassVar[frozenset[str]] = frozenset(("crank.angle", "crank.marker"))
-    ordered: ClassVar[tuple[str, ...]] = (_CRANK_Y, _CRANK_X, _PISTON_Y)
-    impacts: ClassVar[dict[str, tuple[str, ...]]] = {
-        "crank y": (_CRANK_Y,),
-        "crank x": (_CRANK_X,),
-        "piston y": (_PISTON_Y,),
-    }
+    channels: ClassVar[CrankChannels] = PLANAR_SLIDER_CRANK
 
     crank_m: float
     rod_m: float

@@ -10,6 +10,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rig.crank.channels import SPATIAL_SLIDER_CRANK, CrankChannels
 from rig.live.crank.joints import Joint
 from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
 from rig.live.crank.picture import CrankPicture
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
     from sim_twin.twin import Twin
 
-_GUIDE = tuple(f"slider.force_{point}" for point in range(1, 9))
-_SOCKET = "socket.force"
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -29,11 +28,7 @@ class SpatialCrankPicture(CrankPicture):
     """Guide along x, z up, the crank's circle spanned by z and the horizontal across its axis. SI."""
 
     rig: ClassVar[str] = "spatial_slider_crank"
-    angle: ClassVar[str] = "crank.angle"
-    marker: ClassVar[str] = "flywheel.marker"
-    plain: ClassVar[frozenset[str]] = frozenset(("crank.angle", "flywheel.marker", "motor.tachometer"))
-    ordered: ClassVar[tuple[str, ...]] = (_SOCKET, "slider.force_3", "slider.force_4")
-    impacts: ClassVar[dict[str, tuple[str, ...]]] = {"guide": _GUIDE, "socket": (_SOCKET,)}
+    channels: ClassVar[CrankChannels] = SPATIAL_SLIDER_CRANK
 
     crank_m: float
     rod_m: float

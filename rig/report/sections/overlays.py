@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from daq.signals import envelope, find_impacts
 from daq.signals.impacts import largest_force
 from rig.report.content import Part, Sentence
-from rig.report.mean_cycle import Cycle, cycle_of, mean_cycle
+from rig.report.mean_cycle import GROWS, Cycle, cycle_of, mean_cycle
 from rig.report.plot import PlotGrid, points_each
 from rig.report.record import ORIGINS, RunRecord, Trace
 from rig.report.scenario_facts import scenario_facts
@@ -20,8 +20,6 @@ _BEFORE_S, _AFTER_S = 0.001, 0.002
 _WITHOUT_IMPACTS_S = 0.05
 _ROW_PX = 150
 _COLUMNS = 2
-_GROWS = ".angle"
-"""Such a channel is unwrapped: it has no mean cycle."""
 
 _CAPTION = "Drag to zoom, double-click to go back. The time axes of a column move together."
 _FROM_REST = (
@@ -48,7 +46,12 @@ class _Shown(NamedTuple):
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """A row of two plots for each channel; with two twins the second is the mean of all cycles."""
+    """A row of two plots for each channel; with two twins the second is the mean of all cycles.
+
+    Nothing for a rig with a crank, whose channels are shown over its angle.
+    """
+    if run.crank is not None:
+        return []
     if not run.traces:
         return [Sentence("The log holds no samples.")]
     cycle = cycle_of(run)
@@ -59,7 +62,7 @@ def parts(run: RunRecord) -> list[Part]:
         shown = _Shown(name, f"{name} [{channel.unit or '-'}]", _traces_of(run, name))
         for column, window in enumerate(windows):
             _draw_window(grid, row, column, shown, window, points)
-        if cycle is not None and not name.endswith(_GROWS):
+        if cycle is not None and not name.endswith(GROWS):
             _draw_mean(grid, row, shown, cycle)
     return [*_remarks(run, cycle), grid.figure("overlays", _CAPTION)]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from daq.signals import HalfCycles
 from rig.report.content import Part, Sentence, Table
 from rig.report.plot import PlotGrid
-from rig.report.record import ORIGINS, RunRecord
+from rig.report.record import LOWER, ORIGINS, UPPER, RunRecord
 from rig.report.sections.numbers import difference, number
 from rig.report.summary import half_cycles_of
 
@@ -26,7 +26,12 @@ Peaks = dict[str, NDArray[np.float64]]
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """Histogram and distribution function of *first* and of *max*, and their numbers."""
+    """Histogram and distribution function of *first* and of *max*, and their numbers.
+
+    Nothing for a rig that has no such pair of stops.
+    """
+    if run.kind is not None and not {UPPER, LOWER} <= set(run.kind.contacts):
+        return []
     found = {run.whose(origin): half_cycles_of(run, origin) for origin in ORIGINS}
     if all(cycles is None for cycles in found.values()):
         return [Sentence("This run has no pair of contact forces, so there are no half cycles to count.")]

@@ -13,12 +13,14 @@ _COLUMNS = 2
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """One plot for each channel, both axes logarithmic."""
+    """One plot for each channel that vibrates, both axes logarithmic."""
     if not run.traces:
         return [Sentence("The log holds no samples.")]
-    grid = PlotGrid(rows=-(-len(run.channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
+    plain = run.crank.plain if run.crank else frozenset()
+    channels = {name: channel for name, channel in run.channels.items() if name not in plain}
+    grid = PlotGrid(rows=-(-len(channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
     empty = []
-    for cell, (name, channel) in enumerate(run.channels.items()):
+    for cell, (name, channel) in enumerate(channels.items()):
         unit = channel.unit if channel.unit.isalpha() else f"({channel.unit or '-'})"
         x = {"type": "log", "title": {"text": "frequency, Hz"}, "dtick": 1}
         y = {"type": "log", "exponentformat": "power", "nticks": 6}

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from rig.report.blows import Blows, blows
 from rig.report.content import BigNumber, BigNumbers, Part, Sentence, Table
+from rig.report.mean_cycle import GROWS
 from rig.report.record import RunRecord
 from rig.report.sections.comparison import parts as comparison
 from rig.report.sections.numbers import DASH, counted, difference, number, spread
+from rig.report.speed import set_rpm, speed_figures, speeds
 from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summary_of
 
 _NARROW = "\N{NARROW NO-BREAK SPACE}"
@@ -18,6 +21,8 @@ def parts(run: RunRecord) -> list[Part]:
         BigNumber("Recorded", number(summary.duration_s, "s"), summary.drive),
         _data_state(summary),
         *_peak_numbers(summary),
+        *_speed_numbers(run),
+        *_blow_numbers(run),
     ]
     table = _table_of_three(summary) if run.repaired else _channel_table(summary)
     return [*comparison(run), BigNumbers(numbers), *_warnings(summary), table]
@@ -38,6 +43,39 @@ def _peak_numbers(summary: RunSummary) -> list[BigNumber]:
         for name in ("first", "max")
         if measured or predicted
     ]
+
+
+def _speed_numbers(run: RunRecord) -> list[BigNumber]:
+    """One, where a crank's speed is known."""
+    found = {whose: speed_figures(speed) for whose, speed in speeds(run).items()}
+    if not found:
+        return []
+    set_to, measured = set_rpm(run), found.pop("measured", None)
+    remarks = [] if set_to is None else [f"set {number(set_to, 'rpm')}"]
+    remarks += [] if measured is None else [f"ripple {measured.ripple:.2f} rpm"]
+    remarks += [f"{whose} {each.mean:.2f} rpm" for whose, each in found.items()]
+    return [BigNumber("Crank speed", f"{measured.mean:.2f} rpm" if measured else DASH, "; ".join(remarks))]
+
+
+def _blow_numbers(run: RunRecord) -> list[BigNumber]:
+    """One for each group of channels on which there are impacts."""
+    return [
+        _blow_number(group, by_whose)
+        for group, by_whose in blows(run).items()
+        if any(len(each.peak) for each in by_whose.values())
+    ]
+
+
+def _blow_number(group: str, by_whose: dict[str, Blows]) -> BigNumber:
+    measured = by_whose.get("measured")
+    remarks = []
+    for whose, each in by_whose.items():
+        if whose == "measured":
+            continue
+        against = f": {difference(each.mean, measured.mean)}" if measured else ""
+        remarks.append(f"{whose} {spread(each.mean, each.deviation, each.unit)}{against}")
+    text = spread(measured.mean, measured.deviation, measured.unit) if measured else DASH
+    return BigNumber(f"Peak of an impact, {group}", text, "; ".join(remarks))
 
 
 def _remark(
@@ -97,18 +135,25 @@ def _channel_table(summary: RunSummary) -> Table:
 
 def _channel_row(channel: ChannelSummary) -> list[str]:
     measured, predicted = channel.measured, channel.predicted
-    both = measured and predicted
+    figures = [
+        _value(measured, "rms"),
+        _value(predicted, "rms"),
+        difference(predicted.rms, measured.rms) if measured and predicted else DASH,
+        _value(measured, "peak"),
+        _value(predicted, "peak"),
+    ]
     return [
         channel.name,
         channel.unit or DASH,
-        _value(measured, "rms"),
-        _value(predicted, "rms"),
-        difference(predicted.rms, measured.rms) if measured and predicted and both else DASH,
-        _value(measured, "peak"),
-        _value(predicted, "peak"),
+        *_unless_it_grows(channel, figures),
         str(measured.overloaded_blocks) if measured else DASH,
         str(measured.missing) if measured else DASH,
     ]
+
+
+def _unless_it_grows(channel: ChannelSummary, figures: list[str]) -> list[str]:
+    """Rms and peak of an angle that is unwrapped only tell how long the run was."""
+    return [DASH] * len(figures) if channel.name.endswith(GROWS) else figures
 
 
 def _table_of_three(summary: RunSummary) -> Table:
@@ -121,13 +166,16 @@ def _table_of_three(summary: RunSummary) -> Table:
 
 def _row_of_three(channel: ChannelSummary) -> list[str]:
     measured = channel.measured
-    return [
-        channel.name,
-        channel.unit or DASH,
+    figures = [
         _value(measured, "rms"),
         _value_against(channel.nominal, measured),
         _value_against(channel.predicted, measured),
         *(_value(each, "peak") for each in (measured, channel.nominal, channel.predicted)),
+    ]
+    return [
+        channel.name,
+        channel.unit or DASH,
+        *_unless_it_grows(channel, figures),
         str(measured.overloaded_blocks) if measured else DASH,
         str(measured.missing) if measured else DASH,
     ]

@@ -19,7 +19,7 @@ from rig.live.crank.picture import CrankPicture
 from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
 from rig.session.hub import Hub
 from rig.session.sinks import ViewSink
-from tests.rig.live.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
+from tests.rig.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
 from tests.rig.live.native_viewer import needs_vulkan, shows, viewer
 
 SCENARIO = """
@@ -72,7 +72,11 @@ def test_mechanism_journals_orders_impacts_and_speed_are_drawn(
     picture: CrankPicture, channels: tuple[Channel, ...], shape: np.ndarray, impacts: str, tmp_path: Path
 ) -> None:
     two = {"measured", "predicted"}
-    wanted = {"Mechanism": two, impacts: two, **{f"{name} over orders": two for name in picture.ordered}}
+    wanted = {
+        "Mechanism": two,
+        impacts: two,
+        **{f"{name} over orders": two for name in picture.channels.ordered},
+    }
     wanted |= {"Predicted: where journals": {"predicted"}, "Crank speed": two}
     scenario = parse_scenario(f'rig = "{picture.rig}"\n{SCENARIO}')
     origins: dict[Origin, tuple[Channel, ...]] = {"measured": channels, "predicted": channels}

@@ -1,4 +1,5 @@
 import os
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -11,6 +12,15 @@ from rig.report import write_report
 from rig.report.sections import SECTIONS
 from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
 
+BEAM = {
+    "Summary",
+    "First impacts and one cycle",
+    "Peak forces",
+    "Autospectra",
+    "Events and gaps",
+    "Scenario",
+    "Provenance",
+}
 MARKUP = "<img src=x onerror=alert(1)><a href='http://example.org'>x</a>\"'&"
 
 
@@ -34,10 +44,10 @@ class Tags(HTMLParser):
             assert str(dict(attrs)["href"]).startswith("#")
 
 
-def test_every_section_is_there_in_its_order(tmp_path: Path) -> None:
-    text = page(write_log(tmp_path / "run.mcap"))
-    places = [text.index(f"<h2>{section.heading}</h2>") for section in SECTIONS]
-    assert places == sorted(places)
+def test_every_section_of_the_beam_is_there_in_its_order(tmp_path: Path) -> None:
+    found = re.findall("<h2>(.*)</h2>", page(write_log(tmp_path / "run.mcap")))
+    assert found == [section.heading for section in SECTIONS if section.heading in BEAM]
+    assert len(found) == len(BEAM)
 
 
 def test_a_report_stays_small_enough_to_send(tmp_path: Path) -> None:

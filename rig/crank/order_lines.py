@@ -1,7 +1,8 @@
-"""Order spectra of some channels while a run lasts."""
+"""Order spectra of some channels, in pieces as a run brings them."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -13,7 +14,10 @@ from daq.signals import AngleSampler, EvenAngles, order_map
 POINTS = 1024
 """Even angles a turn: orders up to 0.44 of it come through."""
 
-HIGHEST_ORDER = 0.4 * POINTS
+LOWEST_ORDER, HIGHEST_ORDER = 0.5, 0.4 * POINTS
+"""What is drawn."""
+
+_BANDS = 360
 TURNS = 8
 """Of a block: orders are 1/8 apart. Blocks overlap by half."""
 
@@ -22,13 +26,13 @@ AVERAGED = 8
 
 
 class OrderLines:
-    """Amplitudes over orders of c channels, averaged over the newest blocks of turns.
+    """Amplitudes over orders of c channels, averaged over the newest blocks of turns, all of them for None.
 
     What comes in pieces of any size gives what `order_map` gives of the whole. A hole in the samples or in
     their turns ends a block, and the next begins behind it.
     """
 
-    def __init__(self, averaged: int = AVERAGED) -> None:
+    def __init__(self, averaged: int | None = AVERAGED) -> None:
         self.blocks = 0
         self._squares: deque[NDArray[np.float64]] = deque(maxlen=averaged)
         self._restart()
@@ -95,3 +99,18 @@ class OrderLines:
         heard = np.isfinite(squares).all(axis=2, keepdims=True)
         counted = np.maximum(heard.sum(axis=0), 1)
         return np.asarray(np.sqrt(np.where(heard, squares, 0.0).sum(axis=0) / counted))
+
+
+def largest_in_bands(
+    order: NDArray[np.float64], amplitude: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The largest line above 0 of each of many narrow bands, so that no peak is lost; shapes (k,)."""
+    seen = (order >= LOWEST_ORDER) & (order <= HIGHEST_ORDER) & (amplitude > 0)
+    order, amplitude = order[seen], amplitude[seen]
+    if not len(order):
+        return order, amplitude
+    band = np.floor(np.log(order / LOWEST_ORDER) / math.log(HIGHEST_ORDER / LOWEST_ORDER) * _BANDS)
+    begins = np.flatnonzero(np.diff(band, prepend=-1.0))
+    ends = np.append(begins[1:], len(order))
+    chosen = [first + int(np.argmax(amplitude[first:end])) for first, end in zip(begins, ends, strict=True)]
+    return order[chosen], amplitude[chosen]

@@ -1,7 +1,7 @@
 import numpy as np
 
 from daq.block import SampleBlock
-from rig.live.recent import Recent
+from rig.crank.recent import Recent
 
 
 def block(first: int, *values: float) -> SampleBlock:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.angle import Marks, MarkTracker, crank_angle
 from daq.block import SampleBlock
 from daq.signals import angle_turns, smooth_turns
-from rig.live.recent import Recent
+from rig.crank.recent import Recent
 
 KEPT_S = 6.0
 """Turns reach so far back; three revolutions, which a marker takes to be believed, at 30 rpm."""

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.signals import EvenAngles, order_map, to_even_angles
-from rig.live.crank.order_lines import POINTS, TURNS, OrderLines
-from tests.rig.live.crank.turning import RATE, turns
+from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
+from tests.rig.crank.turning import RATE, turns
 
 FAST_HZ = 20.0
 """At 1200 rpm a second has the turns that a spectrum needs."""
@@ -62,3 +62,34 @@ def test_a_hole_ends_a_block_and_a_leap_of_the_angle_begins_a_new_count() -> Non
 def test_a_crank_that_stands_gives_no_orders() -> None:
     still = np.full(int(4 * RATE), 0.3)
     assert fed(np.ones((1, len(still))), still).amplitude is None
+
+
+def test_without_a_bound_every_block_counts() -> None:
+    way = turns(3.0, 0.0, FAST_HZ)
+    values = two_channels(way) * np.where(way < 30, 1.0, 0.0)  # loud at first, then still
+    newest, every = OrderLines(averaged=2), OrderLines(averaged=None)
+    for lines in (newest, every):
+        lines.add(values, way)
+    assert newest.amplitude is not None
+    assert every.amplitude is not None
+    at = round(3.5 * TURNS)
+    assert newest.amplitude[0, at] < 1e-3
+    assert every.amplitude[0, at] > 1.0
+    assert every.blocks == newest.blocks
+
+
+def test_a_peak_keeps_its_order_and_its_size_in_bands() -> None:
+    order = np.arange(8 * 410) / 8
+    amplitude = np.full(len(order), 0.1)
+    amplitude[round(251.375 * 8)] = 7.0
+    shown, heights = largest_in_bands(order, amplitude)
+    assert len(shown) < 400
+    assert shown[np.argmax(heights)] == 251.375
+    assert heights.max() == 7.0
+    assert shown.min() >= LOWEST_ORDER
+    assert shown.max() <= HIGHEST_ORDER
+
+
+def test_nothing_but_zeros_has_no_bands() -> None:
+    shown, heights = largest_in_bands(np.arange(80) / 8, np.zeros(80))
+    assert len(shown) == len(heights) == 0

@@ -1,0 +1,110 @@
+"""Impacts of a rig with a crank over the crank angle at which they begin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rig.report.blows import Blows, blows
+from rig.report.content import Figure, Part, Sentence, Table
+from rig.report.plot import PlotGrid
+from rig.report.record import RunRecord
+from rig.report.sections.numbers import difference, number
+
+_ROW_PX = 230
+_COLUMNS = 2
+_BIN_DEG = 10
+_MOST_DOTS = 3_000
+_EXPLANATION = {
+    "N": (
+        "On a force sensor an impact is a contact with its bounces, and its peak the largest force; it "
+        "counts from a tenth of the largest in the first second or three revolutions of its own origin."
+    ),
+    "m/s2": (
+        "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration; it "
+        "counts from a fifth of the largest in the first second or three revolutions of its own origin."
+    ),
+}
+_CAPTION = (
+    "Left: a dot each, at the crank angle at which the impact begins. Right: how many begin in each "
+    f"{_BIN_DEG}° of a revolution. The crank angle axes move together."
+)
+
+
+def parts(run: RunRecord) -> list[Part]:
+    """Numbers, peaks and counts over the crank angle; nothing for a rig without a crank."""
+    if run.crank is None:
+        return []
+    if not run.impacts:
+        return [Sentence("The log holds no impacts.")]
+    found = blows(run)
+    every = [each for by_whose in found.values() for each in by_whose.values()]
+    units = dict.fromkeys(each.unit for each in every)
+    told = [Sentence(_EXPLANATION[unit]) for unit in units if unit in _EXPLANATION]
+    placed = any(np.isfinite(each.angle_deg).any() for each in every)
+    figure: Part = Sentence("Nothing told the crank angle of these impacts: neither encoder nor marker.")
+    if placed:
+        figure = _figure(found)
+    return [*told, _table(found), figure]
+
+
+def _table(found: dict[str, dict[str, Blows]]) -> Table:
+    rows = []
+    for group, by_whose in found.items():
+        for whose, each in by_whose.items():
+            against = None if whose == "measured" else by_whose.get("measured")
+            rows.append(
+                [
+                    f"{group}, {whose}",
+                    str(len(each.peak)),
+                    number(each.a_revolution),
+                    number(each.mean, each.unit),
+                    number(each.deviation, each.unit),
+                    number(float(each.peak.max()) if len(each.peak) else None, each.unit),
+                    "" if against is None else difference(each.mean, against.mean),
+                ]
+            )
+    headings = (
+        "where, whose", "impacts", "a revolution", "mean peak", "standard deviation", "largest",
+        "mean against measured",
+    )  # fmt: skip
+    return Table(headings, rows, "Peak of each impact")
+
+
+def _figure(found: dict[str, dict[str, Blows]]) -> Figure:
+    grid = PlotGrid(rows=len(found), columns=_COLUMNS, row_px=_ROW_PX)
+    angle = {
+        "title": {"text": "crank angle, °"},
+        "range": [0, 360],
+        "tickvals": list(range(0, 361, 45)),
+    }
+    for row, (group, by_whose) in enumerate(found.items()):
+        cell = _COLUMNS * row
+        upward: dict[str, Any] = {"rangemode": "tozero"}
+        unit = next(iter(by_whose.values())).unit
+        grid.axes(cell, f"{group}: peak of each impact, {unit or '-'}", angle, upward, share_x_with=0)
+        title = f"{group}: impacts a revolution in each {_BIN_DEG}°"
+        grid.axes(cell + 1, title, angle, upward, share_x_with=0)
+        for whose, each in by_whose.items():
+            _dots(grid, cell, whose, each)
+            _counts(grid, cell + 1, whose, each)
+    return grid.figure("blows", _CAPTION)
+
+
+def _dots(grid: PlotGrid, cell: int, whose: str, each: Blows) -> None:
+    """At most so many, evenly chosen, that the page stays small."""
+    placed = np.flatnonzero(np.isfinite(each.angle_deg))
+    chosen = placed[:: -(-len(placed) // _MOST_DOTS) or 1]
+    names = [each.channels[at] for at in chosen]
+    grid.dots(cell, whose, each.angle_deg[chosen], each.peak[chosen], names)
+
+
+def _counts(grid: PlotGrid, cell: int, whose: str, each: Blows) -> None:
+    edges = np.arange(0, 361, _BIN_DEG, dtype=np.float64)
+    counted, _ = np.histogram(each.angle_deg[np.isfinite(each.angle_deg)], bins=edges)
+    counts = counted / each.revolutions
+    if whose == "measured":
+        grid.bars(cell, whose, (edges[:-1] + edges[1:]) / 2, counts)
+    else:
+        grid.line(cell, whose, edges, np.append(counts, counts[-1]), "impacts", shape="hv")

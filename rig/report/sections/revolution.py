@@ -1,0 +1,129 @@
+"""Measured over predicted over the crank angle: one revolution, and the mean of all."""
+
+from __future__ import annotations
+
+from math import ceil, floor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import UnphysicalParameter
+from daq.log.reader import Origin
+from daq.signals import CycleAverage, SynchronousAverage, envelope
+from rig.report.content import Part, Sentence
+from rig.report.plot import PlotGrid, points_each
+from rig.report.record import ORIGINS, RunRecord, Trace
+from rig.report.sections.cut import cut
+from rig.report.turning import in_pieces, turns_of
+
+_ROW_PX = 150
+_COLUMNS = 2
+_POINTS = 1440
+"""Of a mean revolution: every quarter of a degree."""
+
+_REMARK = (
+    "The motion chatters: no single blow of one revolution has to meet the twin's. What stays in the mean of "
+    "all revolutions (at every 0.25°, what is faster filtered out) may be compared as it stands; the fewer "
+    "they are, the more of their scatter is left in it."
+)
+_ANGLE = {"title": {"text": "crank angle, °"}, "range": [0, 360], "tickvals": list(range(0, 361, 45))}
+_CAPTION = "Drag to zoom, double-click to go back. The crank angle axes move together."
+
+
+class _Line(NamedTuple):
+    """Crank angle in degrees and what a channel showed there, both of shape (m,)."""
+
+    degrees: NDArray[np.float64]
+    values: NDArray[np.floating]
+
+
+def parts(run: RunRecord) -> list[Part]:
+    """A row of two plots for each channel that vibrates; nothing for a rig without a crank."""
+    if run.crank is None:
+        return []
+    turns = _turns(run)
+    if not turns:
+        return [Sentence("No whole revolution with a known crank angle in this run.")]
+    names = [name for name in run.channels if name not in run.crank.plain]
+    grid = PlotGrid(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
+    for row, name in enumerate(names):
+        for column, what in enumerate(("one revolution", "mean of all revolutions")):
+            title = f"{name} [{run.channels[name].unit or '-'}], {what}"
+            grid.axes(_COLUMNS * row + column, title, _ANGLE, {}, share_x_with=0)
+    for origin, way in turns.items():
+        _draw(grid, run, origin, names, _lines(_traces(run, origin, names), way))
+    return [Sentence(_REMARK), *cut(run), grid.figure("revolution", _CAPTION)]
+
+
+def _draw(
+    grid: PlotGrid, run: RunRecord, origin: Origin, names: list[str], lines: dict[str, tuple[_Line, _Line]]
+) -> None:
+    points = points_each(len(run.traces) * _COLUMNS)
+    for name, both in lines.items():
+        for column, line in enumerate(both):
+            chosen = envelope(line.values, points)
+            degrees = line.degrees[chosen.indices]
+            grid.line(_COLUMNS * names.index(name) + column, run.whose(origin), degrees, chosen.values, name)
+
+
+def _traces(run: RunRecord, origin: Origin, names: list[str]) -> dict[str, Trace]:
+    return {name: run.traces[origin, name] for name in names if (origin, name) in run.traces}
+
+
+def _turns(run: RunRecord) -> dict[Origin, NDArray[np.float64]]:
+    """Turns of the origins in which the crank turns once at least."""
+    found = {origin: turns_of(run, origin) for origin in ORIGINS}
+    return {
+        origin: turns for origin, turns in found.items() if turns is not None and _whole(turns) is not None
+    }
+
+
+def _lines(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, tuple[_Line, _Line]]:
+    """One revolution and the mean of all, by channel."""
+    whole = _whole(turns)
+    if whole is None or not traces:
+        return {}
+    ones = [_one(trace, turns, whole) for trace in traces.values()]
+    return dict(zip(traces, zip(ones, _mean(list(traces.values()), turns), strict=True), strict=True))
+
+
+def _whole(turns: NDArray[np.float64]) -> tuple[int, int] | None:
+    """The first of the whole revolutions and the one after the last; None where there is none."""
+    known = turns[np.isfinite(turns)]
+    if not len(known):
+        return None
+    first, end = ceil(float(known.min())), floor(float(known.max()))
+    return (first, end) if end > first else None
+
+
+def _one(trace: Trace, turns: NDArray[np.float64], whole: tuple[int, int]) -> _Line:
+    """The revolution in the middle of the run, away from the start's transients."""
+    known = np.flatnonzero(np.isfinite(turns))
+    middle = floor(float(turns[known[len(known) // 2]]))
+    chosen = min(max(middle, whole[0]), whole[1] - 1)
+    inside = np.flatnonzero((turns >= chosen) & (turns <= chosen + 1))
+    inside = inside[inside < len(trace.values)]
+    return _Line(360.0 * (turns[inside] - chosen), trace.values[inside])
+
+
+def _mean(traces: list[Trace], turns: NDArray[np.float64]) -> list[_Line]:
+    """Mean revolutions; where the angle leaps behind a hole, counting begins anew."""
+    found = [CycleAverage(_POINTS)]
+    for values, way in in_pieces(traces, turns):
+        try:
+            found[-1].add(values, way)
+        except UnphysicalParameter:
+            found.append(CycleAverage(_POINTS))
+    mean = _together([each.result() for each in found], len(traces))
+    return [_Line(360.0 * np.arange(_POINTS) / _POINTS, row) for row in mean]
+
+
+def _together(averages: list[SynchronousAverage], channels: int) -> NDArray[np.float64]:
+    """Mean over the cycles of all averages, shape (channels, points); NaN without a cycle."""
+    total, cycles = np.zeros((channels, _POINTS)), np.zeros((channels, 1))
+    for each in averages:
+        if each.cycles.ndim:  # else nothing was added to it
+            total += np.where(each.cycles[:, None] > 0, each.mean * each.cycles[:, None], 0.0)
+            cycles += each.cycles[:, None]
+    return np.divide(total, cycles, out=np.full_like(total, np.nan), where=cycles > 0)

@@ -1,0 +1,87 @@
+"""The crank's speed over the record, beside the speed that was set."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+
+from daq.signals import envelope
+from rig.report.content import Part, Sentence, Table
+from rig.report.plot import PlotGrid, points_each
+from rig.report.record import ORIGINS, RunRecord, Trace
+from rig.report.sections.numbers import DASH, difference, number
+from rig.report.speed import set_rpm, speed_figures, speeds
+from rig.report.turning import counted_by
+
+_ROW_PX = 240
+_LEAST_BAND = 0.01
+"""Of the mean, at least shown above and below it, so that noise is never blown up to fill the plot."""
+
+_EXPLANATION = (
+    "Ripple is the standard deviation of 50 values a second. From an encoder each is the slope over 20 ms, "
+    "which its counts alone make scatter by up to 0.1 rpm; from a marker it is the mean of the revolution in "
+    "which it lies, and shows no ripple within a revolution."
+)
+_CAPTION = "The axis reaches 1 % to either side at least. Drag to zoom, double-click to go back."
+_NO_SPEED = (
+    "The log holds no speed of the crank: that is derived from an encoder or a marker as a run is recorded."
+)
+_IN_STEP = "The twin is held at the mean speed that was measured; only its ripple is a prediction."
+
+
+def parts(run: RunRecord) -> list[Part]:
+    """Numbers and lines of every speed; nothing for a rig without a crank."""
+    if run.crank is None:
+        return []
+    found = speeds(run)
+    if not found:
+        return [Sentence(_NO_SPEED)]
+    together = [Sentence(_IN_STEP)] if "measured" in found and len(found) > 1 else []
+    return [Sentence(_EXPLANATION), *together, _table(run, found), _figure(run, found)]
+
+
+def _table(run: RunRecord, found: dict[str, Trace]) -> Table:
+    set_to = set_rpm(run)
+    sources = {run.whose(origin): counted_by(run, origin) for origin in ORIGINS}
+    rows = []
+    for whose, speed in found.items():
+        figures = speed_figures(speed)
+        rows.append(
+            [
+                whose,
+                sources[whose] or DASH,
+                f"{figures.mean:.2f} rpm",
+                DASH if set_to is None else difference(figures.mean, set_to),
+                _ripple(figures.ripple, "rpm"),
+                _ripple(100 * figures.ripple / figures.mean, "%"),
+                f"{figures.lowest:.2f} rpm",
+                f"{figures.highest:.2f} rpm",
+            ]
+        )
+    against = "against the set speed" if set_to is None else f"against the set {number(set_to, 'rpm')}"
+    headings = ("whose", "told by", "mean", against, "ripple", "ripple of the mean", "lowest", "highest")
+    return Table(headings, rows, "Speed of the crank")
+
+
+def _ripple(value: float, unit: str) -> str:
+    return f"{value:.3f} {unit}" if isfinite(value) else DASH
+
+
+def _figure(run: RunRecord, found: dict[str, Trace]) -> Part:
+    grid = PlotGrid(rows=1, columns=1, row_px=_ROW_PX)
+    set_to = set_rpm(run)
+    shown = [speed.values[np.isfinite(speed.values)] for speed in found.values()]
+    levels = np.concatenate(shown if set_to is None else [*shown, np.array([set_to])])
+    middle = float(levels.mean())
+    low = min(float(levels.min()), (1 - _LEAST_BAND) * middle)
+    high = max(float(levels.max()), (1 + _LEAST_BAND) * middle)
+    room = 0.05 * (high - low)
+    grid.axes(0, "rpm", {"title": {"text": "s"}}, {"range": [low - room, high + room]})
+    end_s = max(len(speed.values) / speed.sample_rate for speed in found.values())
+    if set_to is not None:
+        grid.line(0, "set", np.array([0.0, end_s]), np.full(2, set_to), "set")
+    for whose, speed in found.items():
+        chosen = envelope(speed.values, points_each(len(found)))
+        grid.line(0, whose, (chosen.indices + 0.5) / speed.sample_rate, chosen.values, "crank.speed")
+    return grid.figure("speed", _CAPTION)
