@@ -12,8 +12,9 @@ from pydantic.dataclasses import dataclass
 from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, SignalGenerator
 from rig.files.channels import BenchChannel, read_channels
 from rig.files.encoder import Encoder, read_encoder
-from rig.files.faults import Faults, read_text, read_toml
+from rig.files.faults import Faults, read_toml
 from rig.files.fields import Field, FieldError, Measured, Switch, Text, Whole, Word
+from rig.files.file_kind import read_file
 from rig.files.loopback import misplaced
 from rig.files.rigs import RIGS
 from rig.files.rigs.kind import RigKind
@@ -154,7 +155,7 @@ def load_bench(path: str | Path, rig: str | None = None) -> Bench:
 
     Raises ConfigurationError with every fault in it.
     """
-    return parse_bench(read_text(path), str(path), Path(path).resolve().parent, rig)
+    return parse_bench(read_file(path, "bench"), str(path), Path(path).resolve().parent, rig)
 
 
 def embedded_bench(rig: str = "impact_beam") -> Bench:
