@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,7 @@ import typer
 from rich.console import Console
 
 from rig.commands.arguments import BenchFile, Json, ScenarioFile, load_pair, print_json
-from rig.emulation import Emulated, EmulatedBench
+from rig.emulation import Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.reaching import bench_reaching
 from rig.session.progress import Screen
@@ -34,7 +35,9 @@ def add_to(app: typer.Typer) -> None:
         ended = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: ended.set())
-        with EmulatedBench(scenario, bench) as emulated:
+        with ExitStack() as stack:
+            with screen.busy(starting(bench)):
+                emulated = stack.enter_context(EmulatedBench(scenario, bench))
             addresses = {
                 table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []
                 for table in bench.instruments

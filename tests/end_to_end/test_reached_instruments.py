@@ -10,6 +10,7 @@ import pytest
 from daq.log import LogReader, verify_log
 from rig.files.bench import embedded_bench
 from rig.files.rigs import RIGS
+from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Command, await_gone, command, rattle
 from tests.end_to_end.files import write_crank, write_scenario
 
@@ -20,6 +21,7 @@ ENCODER = "[encoder]\nemulated = true\n"
 
 
 def printed_bench(emulators: Command) -> str:
+    assert FIRST_START in emulators.await_line("starting")
     emulators.await_line("to reach them")
     lines = [emulators.await_line("")]
     while not lines[-1].startswith("Ctrl-C"):
@@ -45,6 +47,7 @@ def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path
         assert emulators.end().code == 130
     await_gone(servers)
     assert (ended.code, ended.err) == (0, "")
+    assert ended.out.count(FIRST_START) == 1
     assert verify_log(ended.log).sound
     with LogReader(ended.log) as log:
         assert "emulated" not in log.metadata["run"]
