@@ -14,7 +14,7 @@ from drivers.protocols import AcquisitionCard, PositionEncoder
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
-from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench
+from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
@@ -42,7 +42,7 @@ def connect(
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
     emulated, notes = NOTHING_EMULATED, chain_record(bench)
     if bench.emulated:
-        with screen.busy("starting the emulated instruments"):
+        with screen.busy(starting(bench)):
             emulated = stack.enter_context(EmulatedBench(scenario, bench))
         notes["emulated"] = " ".join(_WORDS[table] for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)

@@ -18,6 +18,7 @@ from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.session.progress import FIRST_START
 from rig.shaft_wiring import encoder_setup
 from rig.twin.shaft import ShaftFactory
 
@@ -42,6 +43,12 @@ class Emulated:
 
 
 NOTHING_EMULATED: Final = Emulated({}, 0, drive_follows_scenario=False)
+
+
+def starting(bench: Bench) -> str:
+    """What a person is told while the emulated instruments of a bench start."""
+    simulates = "daq_card" in bench.emulated
+    return f"starting the emulated instruments{f' ({FIRST_START})' if simulates else ''}"
 
 
 class EmulatedBench:

@@ -17,6 +17,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Chunk, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
 
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
@@ -45,6 +46,15 @@ _FOREIGN_ERRORS = (
 
 _LONGEST_SERIES = 1 << 29
 """Near three hours at 51.2 kHz; a damaged or hostile sample index must not take all memory."""
+
+
+def begins_as_log(path: Path) -> bool:
+    """Whether a file can be read and begins as every MCAP file does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
+    except (OSError, ValueError):
+        return False
 
 
 class LoggedMessage(NamedTuple):
@@ -246,7 +256,8 @@ class LogReader:
         except _FOREIGN_ERRORS as error:
             self.damage = f"{type(error).__name__}: {error}".removesuffix(": ")
         if not self._topics and not self.metadata:
-            raise LogError(f"{self.path}: not a log ({self.damage or 'it holds nothing'})")
+            foreign = "" if begins_as_log(self.path) else "it does not begin as an MCAP file does"
+            raise LogError(f"{self.path}: not a log ({foreign or self.damage or 'it holds nothing'})")
 
     def _note_channels(self, chunk: Chunk) -> None:
         for channel in self._opened(partial(open_chunk, chunk)).channels:

@@ -10,11 +10,26 @@ import typer
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench, embedded_bench, load_bench
+from rig.files.file_kind import refuse_other_than_log
 from rig.files.scenario import Scenario, load_scenario
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
-RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
-RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN.mcap...", help="Logs of runs of one rig.")]
+
+
+def _is_log(path: Path) -> Path:
+    refuse_other_than_log(path)
+    return path
+
+
+def _are_logs(paths: list[Path]) -> list[Path]:
+    return [_is_log(path) for path in paths]
+
+
+RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.", callback=_is_log)]
+RunFiles = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN.mcap...", help="Logs of runs of one rig.", callback=_are_logs),
+]
 BenchFile = Annotated[
     Path | None,
     typer.Option("--bench", metavar="BENCH.toml", help="Which instrument hangs where. Without: emulated."),

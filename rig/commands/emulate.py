@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import signal
 import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
 
 import typer
 from rich.console import Console
 
 from rig.commands.arguments import BenchFile, Json, ScenarioFile, load_pair, print_json
-from rig.emulation import EmulatedBench
+from rig.emulation import Emulated, EmulatedBench, starting
+from rig.files.bench import Bench
+from rig.files.reaching import bench_reaching
 from rig.session.progress import Screen
 from rig.session.signals import Stopped
+
+_NO_PARITY: Final = (
+    "inverter: a pseudo terminal (/dev/pts/...) carries no parity, which the bench asks for; use the socket, "
+    'or parity = "N" in the bench file of rattle emulate and in that of rattle run'
+)
 
 
 def add_to(app: typer.Typer) -> None:
@@ -25,7 +35,9 @@ def add_to(app: typer.Typer) -> None:
         ended = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: ended.set())
-        with EmulatedBench(scenario, bench) as emulated:
+        with ExitStack() as stack:
+            with screen.busy(starting(bench)):
+                emulated = stack.enter_context(EmulatedBench(scenario, bench))
             addresses = {
                 table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []
                 for table in bench.instruments
@@ -34,6 +46,17 @@ def add_to(app: typer.Typer) -> None:
                 print_json(addresses)
             for name, each in addresses.items():
                 screen.say(f"{name}: {', '.join(each) or 'real, not emulated'}")
+            _say_how_to_reach(bench, emulated, scenario_file, screen)
             screen.say("Ctrl-C ends them")
             ended.wait()
         raise Stopped("emulated instruments ended")
+
+
+def _say_how_to_reach(bench: Bench, emulated: Emulated, scenario_file: Path, screen: Screen) -> None:
+    if "inverter" in emulated.instruments and bench.inverter.parity != "N":
+        screen.say(_NO_PARITY)
+    screen.say(
+        f"to reach them: rattle run {scenario_file} --bench BENCH.toml, with these lines in BENCH.toml\n"
+    )
+    places = {table: instrument.address for table, instrument in emulated.instruments.items()}
+    screen.say(bench_reaching(bench, places))

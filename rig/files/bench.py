@@ -11,9 +11,10 @@ from pydantic.dataclasses import dataclass
 
 from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, SignalGenerator
 from rig.files.channels import BenchChannel, read_channels
-from rig.files.encoder import Encoder, read_encoder
-from rig.files.faults import Faults, read_text, read_toml
+from rig.files.encoder import Encoder, read_encoder, with_emulated_defaults
+from rig.files.faults import Faults, read_toml
 from rig.files.fields import Field, FieldError, Measured, Switch, Text, Whole, Word
+from rig.files.file_kind import read_file
 from rig.files.loopback import misplaced
 from rig.files.rigs import RIGS
 from rig.files.rigs.kind import RigKind
@@ -154,12 +155,20 @@ def load_bench(path: str | Path, rig: str | None = None) -> Bench:
 
     Raises ConfigurationError with every fault in it.
     """
-    return parse_bench(read_text(path), str(path), Path(path).resolve().parent, rig)
+    return parse_bench(read_file(path, "bench"), str(path), Path(path).resolve().parent, rig)
 
 
 def embedded_bench(rig: str = "impact_beam") -> Bench:
     """The bench of a run without one: every instrument of the rig, emulated."""
     return parse_bench(RIGS[rig].bench, "embedded bench", Path(), rig)
+
+
+def tables_of(bench: Bench) -> dict[str, Any]:
+    """The tables that a bench was read from, with what its emulated instruments leave open filled in."""
+    tables = _with_defaults(read_toml(bench.text, bench.source), RIGS[bench.rig], Faults(bench.source))
+    if bench.encoder is not None:
+        tables["encoder"] = with_emulated_defaults(tables["encoder"])
+    return tables
 
 
 def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) -> Bench:

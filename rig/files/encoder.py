@@ -61,9 +61,14 @@ EMULATED: Final[Mapping[str, Any]] = {"interface": "socketcand", "channel": "can
 """What an emulated encoder leaves open."""
 
 
+def with_emulated_defaults(table: Any) -> Any:
+    """The table as it stands in a file; of an emulated encoder with what it leaves open."""
+    return {**EMULATED, **table} if isinstance(table, dict) and table.get("emulated") is True else table
+
+
 def read_encoder(table: object, key: str, faults: Faults) -> Encoder | None:
     """Return the encoder, or None after noting in `faults` all that is wrong with it."""
-    given = {**EMULATED, **table} if isinstance(table, dict) and table.get("emulated") is True else table
+    given = with_emulated_defaults(table)
     own = {name: given[name] for name in _OWN if name in given} if isinstance(given, dict) else given
     section = read_section(_EncoderSection, own, key, faults)
     if not isinstance(given, dict):

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass
 
-from rig.files.faults import Faults, dotted, read_text, read_toml
+from rig.files.faults import Faults, dotted, read_toml
 from rig.files.fields import Field, FieldError, Measured, Text
+from rig.files.file_kind import read_file
 from rig.files.rigs import RIGS
 from rig.files.section import SECTION, read_section, unknown_keys
 from sim_twin.matched import Matched
@@ -72,7 +73,7 @@ class ModelFile:
 
 def load_model(path: str | Path, rig: str) -> ModelFile:
     """Read a model of `rig`; raises ConfigurationError with every fault in the file, or of another rig."""
-    return parse_model(read_text(path), str(path), rig)
+    return parse_model(read_file(path, "model"), str(path), rig)
 
 
 def parse_model(text: str, source: str, rig: str) -> ModelFile:

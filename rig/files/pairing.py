@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
@@ -31,9 +32,11 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     or is to guard a real rig by an emulated card; a calibration has run out by `today`
     (emulated sensors do not age).
     """
+    drive = _DRIVES[RIGS[scenario.rig].actuator]
     problems = [
-        *_DRIVES[RIGS[scenario.rig].actuator](scenario, bench),
-        *_channels(scenario, bench),
+        *drive.beyond(scenario, bench),
+        *drive.hurried(scenario),
+        *_channels(scenario.rig, bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
     ]
@@ -41,40 +44,68 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
 
 
-def _shaker(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+def check_scenario(scenario: Scenario, source: str) -> None:
+    """Raise ConfigurationError with what forbids this scenario on whatever bench; `source` is its file."""
+    problems = list(_DRIVES[RIGS[scenario.rig].actuator].hurried(scenario))
+    if problems:
+        raise ConfigurationError(source, problems)
+
+
+def check_bench(bench: Bench, today: datetime.date) -> None:
+    """Raise ConfigurationError with what forbids this bench for whatever scenario: channels, calibrations."""
+    problems = [*_channels(bench.rig, bench), *_calibrations(bench, today)]
+    if problems:
+        raise ConfigurationError(bench.source, problems)
+
+
+def _too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     peak = RIGS[scenario.rig].drive_peak(scenario.drive)
     highest = bench.signal_generator.maximum_amplitude
     if peak > highest:
         allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
+
+
+def _no_soft_start(scenario: Scenario) -> Iterator[Problem]:
     if scenario.drive.offset and scenario.acquisition.settle < SOFT_START_FROM_S:
         allowed = f"at least {SOFT_START_FROM_S:g} s with an offset, which is brought up softly"
         yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
 
 
-def _motor(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+def _too_fast(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     speed, highest = scenario.drive.speed, bench.inverter.maximum_speed
     if speed > highest * (1 + _ROUNDING):
         allowed = f"up to {_rpm(highest)} (inverter.maximum_speed)"
         yield Problem("drive.speed", _rpm(speed), allowed)
+
+
+def _no_ramp(scenario: Scenario) -> Iterator[Problem]:
     if scenario.acquisition.settle < _LEAST_MOTOR_SETTLE_S:
         allowed = f"at least {_LEAST_MOTOR_SETTLE_S:g} s: a motor comes up on its ramp and settles after it"
         yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
 
 
-_DRIVES: Final[Mapping[str, Callable[[Scenario, Bench], Iterator[Problem]]]] = {
-    "signal_generator": _shaker,
-    "inverter": _motor,
+@dataclass(frozen=True, slots=True)
+class _Drive:
+    """What is asked of an actuator `beyond` what it may do on a bench, and too `hurried` on any."""
+
+    beyond: Callable[[Scenario, Bench], Iterator[Problem]]
+    hurried: Callable[[Scenario], Iterator[Problem]]
+
+
+_DRIVES: Final[Mapping[str, _Drive]] = {
+    "signal_generator": _Drive(_too_strong, _no_soft_start),
+    "inverter": _Drive(_too_fast, _no_ramp),
 }
-"""By actuator: what is asked of it beyond what it may do."""
+"""By actuator."""
 
 
 def _rpm(speed: float) -> str:
     return f"{speed * 60 / math.tau:g} rpm"
 
 
-def _channels(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
-    kind = RIGS[scenario.rig]
+def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
+    kind = RIGS[rig]
     for channel in bench.daq_card.channels:
         if kind.channel_unit(channel.name) is None:
             key = dotted("daq_card.channels", channel.name)

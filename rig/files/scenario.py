@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 from pydantic.dataclasses import dataclass
 
-from rig.files.faults import Faults, as_written, dotted, read_text, read_toml
+from rig.files.faults import Faults, as_written, dotted, read_toml
 from rig.files.fields import FieldError, Measured, Raw, Text, Word
+from rig.files.file_kind import read_file
 from rig.files.rigs import RIGS
 from rig.files.rigs.kind import RigKind
 from rig.files.section import SECTION, read_section, sound_values, unknown_keys
@@ -70,7 +71,7 @@ _KEYS = ("name", "rig", "model", "drive", "acquisition", "limits")
 
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario file; raises ConfigurationError with every fault in it."""
-    return parse_scenario(read_text(path), str(path))
+    return parse_scenario(read_file(path, "scenario"), str(path))
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:

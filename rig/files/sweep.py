@@ -12,8 +12,9 @@ from typing import Annotated, Any, Final
 from pydantic.dataclasses import dataclass
 
 from daq.errors import ConfigurationError, Problem
-from rig.files.faults import Faults, read_text, read_toml
+from rig.files.faults import Faults, read_toml
 from rig.files.fields import Field, FieldError, Measured, Raw, Switch, Table, Text, Whole
+from rig.files.file_kind import read_file
 from rig.files.rigs import RIGS
 from rig.files.rigs.kind import RigKind
 from rig.files.scenario import Scenario, parse_scenario
@@ -115,7 +116,7 @@ class Sweep:
 
 def load_sweep(path: str | Path) -> Sweep:
     """Read a sweep file; raises ConfigurationError with every fault in it and in its points."""
-    return parse_sweep(read_text(path), str(path), Path(path).resolve().parent)
+    return parse_sweep(read_file(path, "sweep"), str(path), Path(path).resolve().parent)
 
 
 def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
@@ -171,7 +172,7 @@ def _base(table: Mapping[str, Any], folder: Path, faults: Faults) -> tuple[dict[
         faults.add("scenario", "(both)" if path is not None else "(none)", allowed)
         raise faults.error()
     if isinstance(path, str):
-        text = read_text(folder / path)
+        text = read_file(folder / path, "scenario")
         return read_toml(text, str(folder / path)), text
     if not isinstance(inline, dict):
         faults.add("sweep.scenario", path, "the path of a scenario, seen from the sweep file")

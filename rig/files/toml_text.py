@@ -1,32 +1,48 @@
-"""Writes tables as TOML: what a scenario holds, which is texts, numbers, switches, lists and tables."""
+"""Writes tables as TOML: what scenarios and benches hold, from texts and numbers to lists of tables."""
 
 from __future__ import annotations
 
+import datetime
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 
 def toml_of(table: Mapping[str, Any]) -> str:
-    """A scenario's table as TOML."""
-    lines = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if not _is_table(value)]
+    """A file's table as TOML."""
+    lines = [*_plain(table), *_nested("", table)]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _plain(table: Mapping[str, Any]) -> Iterator[str]:
     for key, value in table.items():
+        if not _is_table(value) and not _are_tables(value):
+            yield f"{_key(key)} = {_value(value)}"
+
+
+def _nested(before: str, table: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        path = f"{before}{_key(key)}"
         if _is_table(value):
-            lines += ["", *_section(_key(key), value)]
-    return "\n".join(lines) + "\n"
+            yield from _section(path, value)
+        elif _are_tables(value):
+            for each in value:
+                yield from ("", f"[[{path}]]", *_plain(each), *_nested(f"{path}.", each))
 
 
-def _section(name: str, table: Mapping[str, Any]) -> list[str]:
-    plain = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if not _is_table(value)]
-    nested = [(f"{name}.{_key(key)}", value) for key, value in table.items() if _is_table(value)]
-    lines = [f"[{name}]", *plain] if plain or not nested else []
-    for path, value in nested:
-        lines += ["", *_section(path, value)]
-    return lines
+def _section(path: str, table: Mapping[str, Any]) -> Iterator[str]:
+    plain, nested = list(_plain(table)), list(_nested(f"{path}.", table))
+    if plain or not nested:
+        yield from ("", f"[{path}]", *plain)
+    yield from nested
 
 
 def _is_table(value: object) -> bool:
     return isinstance(value, Mapping)
+
+
+def _are_tables(value: object) -> bool:
+    return isinstance(value, list | tuple) and bool(value) and all(map(_is_table, value))
 
 
 def _key(key: str) -> str:
@@ -38,6 +54,8 @@ def _value(value: object) -> str:
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
+    if isinstance(value, datetime.date):
+        return value.isoformat()
     if isinstance(value, list | tuple):
         return f"[{', '.join(_value(each) for each in value)}]"
     return _text(str(value))

@@ -25,7 +25,7 @@ from rig.session.driven_rig import Connect, DrivenRig, connected
 from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, FrequencyHold, FrequencySink
 from rig.session.hub import Hub, Sink
-from rig.session.progress import Screen
+from rig.session.progress import FIRST_START, Screen
 from rig.session.sequence import Sequence, starts_softly
 from rig.session.signals import StopRequest
 from rig.session.sinks import LogSink, ViewSink
@@ -90,7 +90,8 @@ class _Run:
         self._derived = derive_live(self._origins, self._scenario, rig.clock)
         stack.enter_context(self._derived.worker)
         stack.enter_context(self._feed.worker)
-        with rig.screen.busy("warming up the twin (compiled on the first run)"):
+        emulated = "daq_card" in self._request.bench.emulated  # then its start has told it
+        with rig.screen.busy(f"warming up the twin{'' if emulated else f' ({FIRST_START})'}"):
             self._feed.worker.wait_ready(self._stop.check)
             self._derived.wait_ready(self._stop.check)
         run = rig.open_log(stack, self._request.folder, self._scenario.name)

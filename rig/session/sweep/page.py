@@ -16,7 +16,7 @@ from rig.files.sweep_axes import Axis, numbers_of
 from rig.report.content import Figure, Part, Sentence, Table
 from rig.report.page import page
 from rig.report.plot import PlotGrid
-from rig.session.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD
+from rig.session.sweep.results import A_CYCLE, HELD, PEAK_MEAN, PEAK_SD, impacts_recorded
 from rig.session.sweep.state import PointState, SweepState, write_whole
 
 PAGE: Final = "sweep.html"
@@ -46,8 +46,7 @@ def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
         ended = state.points.get(point.number)
         if ended is not None:
             settings = (str(point.settings[axis.key]) for axis in sweep.axes)
-            impacts = ended.figures.get(IMPACTS)
-            counted = "" if impacts is None else f"{impacts:.0f}"
+            counted = impacts_recorded(ended)
             yield [str(point.number), *settings, ended.outcome, counted, _held(ended), ended.log or ""]
 
 

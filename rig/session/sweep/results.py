@@ -20,7 +20,7 @@ from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.report import summarise
 from rig.session.frequency import FrequencySink
-from rig.session.sweep.state import SweepState, write_whole
+from rig.session.sweep.state import PointState, SweepState, write_whole
 
 TABLE: Final = "points.csv"
 
@@ -86,9 +86,15 @@ def _impacts(log: LogReader, scenario: Scenario, duration_s: float) -> dict[str,
     return found
 
 
+def impacts_recorded(ended: PointState) -> str:
+    """How many impacts a point's record holds, wherever they are told; empty where nobody looked for them."""
+    return f"{ended.figures[IMPACTS]:.0f}" if IMPACTS in ended.figures else ""
+
+
 def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     """Write one row for each point that has ended; returns the table's path."""
-    names = list(dict.fromkeys(name for point in state.points.values() for name in point.figures))
+    found = dict.fromkeys(name for point in state.points.values() for name in point.figures)
+    names = [name for name in found if name != IMPACTS]
     keys = [axis.key for axis in sweep.axes]
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -98,7 +104,7 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
         if ended is not None:
             figures = [f"{ended.figures[name]:.6g}" if name in ended.figures else "" for name in names]
             values = [point.settings[key] for key in keys]
-            counted = "" if ended.impacts is None else ended.impacts
+            counted = impacts_recorded(ended)
             rows.writerow([point.number, *values, ended.outcome, counted, *figures, ended.log or ""])
     write_whole(folder / TABLE, text.getvalue().encode())
     return folder / TABLE

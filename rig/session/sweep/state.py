@@ -29,9 +29,10 @@ _STRICT: Final = ConfigDict(extra="forbid")
 
 @dataclass(frozen=True, config=_STRICT)
 class PointState:
-    """How a point ended: `log` seen from the sweep's folder, `why` where it is not done, `impacts` counted.
+    """How a point ended: `log` seen from the sweep's folder, `why` where it is not done.
 
-    `figures` are what its record comes to.
+    `impacts` were over, with their bounces, when the record ended; `figures` are what the whole record comes
+    to, among them how many impacts it holds, begun ones too.
 
     A point that was `stopped` (a person, a lost instrument) comes again; one that `failed` or was ended by
     an `interlock` only if asked for.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import csv
 import dataclasses
 import json
 import re
@@ -16,7 +17,7 @@ from daq.block import NS_PER_S
 from daq.log import Impact, LogWriter
 from rig.files.sweep import Sweep
 from rig.session.sweep.page import headings_of, rows_of, write_page
-from rig.session.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, figures_of
+from rig.session.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, figures_of, write_results
 from rig.session.sweep.state import SCHEMA, PointState, SweepState
 from tests.rig.session.sweep.swept import parsed
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
@@ -104,6 +105,19 @@ def test_a_row_says_what_was_driven_counted_held_and_where_it_lies() -> None:
     rows = list(rows_of(swept, state_of(swept, [30.0, 40.0])))
     assert rows[1] == ["2", "10 Hz", "done", "10", "20 Hz", "point-2.mcap"]
     assert len(rows) == 2
+
+
+def test_table_and_page_tell_the_impacts_of_the_record_and_not_those_that_ended_it(tmp_path: Path) -> None:
+    """The record ends a moment after the ninth is over, when the tenth has begun."""
+    swept = parsed(FREQUENCIES)
+    state = state_of(swept, [30.0])
+    state = state.with_point(1, dataclasses.replace(state.points[1], impacts=9))
+    state = state.with_point(2, PointState("done", "point-2.mcap", impacts=9))
+    (told, unknown) = csv.DictReader(write_results(tmp_path, swept, state).read_text().splitlines())
+    assert [told["impacts"], unknown["impacts"]] == ["10", ""]
+    assert "impacts recorded" not in told
+    column = headings_of(swept).index("impacts")
+    assert [row[column] for row in rows_of(swept, state)] == ["10", ""]
 
 
 def test_the_way_back_is_drawn_apart_from_the_way_there(tmp_path: Path) -> None:

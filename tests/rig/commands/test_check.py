@@ -1,0 +1,105 @@
+"""`rattle check` refuses what a run would refuse before anything moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.rig.commands.cli import Call
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+CRANK, CRANK_BENCH = SCENARIOS / "planar_slider_crank.toml", SCENARIOS / "crank_bench.example.toml"
+BENCH = SCENARIOS / "bench.example.toml"
+FAST = 'speed = "900 rpm"'
+
+
+def crank(path: Path, old: str = "", new: str = "") -> Path:
+    text = CRANK.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.fixture
+def lasting_bench(tmp_path: Path) -> Path:
+    """The crank's example with calibrations that no test outlives."""
+    path = tmp_path / "crank_bench.toml"
+    path.write_text(CRANK_BENCH.read_text().replace("valid_until = 2027", "valid_until = 2096"))
+    return path
+
+
+def test_a_motor_without_time_for_its_ramp_is_refused_on_any_bench(call: Call, tmp_path: Path) -> None:
+    hasty = crank(tmp_path / "hasty.toml", 'settle = "1 s"', 'settle = "0.5 s"')
+    said = "acquisition.settle = 0.5 s: at least 1 s: a motor comes up on its ramp"
+    for command in ("check", "run"):
+        answer = call(command, hasty)
+        assert answer.code == 2
+        assert answer.err.count(said) == 1
+
+
+def test_a_speed_that_this_bench_does_not_allow_is_refused_on_it(
+    call: Call, tmp_path: Path, lasting_bench: Path
+) -> None:
+    fast = crank(tmp_path / "fast.toml", 'speed = "200 rpm"', FAST)
+    answer = call("check", fast, "--bench", lasting_bench)
+    assert answer.code == 2
+    assert "drive.speed = 900 rpm: up to 300 rpm (inverter.maximum_speed)" in answer.err
+    answer = call("check", crank(tmp_path / "slow.toml"), "--bench", lasting_bench)
+    assert answer.code == 0
+    assert answer.out == f"{tmp_path / 'slow.toml'}: scenario, no faults on {lasting_bench}\n"
+
+
+def test_without_a_bench_it_is_told_that_the_emulated_one_would_refuse(call: Call, tmp_path: Path) -> None:
+    """Another bench may allow it, so that it is no fault of the scenario."""
+    answer = call("check", crank(tmp_path / "fast.toml", 'speed = "200 rpm"', FAST))
+    assert answer.code == 0
+    remark, verdict = answer.out.splitlines()
+    assert remark.startswith(
+        "! needs a bench of its own, the emulated one refuses drive.speed = 900 rpm: up to"
+    )
+    assert verdict == f"{tmp_path / 'fast.toml'}: scenario, no faults"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("valid_until = 2027-05-04", "valid_until = 2026-05-05", "2026-05-05: not before today"),
+        ('name = "base.acceleration"', 'name = "crank_frame.acceleration_x"', "a channel of the impact_beam"),
+    ],
+)
+def test_a_bench_that_no_run_takes_is_refused(
+    call: Call, tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    text = BENCH.read_text().replace(old, new).replace("valid_until = 2027", "valid_until = 2096")
+    (tmp_path / "bench.toml").write_text(text)
+    answer = call("check", tmp_path / "bench.toml")
+    assert answer.code == 2
+    assert said in answer.err
+
+
+@pytest.mark.parametrize("card", ["", "emulated = true\nchannels = []"])
+def test_a_bench_without_a_channel_is_refused(call: Call, tmp_path: Path, card: str) -> None:
+    head = BENCH.read_text().partition("[daq_card]")[0]
+    (tmp_path / "bench.toml").write_text(f"{head}[daq_card]\n{card}\n")
+    answer = call("check", tmp_path / "bench.toml")
+    assert answer.code == 2
+    assert "daq_card.channels = [...]: at least one table [[daq_card.channels]]" in answer.err
+
+
+def test_every_point_of_a_sweep_is_checked_on_a_bench(
+    call: Call, tmp_path: Path, lasting_bench: Path
+) -> None:
+    crank(tmp_path / "s.toml")
+    sweep = '[sweep]\nname = "fast"\nscenario = "s.toml"\n[axes]\n"drive.speed" = ["200 rpm", "310 rpm"]\n'
+    (tmp_path / "sweep.toml").write_text(sweep)
+    assert call("check", tmp_path / "sweep.toml").code == 0
+    answer = call("check", tmp_path / "sweep.toml", "--bench", lasting_bench)
+    assert answer.code == 2
+    assert "point 2: drive.speed = 310 rpm: up to 300 rpm" in answer.err
+
+
+def test_a_bench_is_not_checked_on_a_bench(call: Call, lasting_bench: Path) -> None:
+    answer = call("check", lasting_bench, "--bench", lasting_bench)
+    assert answer.code == 2
+    assert "a scenario or a sweep to check on it" in answer.err
