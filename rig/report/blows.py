@@ -8,6 +8,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.derived import RECORD, from_record
 from rig.report.record import ORIGINS, RunRecord
 from rig.report.speed import speed_figures, speeds
 
@@ -44,22 +45,42 @@ class Blows:
 
 
 def blows(run: RunRecord) -> dict[str, dict[str, Blows]]:
-    """Impacts by group and by whose they are; only of groups and origins whose channels the run has."""
+    """Impacts by group and by whose they are; only of groups and origins whose channels the run has.
+
+    All origins count from one level, the highest of those that each settled for itself: an origin whose
+    first second was softer would count more, and softer ones.
+    """
     if run.crank is None:
         return {}
+    least = _least(run)
     turned = {whose: speed_figures(speed).revolutions for whose, speed in speeds(run).items()}
     found: dict[str, dict[str, Blows]] = {}
     for group, names in run.crank.heard(run.channels).items():
         found[group] = {
-            run.whose(origin): _of(run, origin, names, turned.get(run.whose(origin), nan))
+            run.whose(origin): _of(run, origin, names, least, turned.get(run.whose(origin), nan))
             for origin in ORIGINS
             if any((origin, name) in run.traces for name in names)
         }
     return found
 
 
-def _of(run: RunRecord, origin: str, names: tuple[str, ...], revolutions: float) -> Blows:
-    chosen = [each for each in run.impacts if each.origin == origin and each.channel in names]
+def _least(run: RunRecord) -> dict[str, float]:
+    """By channel, the peak from which an impact counts, in its unit."""
+    least: dict[str, float] = {}
+    for settings in from_record(run.metadata.get(RECORD, {})).values():
+        for name, levels in settings.levels.items():
+            least[name] = max(least.get(name, 0.0), levels.counts_from_n)
+    return least
+
+
+def _of(
+    run: RunRecord, origin: str, names: tuple[str, ...], least: dict[str, float], revolutions: float
+) -> Blows:
+    chosen = [
+        each
+        for each in run.impacts
+        if each.origin == origin and each.channel in names and each.peak >= least.get(each.channel, 0.0)
+    ]
     turns = np.array([each.turns for each in chosen], dtype=np.float64)
     return Blows(
         unit=run.channels[names[0]].unit,

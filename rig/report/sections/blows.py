@@ -19,11 +19,13 @@ _MOST_DOTS = 3_000
 _EXPLANATION = {
     "N": (
         "On a force sensor an impact is a contact with its bounces, and its peak the largest force; it "
-        "counts from a tenth of the largest in the first second or three revolutions of its own origin."
+        "counts from a tenth of the largest in the first second or three revolutions, measured or predicted, "
+        "whichever was larger."
     ),
     "m/s2": (
         "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration; it "
-        "counts from a fifth of the largest in the first second or three revolutions of its own origin."
+        "counts from a fifth of the largest in the first second or three revolutions, measured or predicted, "
+        "whichever was larger."
     ),
 }
 _CAPTION = (

@@ -21,7 +21,7 @@ def _events(run: RunRecord) -> list[Part]:
         return [Sentence("No events in this log.")]
     rows = [
         [_clock(event.time_ns), event.level, event.source, event.code, event.text]
-        for event in run.events[:_MOST_ROWS]
+        for event in sorted(run.events, key=lambda event: event.time_ns)[:_MOST_ROWS]
     ]
     return [
         Table(("time (UTC)", "level", "source", "code", "text"), rows, "Events", words=True),

@@ -58,7 +58,7 @@ def write_log(
         for channel in derived_channels(by_origin, wanted) if derive else ():
             log.declare("derived", channel)
         names = {origin: [channel.name for channel in channels] for origin in origins}
-        sink = DerivedSink(Logging(log), names, wanted)
+        sink = DerivedSink(Logging(log), names, wanted, note=log.add_metadata)
         for origin in origins:
             for block in blocks(channels, origin, seconds):
                 kept = SampleBlock(
