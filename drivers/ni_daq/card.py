@@ -9,15 +9,17 @@ from typing import Any
 
 import nidaqmx
 import numpy as np
-from nidaqmx.errors import DaqError, DaqWarning
+from nidaqmx.errors import DaqError, DaqWarning, Error
 from nidaqmx.system import System
 from numpy.typing import NDArray
 
 from daq import Channel, Clock, Flag, SystemClock
+from daq.block import NS_PER_S
+from daq.clock import wall_less_monotonic_ns
 from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused, RecorderFailed
 from drivers.ni_daq import session
 from drivers.ni_daq.channels import CardChannel, CardSettings
-from drivers.ni_daq.faults import NOT_YET, UNSUPPORTED, translated
+from drivers.ni_daq.faults import UNSUPPORTED, translated
 from drivers.ni_daq.kinds import INPUTS, described
 from drivers.ni_daq.problems import problems
 from drivers.ni_daq.quality import QualityWatch
@@ -28,7 +30,6 @@ from drivers.protocols import CardReading, Finding
 RATE_TOLERANCE = 10e-6
 LARGEST_RATE_ERROR = 0.01
 WAIT_MARGIN_S = 1.0  # how much later than its last sample a block may come
-STAMP_WAIT_S = 0.1  # how long the stamp of the first sample may take
 _STATUS = {
     "overloaded_chans": Flag.OVERLOAD,
     "open_chans": Flag.OPEN_SENSOR,
@@ -74,7 +75,7 @@ class NiDaqCard:
             self._accept(seen)
             self._analog = self._create_analog()
             self._set_clock(self._analog)
-            self._stamps = self._stamped(self._analog)
+            self._stamps = self._stamped(self._analog, seen.simulated)
             for channel in _on(self.settings, "ctr"):
                 self._counters.append(self._create_counter(channel, f"/{seen.chassis}/ai/SampleClock"))
         except BaseException:
@@ -117,17 +118,16 @@ class NiDaqCard:
         with self._translated("starting"):
             analog.start()
 
-    def started_ns(self) -> int | None:
-        """When sample 0 was taken, by the device's own stamp; see `AcquisitionCard.started_ns`."""
-        analog, until_s = self._opened(), self._clock.monotonic_s() + STAMP_WAIT_S
-        while self._stamps:
+    def started_s(self) -> float | None:
+        """When sample 0 was taken, by the device's own stamp; see `AcquisitionCard.started_s`."""
+        if not self._stamps:
+            return None
+        with self._translated("asking when it started"):
             try:
-                return analog.started_ns()
-            except (DaqError, DaqWarning) as error:
-                if error.error_code != NOT_YET or self._clock.monotonic_s() > until_s:
-                    return None
-            self._clock.sleep(STAMP_WAIT_S / 20)
-        return None
+                stamp_ns = self._opened().started_ns()
+            except (DaqError, DaqWarning):  # late or inaccurate: as good as none
+                return None
+        return (stamp_ns - wall_less_monotonic_ns(self._clock)) / NS_PER_S
 
     def stop(self) -> None:
         """Stop the sample clock."""
@@ -253,10 +253,13 @@ class NiDaqCard:
             "rate",
         )
 
-    def _stamped(self, analog: AnalogTask) -> bool:
+    def _stamped(self, analog: AnalogTask, simulated: bool) -> bool:
+        """Whether the start is stamped by this host's clock; that of a device server may be another's."""
+        if self.settings.grpc is not None and not simulated:
+            return False
         try:
             return analog.stamp_by_host()
-        except DaqError:  # whatever it has against it: a run does without
+        except Error:  # whatever device or server has against it: a run does without
             return False
 
     def _reported(self, stream: Any) -> list[tuple[str, int]]:

@@ -19,11 +19,13 @@ _OFFERS = {"ai": "ai_physical_chans", "ctr": "ci_physical_chans"}
 class Survey:
     """What was found: `absent` and `wrong` say all that keeps the channels from being measured.
 
-    `chassis` owns the sample clock; `sheets` are the TEDS found, by the channel's name.
+    `chassis` owns the sample clock; `sheets` are the TEDS found, by the channel's name; `simulated`: none of
+    the devices is real.
     """
 
     present: tuple[str, ...] = ()
     identity: str = ""
+    simulated: bool = False
     chassis: str = ""
     sheets: dict[str, DataSheet] = field(default_factory=dict)
     absent: list[str] = field(default_factory=list)
@@ -51,6 +53,8 @@ def survey(system: Any, channels: Sequence[CardChannel], new_task: Callable[[], 
         for channel in _offered(found, devices[name], there):
             _look_at_sensor(found, devices[name], channel, new_task)
     found.identity = "; ".join(identities)
+    known = [devices[name] for name in wanted if name in devices]
+    found.simulated = bool(known) and all(device.is_simulated for device in known)
     return found
 
 

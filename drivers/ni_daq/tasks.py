@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from nidaqmx.constants import AcquisitionType, TaskMode, Timescale
+from nidaqmx.constants import AcquisitionType, TaskMode, Timescale, TimestampEvent
 from nidaqmx.errors import DaqError, DaqWarning, Error
 from nidaqmx.stream_readers import AnalogMultiChannelReader, CounterReader
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S
 from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.kinds import ANALOG, COUNTERS
+
+_STAMP_WAIT_S = 0.1
+"""How long the stamp of the first sample may take; until it is there nothing is read."""
 
 
 class AnalogTask:
@@ -70,11 +73,11 @@ class AnalogTask:
         return False
 
     def started_ns(self) -> int:
-        """The stamp of the first sample, Unix epoch, ns; a warning that it is inaccurate is an error."""
+        """The stamp of the first sample, Unix epoch, ns; a warning that it is inaccurate is raised too."""
         with warnings.catch_warnings():
             warnings.simplefilter("error", DaqWarning)
-            stamp_s = float(self._task.timing.first_samp_timestamp_val.timestamp())
-        return round(stamp_s * NS_PER_S)
+            stamp = self._task.wait_for_valid_timestamp(TimestampEvent.FIRST_SAMPLE, _STAMP_WAIT_S)
+        return round(float(stamp.timestamp()) * NS_PER_S)
 
     def start(self) -> None:
         """Start the sample clock, and with it the counters."""

@@ -89,10 +89,10 @@ class AcquisitionCard(Protocol):
         """Start the sample clock of an armed card; sample 0 is taken before this returns."""
         ...
 
-    def started_ns(self) -> int | None:
-        """When sample 0 was taken (Unix epoch, ns, by the clock of this host), asked right after `start`.
+    def started_s(self) -> float | None:
+        """When sample 0 was taken, by the device's own stamp, in s of the monotonic clock; after `start`.
 
-        None for a device that does not tell, and where it has not within a tenth of a second.
+        None for a device that does not tell.
         """
         ...
 

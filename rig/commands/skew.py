@@ -52,4 +52,4 @@ def _of_all(found: Skew) -> Iterator[str]:
         yield str(found)
         return
     yield f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad"
-    yield f"{found} by itself, its bus's quickest frame included: no log places its clock more closely"
+    yield f"{found} by itself, with the travel time of the bus's fastest frame"

@@ -72,7 +72,7 @@ class Acquisition:
 
     def __enter__(self) -> Acquisition:
         self._card.arm()
-        doubt = self.base.start(self._card.start, self._card.started_ns)
+        doubt = self.base.start(self._card.start, self._card.started_s)
         if doubt:
             self._event("warning", "clock.stamp_ignored", f"{self._card.name} {doubt}")
         self._thread.start()

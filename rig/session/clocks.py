@@ -22,7 +22,7 @@ _FIRST_FIT_S, _FIT_AGAIN = 1.0, 1.3
 _CRYSTAL = 50e-6
 """Standard deviation of one clock's rate from another's, before anything is known of them."""
 _STAMP_S = 100e-6
-"""95 % half width of a card's stamp of its start in this host's time: generous, for no maker states it."""
+"""95 % half width of a card's stamp of its start in this host's time: assumed, for no maker states it."""
 _STEP_S = 1e-3
 """What of a step is worth telling: less than any crank angle here could show."""
 
@@ -73,7 +73,7 @@ class CardClock:
         self._fitted = _Fitted()
         self.start_ns, self._start_s, self._start_uncertainty_s = 0, 0.0, 0.0
 
-    def start(self, start: Callable[[], None], started_ns: Callable[[], int | None] = lambda: None) -> str:
+    def start(self, start: Callable[[], None], started_s: Callable[[], float | None] = lambda: None) -> str:
         """Call what starts the card, which takes its sample 0 before it returns, and ask when that was.
 
         Says what is wrong with the answer, for which it is left out; nothing, mostly.
@@ -82,9 +82,8 @@ class CardClock:
         start()
         after_s, after_ns = self._clock.monotonic_s(), self._clock.unix_ns()
         self._start_s, self._start_uncertainty_s = (before_s + after_s) / 2, (after_s - before_s) / 2
-        stamp_ns, doubt = started_ns(), ""
-        if stamp_ns is not None:
-            stamp_s = after_s + (stamp_ns - after_ns) / NS_PER_S
+        stamp_s, doubt = started_s(), ""
+        if stamp_s is not None:
             if before_s - _STAMP_S <= stamp_s <= after_s + _STAMP_S:
                 self._start_s, self._start_uncertainty_s = stamp_s, _STAMP_S
             else:

@@ -27,7 +27,7 @@ _STEADY_SHARE = 0.10
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
 _MOST_MARKS = 4096
-_MISSED = f"the marker missed more than {MOST_MISSING} marks in a row"
+_MISSED = f"more than {MOST_MISSING} marks in a row are missing: the marker is off, or the shaft stands"
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,11 +18,12 @@ OFF_SHARE, OFF_S = 0.05, 0.5
 BACK_SHARE = 0.04
 """How near a speed that has been off must come to count as back."""
 UNKNOWN_S = 1.0
-"""How long a run goes on blind."""
+"""How long a run goes on after its instrument has said that it knows nothing of the speed. A marker says so,
+and has lost the shaft, after four and a half turns without a mark."""
 SPEED_GUARDED = (
     f"shaft within {OFF_SHARE:.0%} of its speed: the run ends {OFF_S:g} s after it has left it, "
-    f"{UNKNOWN_S:g} s after no instrument shows it, at once after more than {MOST_MISSING} lost marks "
-    "in a row"
+    f"{UNKNOWN_S:g} s after no instrument shows it; where a marker alone does, once more than {MOST_MISSING} "
+    "marks in a row are missing"
 )
 """What a person should know of it before anything moves."""
 

@@ -14,6 +14,8 @@ from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import DTypeLike, NDArray
 
 from daq import Clock
+from daq.block import NS_PER_S
+from daq.clock import wall_less_monotonic_ns
 from drivers.ni_daq.emulator.buffer import SampleBuffer
 from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.counters import Measure
@@ -90,7 +92,7 @@ class Acquisition:
         self._clipped = np.zeros(len(inputs), dtype=bool)
         self._clipping = threading.Lock()
         self._counters: tuple[CounterRun, ...] = ()
-        self._start_s, self._start_ns = 0.0, 0
+        self._start_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated card", daemon=True)
 
@@ -116,11 +118,11 @@ class Acquisition:
     @property
     def started_ns(self) -> int:
         """When sample 0 was taken, Unix epoch, ns."""
-        return self._start_ns
+        return round(self._start_s * NS_PER_S) + wall_less_monotonic_ns(self._clock)
 
     def start(self) -> None:
         """Start the sample clock; once."""
-        self._start_s, self._start_ns = self._clock.monotonic_s(), self._clock.unix_ns()
+        self._start_s = self._clock.monotonic_s()
         self._thread.start()
 
     def stop(self) -> None:

@@ -20,6 +20,7 @@ from nidaqmx.constants import (
     ForceIEPESensorSensitivityUnits,
     TaskMode,
     Timescale,
+    TimestampEvent,
 )
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
@@ -33,7 +34,6 @@ from drivers.ni_daq.emulator.tasks import (
     READ_BOOL,
     READ_STRING,
     READ_UINT32,
-    STAMP,
     STAMP_ENABLED,
     STAMP_TIMESCALE,
     TASK_STRING,
@@ -189,11 +189,13 @@ class CardServicer(DeviceCalls):
             raise DaqmxError(DAQmxErrors.INVALID_ATTRIBUTE_VALUE, text)
         return messages.SetTimingAttributeInt32Response()
 
-    def GetTimingAttributeTimestamp(self, request: Any, context: Any) -> Any:
-        lookup({STAMP: None} if self._wiring.stamps_start else {}, request.attribute_raw)
+    def WaitForValidTimestamp(self, request: Any, context: Any) -> Any:
+        if not self._wiring.stamps_start or request.timestamp_event_raw != TimestampEvent.FIRST_SAMPLE.value:
+            text = "this card has no such timestamp"
+            raise DaqmxError(DAQmxErrors.WAIT_FOR_VALID_TIMESTAMP_NOT_SUPPORTED, text)
         stamp = Timestamp()
         stamp.FromNanoseconds(self._task(request).running().started_ns)
-        return messages.GetTimingAttributeTimestampResponse(value=stamp)
+        return messages.WaitForValidTimestampResponse(timestamp=stamp)
 
     def GetTaskAttributeString(self, request: Any, context: Any) -> Any:
         value = lookup(TASK_STRING, request.attribute_raw)(self._task(request))

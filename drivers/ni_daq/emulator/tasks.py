@@ -16,7 +16,7 @@ from drivers.ni_daq.emulator.wiring import DaqmxError, Input
 
 T = TypeVar("T")
 
-STAMP_ENABLED, STAMP, STAMP_TIMESCALE = 0x3139, 0x313A, 0x313B
+STAMP_ENABLED, STAMP_TIMESCALE = 0x3139, 0x313B
 DEFAULT_BUFFER = 100_000  # samples per channel at 10 kHz to 1 MHz: NI-DAQmx manual, "Buffer size"
 
 

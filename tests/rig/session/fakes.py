@@ -94,7 +94,7 @@ class SteppedCard:
     def start(self) -> None:
         self._next = 0
 
-    def started_ns(self) -> int | None:
+    def started_s(self) -> float | None:
         return None
 
     def read(self, count: int) -> CardReading:
