@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rig.files.rigs import RIGS
 from tests.rig.commands.cli import Call
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -76,6 +77,57 @@ def test_a_bench_that_no_run_takes_is_refused(
     answer = call("check", tmp_path / "bench.toml")
     assert answer.code == 2
     assert said in answer.err
+
+
+@pytest.fixture
+def blind_bench(tmp_path: Path) -> Path:
+    """An emulated crank with an accelerometer and nothing that shows the shaft."""
+    bench = RIGS["planar_slider_crank"].bench
+    head, first, *_ = bench.split("[[daq_card.channels]]")
+    path = tmp_path / "blind.toml"
+    path.write_text(f"{head}[[daq_card.channels]]{first}")
+    return path
+
+
+def test_a_crank_that_no_channel_shows_is_refused_before_anything_starts(
+    call: Call, tmp_path: Path, blind_bench: Path
+) -> None:
+    sweep = f'[sweep]\nname = "s"\nscenario = "{CRANK}"\n[axes]\n"drive.speed" = ["200 rpm"]\n'
+    (tmp_path / "sweep.toml").write_text(sweep)
+    on_it = ("--bench", blind_bench)
+    out = (*on_it, "--out", tmp_path / "out")
+    for call_of in (
+        ("check", blind_bench),
+        ("check", CRANK, *on_it),
+        ("check", tmp_path / "sweep.toml", *on_it),
+        ("run", CRANK, *out),
+        ("sweep", tmp_path / "sweep.toml", *out),
+        ("dwell", CRANK, "--speeds", "100 rpm", *out),
+    ):
+        answer = call(*call_of)
+        assert answer.code == 2
+        shown = (
+            "daq_card.channels = crank_frame.acceleration_y: one that shows the crank turn: its angle on a"
+        )
+        assert shown in answer.err
+        assert "starting" not in answer.out
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("rig", "name"),
+    [
+        ("planar_slider_crank", "crank.angle"),
+        ("planar_slider_crank", "crank.marker"),
+        ("spatial_slider_crank", "flywheel.marker"),
+    ],
+)
+def test_one_channel_that_shows_the_shaft_will_do(call: Call, tmp_path: Path, rig: str, name: str) -> None:
+    head, *channels = RIGS[rig].bench.split("[[daq_card.channels]]")
+    (shaft,) = (channel for channel in channels if f'"{name}"' in channel)
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[[daq_card.channels]]".join([head, channels[0], shaft]))
+    assert call("check", SCENARIOS / f"{rig}.toml", "--bench", bench).code == 0
 
 
 @pytest.mark.parametrize("card", ["", "emulated = true\nchannels = []"])
