@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
-from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench, embedded_bench, load_bench
+from rig.files.faults import Gathered
 from rig.files.file_kind import refuse_other_than_log
 from rig.files.scenario import Scenario, load_scenario
+from rig.files.sweep import Sweep, load_sweep
+
+_Wanted = TypeVar("_Wanted", Scenario, Sweep)
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
 
@@ -51,39 +55,25 @@ RUNS = Path("runs")
 
 def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, Bench]:
     """Scenario and bench (the emulated one without a file); raises one error with the faults of both."""
-    errors: list[ConfigurationError] = []
-    scenario = bench = None
-    try:
-        scenario = load_scenario(scenario_file)
-    except ConfigurationError as error:
-        errors.append(error)
-    rig = None if scenario is None else scenario.rig
-    try:
-        if bench_file is not None:
-            bench = load_bench(bench_file, rig)
-        elif rig is not None:
-            bench = embedded_bench(rig)
-    except ConfigurationError as error:
-        errors.append(error)
-    if errors or scenario is None or bench is None:
-        raise _joined(errors)
-    return scenario, bench
+    return _loaded(lambda: load_scenario(scenario_file), bench_file)
 
 
-def bench_of(rig: str, bench_file: Path | None) -> Bench:
-    """The bench of a file, or the emulated one of a rig."""
-    return embedded_bench(rig) if bench_file is None else load_bench(bench_file, rig)
+def load_sweep_pair(sweep_file: Path, bench_file: Path | None) -> tuple[Sweep, Bench]:
+    """Sweep and bench (the emulated one without a file); raises one error with the faults of both."""
+    return _loaded(lambda: load_sweep(sweep_file), bench_file)
 
 
-def _joined(errors: list[ConfigurationError]) -> ConfigurationError:
-    if len(errors) == 1:
-        return errors[0]
-    problems = [
-        Problem(f"{error.source}: {problem.key}", problem.value, problem.allowed)
-        for error in errors
-        for problem in error.problems
-    ]
-    return ConfigurationError(" and ".join(error.source for error in errors), problems)
+def _loaded(load: Callable[[], _Wanted], bench_file: Path | None) -> tuple[_Wanted, Bench]:
+    gathered = Gathered()
+    wanted, bench = gathered.of(load), None
+    rig = None if wanted is None else wanted.rig
+    if bench_file is not None:
+        bench = gathered.of(lambda: load_bench(bench_file, rig))
+    elif rig is not None:
+        bench = embedded_bench(rig)
+    if wanted is None or bench is None:
+        raise gathered.error()
+    return wanted, bench
 
 
 def print_json(result: object) -> None:

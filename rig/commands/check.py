@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from daq.errors import ConfigurationError, Problem
-from rig.files.bench import embedded_bench, load_bench
-from rig.files.check import CheckedKind, validate
+from rig.files.bench import Bench, embedded_bench, load_bench
+from rig.files.check import load_any
+from rig.files.faults import Faults, Gathered, raised_by
 from rig.files.pairing import check_bench, check_pair, check_scenario
-from rig.files.scenario import load_scenario
-from rig.files.sweep import load_sweep
-from rig.session.sweep.plan import check_points
+from rig.files.scenario import Scenario
+from rig.files.sweep import Sweep
+from rig.session.sweep.plan import check_points, check_points_anywhere
 from rig.twin.scenario_twin import check_twin
+
+_KINDS: Final = {Scenario: "scenario", Bench: "bench", Sweep: "sweep"}
 
 
 def add_to(app: typer.Typer) -> None:
@@ -31,41 +33,58 @@ def add_to(app: typer.Typer) -> None:
         ] = None,
     ) -> None:
         """Validate a scenario, bench or sweep file; lists every error at once. Nothing moves."""
-        kind = validate(file)
-        _CHECKS[kind](file, bench_file, datetime.datetime.now(datetime.UTC).date())
-        typer.echo(f"{file}: {kind}, no faults{'' if bench_file is None else f' on {bench_file}'}")
+        today = datetime.datetime.now(datetime.UTC).date()
+        sound = _alone(file, today) if bench_file is None else _on_bench(file, bench_file, today)
+        where = "" if bench_file is None else f" on {bench_file}"
+        typer.echo(f"{file}: {_KINDS[type(sound)]}, no faults{where}")
 
 
-def _check_scenario(file: Path, bench_file: Path | None, today: datetime.date) -> None:
-    scenario = load_scenario(file)
-    check_twin(scenario)
-    if bench_file is not None:
-        check_pair(scenario, load_bench(bench_file, scenario.rig), today)
-        return
-    check_scenario(scenario, str(file))
-    try:
-        check_pair(scenario, embedded_bench(scenario.rig), today)
-    except ConfigurationError as error:
-        # Another bench may well allow it: no fault of the scenario.
-        for problem in error.problems:
-            typer.echo(f"! needs a bench of its own, the emulated one refuses {problem}")
+def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
+    """What a file holds; what only the emulated bench forbids is told as a remark."""
+    loaded = load_any(file)
+    if isinstance(loaded, Bench):
+        check_bench(loaded, today)
+        return loaded
+    _check_anywhere(loaded, str(file))
+    # Another bench may well allow it: no fault of the scenario.
+    for problem in raised_by(lambda: _check_together(loaded, embedded_bench(loaded.rig), "", today)):
+        typer.echo(f"! needs a bench of its own, the emulated one refuses {problem}")
+    return loaded
 
 
-def _check_bench(file: Path, bench_file: Path | None, today: datetime.date) -> None:
-    if bench_file is not None:
+def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | Sweep:
+    """What a file holds that is to run on a bench; where one of the two is faulty, the other's faults too."""
+    gathered = Gathered()
+    loaded = gathered.of(lambda: load_any(file))
+    if isinstance(loaded, Bench):
         allowed = "a scenario or a sweep to check on it"
         raise ConfigurationError(str(bench_file), [Problem("--bench", f"beside {file}, a bench", allowed)])
-    check_bench(load_bench(file), today)
+    bench = gathered.of(lambda: load_bench(bench_file, None if loaded is None else loaded.rig))
+    if loaded is not None and bench is not None:
+        _check_together(loaded, bench, str(file), today)
+        return loaded
+    if loaded is not None:
+        gathered.of(lambda: _check_anywhere(loaded, str(file)))
+    if bench is not None:
+        gathered.of(lambda: check_bench(bench, today))
+    raise gathered.error()
 
 
-def _check_sweep(file: Path, bench_file: Path | None, today: datetime.date) -> None:
-    if bench_file is not None:
-        swept = load_sweep(file)
-        check_points(swept, load_bench(bench_file, swept.rig), today)
+def _check_anywhere(wanted: Scenario | Sweep, source: str) -> None:
+    """Raise ConfigurationError with all that no bench allows."""
+    if isinstance(wanted, Sweep):
+        check_points_anywhere(wanted)
+        return
+    faults = Faults(source)
+    faults.note_all(raised_by(lambda: check_scenario(wanted, source), lambda: check_twin(wanted)))
+    faults.raise_if_any()
 
 
-_CHECKS: Final[Mapping[CheckedKind, Callable[[Path, Path | None, datetime.date], None]]] = {
-    "scenario": _check_scenario,
-    "bench": _check_bench,
-    "sweep": _check_sweep,
-}
+def _check_together(wanted: Scenario | Sweep, bench: Bench, source: str, today: datetime.date) -> None:
+    """Raise ConfigurationError with all that this bench does not allow, and with what none does."""
+    if isinstance(wanted, Sweep):
+        check_points(wanted, bench, today)
+        return
+    faults = Faults(f"{source} on {bench.source}")
+    faults.note_all(raised_by(lambda: check_pair(wanted, bench, today), lambda: check_twin(wanted)))
+    faults.raise_if_any()

@@ -15,12 +15,12 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import RUNS, BenchFile, Live, Model, bench_of
+from rig.commands.arguments import RUNS, BenchFile, Live, Model, load_sweep_pair
 from rig.commands.centre import found_lines
 from rig.files.bench import Bench
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
-from rig.files.sweep import Sweep, load_sweep, points_named
+from rig.files.sweep import Sweep, points_named
 from rig.session.centring.probe import plan_of
 from rig.session.centring.rig import find_centre
 from rig.session.devices import Devices
@@ -63,8 +63,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
     ) -> None:
         """Run a scenario point by point; the same call goes on where a sweep was stopped."""
         screen = Screen(Console(stderr=False))
-        swept = load_sweep(sweep_file)
-        bench = bench_of(swept.rig, bench_file)
+        swept, bench = load_sweep_pair(sweep_file, bench_file)
         folder = RUNS / _plain(swept.name) if out is None else out
         asked = frozenset(again or [])
         _check_again(asked, swept)

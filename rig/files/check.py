@@ -1,34 +1,28 @@
-"""Tells what kind of file this is and whether it is right; the work of `rattle check`."""
+"""Reads a file of whatever kind `rattle check` takes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, get_args
 
 from daq.errors import ConfigurationError, Problem
-from rig.files.bench import parse_bench
+from rig.files.bench import Bench, parse_bench
 from rig.files.faults import read_toml
 from rig.files.file_kind import kind_of_tables, read_file
-from rig.files.scenario import parse_scenario
-from rig.files.sweep import parse_sweep
-
-CheckedKind = Literal["scenario", "bench", "sweep"]
+from rig.files.scenario import Scenario, parse_scenario
+from rig.files.sweep import Sweep, parse_sweep
 
 
-def validate(path: str | Path) -> CheckedKind:
-    """Check a file and return what it is; raises ConfigurationError with every fault in it."""
-    text, source = read_file(path, *get_args(CheckedKind)), str(path)
+def load_any(path: str | Path) -> Scenario | Bench | Sweep:
+    """Read a scenario, bench or sweep file; raises ConfigurationError with every fault in it."""
+    text, source = read_file(path, "scenario", "bench", "sweep"), str(path)
     folder = Path(path).resolve().parent
     match kind_of_tables(read_toml(text, source)):
         case "sweep":
-            parse_sweep(text, source, folder)
-            return "sweep"
+            return parse_sweep(text, source, folder)
         case "scenario":
-            parse_scenario(text, source)
-            return "scenario"
+            return parse_scenario(text, source)
         case "bench":
-            parse_bench(text, source, folder)
-            return "bench"
+            return parse_bench(text, source, folder)
     allowed = (
         "a scenario (rig, [model], [drive], [acquisition]), "
         "a bench ([signal_generator] or [inverter], [daq_card]) or a sweep ([sweep], [axes])"

@@ -6,13 +6,14 @@ import datetime
 import difflib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from daq.errors import ConfigurationError, Problem
 
 _LARGEST_BYTES = 4 << 20
+_T = TypeVar("_T")
 
 
 class Faults:
@@ -40,6 +41,10 @@ class Faults:
         """Note a problem that was found elsewhere."""
         self._problems.append(problem)
 
+    def note_all(self, problems: Iterable[Problem]) -> None:
+        """Note problems that were found elsewhere."""
+        self._problems.extend(problems)
+
     def missing(self, key: str, allowed: str) -> None:
         """Note that `key` has to be there."""
         self._problems.append(Problem(key, "(missing)", allowed))
@@ -59,6 +64,43 @@ class Faults:
         """Raise ConfigurationError if a fault was found."""
         if self._problems:
             raise self.error()
+
+
+class Gathered:
+    """Errors of several files, so that they are told in one."""
+
+    def __init__(self) -> None:
+        self._errors: list[ConfigurationError] = []
+
+    def of(self, work: Callable[[], _T]) -> _T | None:
+        """What `work` returns; None where it raises ConfigurationError, which is kept."""
+        try:
+            return work()
+        except ConfigurationError as error:
+            self._errors.append(error)
+            return None
+
+    def error(self) -> ConfigurationError:
+        """One error of all; where they are several, each problem is told with its file."""
+        if len(self._errors) == 1:
+            return self._errors[0]
+        problems = [
+            Problem(f"{error.source}: {problem.key}", problem.value, problem.allowed)
+            for error in self._errors
+            for problem in error.problems
+        ]
+        return ConfigurationError(" and ".join(error.source for error in self._errors), problems)
+
+
+def raised_by(*checks: Callable[[], object]) -> tuple[Problem, ...]:
+    """The problems that `checks` raise in a ConfigurationError, each once."""
+    found: dict[Problem, None] = {}
+    for check in checks:
+        try:
+            check()
+        except ConfigurationError as error:
+            found |= dict.fromkeys(error.problems)
+    return tuple(found)
 
 
 def as_written(value: object) -> str:

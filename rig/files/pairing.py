@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
+from rig.crank.shaft import shaft_channel
 from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.rigs import RIGS
@@ -28,15 +29,16 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
-    the rig's; a limit names a channel that the bench lacks, lies beyond its range and could never trip,
-    or is to guard a real rig by an emulated card; a calibration has run out by `today`
-    (emulated sensors do not age).
+    the rig's, or none shows its crank turn; a limit names a channel that the bench lacks, lies beyond its
+    range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
+    `today` (emulated sensors do not age).
     """
     drive = _DRIVES[RIGS[scenario.rig].actuator]
     problems = [
         *drive.beyond(scenario, bench),
         *drive.hurried(scenario),
         *_channels(scenario.rig, bench),
+        *_shaft(bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
     ]
@@ -53,7 +55,7 @@ def check_scenario(scenario: Scenario, source: str) -> None:
 
 def check_bench(bench: Bench, today: datetime.date) -> None:
     """Raise ConfigurationError with what forbids this bench for whatever scenario: channels, calibrations."""
-    problems = [*_channels(bench.rig, bench), *_calibrations(bench, today)]
+    problems = [*_channels(bench.rig, bench), *_shaft(bench), *_calibrations(bench, today)]
     if problems:
         raise ConfigurationError(bench.source, problems)
 
@@ -110,6 +112,14 @@ def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
         if kind.channel_unit(channel.name) is None:
             key = dotted("daq_card.channels", channel.name)
             yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels)}")
+
+
+def _shaft(bench: Bench) -> Iterator[Problem]:
+    """What turns is held to its speed by a channel of the card."""
+    channels = bench.daq_card.channels
+    if RIGS[bench.rig].turns and shaft_channel(channels) is None:
+        allowed = "one that shows the crank turn: its angle on a counter, or its marker"
+        yield Problem("daq_card.channels", ", ".join(channel.name for channel in channels), allowed)
 
 
 def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:

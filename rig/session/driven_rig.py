@@ -59,7 +59,7 @@ class DrivenRig:
     """What a run and other recordings of a moving rig have in common.
 
     In the order of their use: `launch`, `open_log`, `record`, `declare`, `moving`, and within that `start`,
-    `start_record`, `end_record` and `ramp_down`. Raises ConfigurationError for a crank that no channel shows.
+    `start_record`, `end_record` and `ramp_down`. `check_pair` has to have allowed scenario and bench.
     """
 
     def __init__(
@@ -72,8 +72,6 @@ class DrivenRig:
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
         self.motion = devices.motion(self.watch.wait, self.shaft.rpm)
-        if self.motion.speed_rad_s is not None:
-            self.shaft.required(bench.source)
         self._supervisor = Supervisor(devices.spare)
         self.recorder: Recorder
         self.hub: Hub

@@ -16,8 +16,9 @@ from daq.angle import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.errors import LogError
 from daq.log import LogReader
+from rig.crank.shaft import shows_marks
 from rig.session.encoder_record import ENCODER_CHANNEL, ENCODER_DEVICE
-from rig.session.shaft_speed import shaft_reading, shows_marks
+from rig.session.shaft_speed import shaft_reading
 
 Array = NDArray[np.float64]
 

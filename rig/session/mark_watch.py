@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.angle import MarkTracker
 from daq.channel import Channel
-from rig.session.shaft_speed import shows_marks
+from rig.crank.shaft import shows_marks
 
 _MOST_MARKS = 4096
 _SAME_SPEED = 0.005

@@ -15,6 +15,7 @@ from daq.angle import MarkTracker
 from daq.angle.marker import MOST_MISSING
 from daq.channel import Channel
 from daq.clock import Clock
+from rig.crank.shaft import shaft_channel, shows_marks
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 STALE_S = 0.5
@@ -169,19 +170,12 @@ class _ByMarker:
         return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True, lost=lost)
 
 
-def shows_marks(channel: Channel) -> bool:
-    """Whether it is a once-per-revolution marker."""
-    return channel.name.endswith(".marker") and channel.unit == "V"
-
-
 def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:
-    """The channel that shows the shaft best, an angle before a marker, and how it does; None for neither."""
-    channels = list(channels)
-    for channel in channels:
-        if channel.name.endswith(".angle") and channel.unit == "rad":
-            counts = channel.scale if channel.raw_unit == "count" else None
-            return channel.name, ByAngle(sample_rate, counts or 0.0)
-    for channel in channels:
-        if shows_marks(channel):
-            return channel.name, _ByMarker(sample_rate)
-    return None, None
+    """The channel that shows the shaft best, and how it does; None where none of them shows it."""
+    channel = shaft_channel(channels)
+    if channel is None:
+        return None, None
+    if shows_marks(channel):
+        return channel.name, _ByMarker(sample_rate)
+    counts = channel.scale if channel.raw_unit == "count" else None
+    return channel.name, ByAngle(sample_rate, counts or 0.0)

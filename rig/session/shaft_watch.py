@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 from daq.channel import Channel
 from daq.clock import Clock
-from daq.errors import ConfigurationError, Problem
 from daq.log.records import Event, Gap
 from drivers.protocols import CardReading, PositionEncoder
 from rig.session.acquisition import Acquisition
@@ -42,12 +41,6 @@ class ShaftWatch:
     def rpm(self) -> float:
         """Speed in rpm, NaN where nothing recent shows it."""
         return self._speed.rpm()
-
-    def required(self, source: str) -> None:
-        """Raise ConfigurationError, of `source`, where no channel shows the shaft."""
-        if self._speed.channel is None:
-            allowed = "one that shows the crank turn: its angle on a counter, or its marker"
-            raise ConfigurationError(source, [Problem("daq_card.channels", ", ".join(self._names), allowed)])
 
     def recording(
         self,

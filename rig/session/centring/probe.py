@@ -87,18 +87,23 @@ class CentringPlan:
         return -self.compliance * middle.offset
 
 
-def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
-    """The plan for a scenario; raises ConfigurationError where no offset can centre its beam."""
+def check_centring(scenario: Scenario) -> None:
+    """Raise ConfigurationError for a scenario whose rig is centred on no bench."""
     if scenario.rig != "impact_beam":
         problem = Problem("rig", scenario.rig, "impact_beam: no other rests between two stops")
         raise ConfigurationError(scenario.name, [problem])
-    if bench.unseen:
-        allowed = "false beside a real generator: by emulated forces the real beam is pushed anywhere"
-        raise ConfigurationError(bench.source, [Problem("daq_card.emulated", "true", allowed)])
     if scenario.acquisition.settle < SOFT_START_FROM_S:
         allowed = f"at least {SOFT_START_FROM_S:g} s: a drive with an offset is brought up softly"
         problem = Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
         raise ConfigurationError(scenario.name, [problem])
+
+
+def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
+    """The plan for a scenario; raises ConfigurationError where no offset can centre its beam."""
+    check_centring(scenario)
+    if bench.unseen:
+        allowed = "false beside a real generator: by emulated forces the real beam is pushed anywhere"
+        raise ConfigurationError(bench.source, [Problem("daq_card.emulated", "true", allowed)])
     rig, per_volt = twin_of(scenario).rig, bench.signal_generator.force_per_volt
     beam = resting(rig)
     reach, step = rig.clearance / beam.compliance, _STEP_V * per_volt

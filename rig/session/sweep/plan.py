@@ -10,16 +10,18 @@ from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
-from rig.files.pairing import SOFT_START_FROM_S, check_pair
+from rig.files.faults import raised_by
+from rig.files.pairing import SOFT_START_FROM_S, check_pair, check_scenario
 from rig.files.rigs import RIGS
 from rig.files.scenario import Limit
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
+from rig.session.centring.probe import check_centring
 from rig.session.centring.probe import plan_of as centring_plan
 from rig.session.drive import RAMP_S
 from rig.session.sequence import starts_softly
 from rig.session.speed_guard import SPEED_GUARDED
-from rig.twin.scenario_twin import twin_of
+from rig.twin.scenario_twin import check_twin
 
 _WALK_S: Final = {False: RAMP_S, True: 3.0}
 """From one value to the next on a point's path, where nothing turns and where a motor does."""
@@ -70,14 +72,7 @@ def steps_of(sweep: Sweep) -> tuple[Step, ...]:
 
 def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: float = float("inf")) -> None:
     """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once."""
-    found: dict[Problem, list[int]] = {}
-    for point in sweep.points:
-        for problem in _faults(point, bench, today, sweep.centre):
-            found.setdefault(problem, []).append(point.number)
-    problems = [
-        dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
-        for problem, numbers in found.items()
-    ]
+    problems = _by_points(sweep, lambda point: _faults(point, bench, today, sweep.centre))
     problems += _counting(sweep, bench)
     needed = bytes_of(sweep, bench) + _RESERVE_BYTES
     if needed > free_bytes:
@@ -87,24 +82,43 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
         raise ConfigurationError(f"{sweep.source} on {bench.source}", problems)
 
 
+def check_points_anywhere(sweep: Sweep) -> None:
+    """Raise ConfigurationError with all that forbids any point of the sweep on whatever bench."""
+    problems = _by_points(sweep, lambda point: _faults_anywhere(point, sweep.centre))
+    if problems:
+        raise ConfigurationError(sweep.source, problems)
+
+
+def _by_points(sweep: Sweep, faults: Callable[[Point], Iterable[Problem]]) -> list[Problem]:
+    """The faults of all points; those that several points share once, with their numbers."""
+    found: dict[Problem, list[int]] = {}
+    for point in sweep.points:
+        for problem in dict.fromkeys(faults(point)):
+            found.setdefault(problem, []).append(point.number)
+    return [
+        dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
+        for problem, numbers in found.items()
+    ]
+
+
 def _faults(point: Point, bench: Bench, today: datetime.date, centre: bool) -> Iterator[Problem]:
+    scenario = point.scenario
+    yield from raised_by(lambda: check_pair(scenario, bench, today))
+    yield from _faults_anywhere(point, centre)
+    if centre:
+        yield from raised_by(lambda: centring_plan(scenario, bench))
+
+
+def _faults_anywhere(point: Point, centre: bool) -> Iterator[Problem]:
     scenario = point.scenario
     if point.path and not starts_softly(scenario.acquisition):
         allowed = (
             f"at least {SOFT_START_FROM_S:g} s with up_and_down: the drive comes through the values before"
         )
         yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
-    checks: list[Callable[[], object]] = [
-        lambda: check_pair(scenario, bench, today),
-        lambda: twin_of(scenario),
-    ]
+    yield from raised_by(lambda: check_scenario(scenario, scenario.name), lambda: check_twin(scenario))
     if centre:
-        checks.append(lambda: centring_plan(scenario, bench))
-    for check in checks:
-        try:
-            check()
-        except ConfigurationError as error:
-            yield from error.problems
+        yield from raised_by(lambda: check_centring(scenario))
 
 
 def _counting(sweep: Sweep, bench: Bench) -> list[Problem]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
+from rig.files.rigs import RIGS
 from tests.rig.commands.cli import Call
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 CRANK, CRANK_BENCH = SCENARIOS / "planar_slider_crank.toml", SCENARIOS / "crank_bench.example.toml"
+SPATIAL = SCENARIOS / "spatial_slider_crank.toml"
 BENCH = SCENARIOS / "bench.example.toml"
 FAST = 'speed = "900 rpm"'
 
@@ -78,6 +81,57 @@ def test_a_bench_that_no_run_takes_is_refused(
     assert said in answer.err
 
 
+@pytest.fixture
+def blind_bench(tmp_path: Path) -> Path:
+    """An emulated crank with an accelerometer and nothing that shows the shaft."""
+    bench = RIGS["planar_slider_crank"].bench
+    head, first, *_ = bench.split("[[daq_card.channels]]")
+    path = tmp_path / "blind.toml"
+    path.write_text(f"{head}[[daq_card.channels]]{first}")
+    return path
+
+
+def test_a_crank_that_no_channel_shows_is_refused_before_anything_starts(
+    call: Call, tmp_path: Path, blind_bench: Path
+) -> None:
+    sweep = f'[sweep]\nname = "s"\nscenario = "{CRANK}"\n[axes]\n"drive.speed" = ["200 rpm"]\n'
+    (tmp_path / "sweep.toml").write_text(sweep)
+    on_it = ("--bench", blind_bench)
+    out = (*on_it, "--out", tmp_path / "out")
+    for call_of in (
+        ("check", blind_bench),
+        ("check", CRANK, *on_it),
+        ("check", tmp_path / "sweep.toml", *on_it),
+        ("run", CRANK, *out),
+        ("sweep", tmp_path / "sweep.toml", *out),
+        ("dwell", CRANK, "--speeds", "100 rpm", *out),
+    ):
+        answer = call(*call_of)
+        assert answer.code == 2
+        shown = (
+            "daq_card.channels = crank_frame.acceleration_y: one that shows the crank turn: its angle on a"
+        )
+        assert shown in answer.err
+        assert "starting" not in answer.out
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("rig", "name"),
+    [
+        ("planar_slider_crank", "crank.angle"),
+        ("planar_slider_crank", "crank.marker"),
+        ("spatial_slider_crank", "flywheel.marker"),
+    ],
+)
+def test_one_channel_that_shows_the_shaft_will_do(call: Call, tmp_path: Path, rig: str, name: str) -> None:
+    head, *channels = RIGS[rig].bench.split("[[daq_card.channels]]")
+    (shaft,) = (channel for channel in channels if f'"{name}"' in channel)
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[[daq_card.channels]]".join([head, channels[0], shaft]))
+    assert call("check", SCENARIOS / f"{rig}.toml", "--bench", bench).code == 0
+
+
 @pytest.mark.parametrize("card", ["", "emulated = true\nchannels = []"])
 def test_a_bench_without_a_channel_is_refused(call: Call, tmp_path: Path, card: str) -> None:
     head = BENCH.read_text().partition("[daq_card]")[0]
@@ -103,3 +157,117 @@ def test_a_bench_is_not_checked_on_a_bench(call: Call, lasting_bench: Path) -> N
     answer = call("check", lasting_bench, "--bench", lasting_bench)
     assert answer.code == 2
     assert "a scenario or a sweep to check on it" in answer.err
+
+
+@pytest.fixture
+def odd_spatial(tmp_path: Path) -> Path:
+    """A spatial crank that no twin can be set up for and that is too fast for the emulated bench."""
+    text = SPATIAL.read_text().replace("[model]\n", "[model]\nrod_modes = 3\n")
+    path = tmp_path / "odd.toml"
+    path.write_text(re.sub(r'speed = "[^"]*"', FAST, text))
+    return path
+
+
+@pytest.fixture
+def emulated_bench(tmp_path: Path) -> Path:
+    path = tmp_path / "emulated.toml"
+    path.write_text("[inverter]\nemulated = true\n")
+    return path
+
+
+NO_TWIN = "model.rod_modes = 3: an even number: as many in each plane"
+HASTY = "acquisition.settle = 0.5 s: at least 1 s: a motor comes up on its ramp"
+
+
+def swept(path: Path, scenario: Path, axes: str = '"drive.speed" = ["100 rpm", "200 rpm"]') -> Path:
+    path.write_text(f'[sweep]\nname = "s"\nscenario = "{scenario}"\n[axes]\n{axes}\n')
+    return path
+
+
+def test_every_point_of_a_sweep_is_checked_without_a_bench(call: Call, tmp_path: Path) -> None:
+    hasty = crank(tmp_path / "hasty.toml", 'settle = "1 s"', 'settle = "0.5 s"')
+    answer = call("check", swept(tmp_path / "sweep.toml", hasty))
+    assert answer.code == 2
+    assert f"points 1-2: {HASTY}" in answer.err
+
+
+def test_a_twin_is_set_up_for_every_point_of_a_sweep(
+    call: Call, tmp_path: Path, odd_spatial: Path, emulated_bench: Path
+) -> None:
+    sweep = swept(tmp_path / "sweep.toml", odd_spatial)
+    for options in ((), ("--bench", emulated_bench)):
+        answer = call("check", sweep, *options)
+        assert answer.code == 2
+        assert answer.err.count(f"points 1-2: {NO_TWIN}") == 1
+
+
+def test_a_sweep_that_the_emulated_bench_refuses_is_told_so(call: Call, tmp_path: Path) -> None:
+    axes = '"drive.speed" = ["200 rpm", "900 rpm"]'
+    answer = call("check", swept(tmp_path / "sweep.toml", CRANK, axes))
+    assert answer.code == 0
+    refused = "! needs a bench of its own, the emulated one refuses point 2: drive.speed = 900 rpm: up to"
+    assert answer.out.startswith(refused)
+
+
+def test_a_beam_that_settles_too_shortly_is_centred_on_no_bench(call: Call, tmp_path: Path) -> None:
+    text = (SCENARIOS / "impact_beam.toml").read_text()
+    (tmp_path / "beam.toml").write_text(re.sub(r'settle = "[^"]*"', 'settle = "0.5 s"', text))
+    sweep = tmp_path / "sweep.toml"
+    swept(sweep, tmp_path / "beam.toml", '"drive.frequency" = ["19 Hz", "20 Hz"]')
+    sweep.write_text(sweep.read_text().replace("[axes]", "centre = true\n[axes]"))
+    answer = call("check", sweep)
+    assert answer.code == 2
+    assert answer.err.count("points 1-2: acquisition.settle = 0.5 s: at least 0.8 s") == 1
+
+
+@pytest.mark.parametrize("command", ["check", "run", "check a sweep", "sweep"])
+def test_faults_of_a_scenario_or_sweep_and_of_the_bench_are_told_together(
+    call: Call, tmp_path: Path, command: str
+) -> None:
+    if "sweep" in command:
+        file = swept(tmp_path / "sweep.toml", CRANK, '"drive.speed" = ["-200 rpm"]')
+    else:
+        file = crank(tmp_path / "back.toml", '"200 rpm"', '"-200 rpm"')
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[inverter]\nemulated = true\nrpm_per_hz = -5.0\n")
+    out = () if "check" in command else ("--out", tmp_path / "out")
+    answer = call(command.split()[0], file, "--bench", bench, *out)
+    assert answer.code == 2
+    assert f"{file}: " in answer.err
+    assert '= "-200 rpm": 1 rpm to 3000 rpm' in answer.err
+    assert f"{bench}: inverter.rpm_per_hz = -5.0" in answer.err
+
+
+def test_what_no_bench_and_what_this_bench_forbids_is_told_together(
+    call: Call, odd_spatial: Path, emulated_bench: Path
+) -> None:
+    answer = call("check", odd_spatial, "--bench", emulated_bench)
+    assert answer.code == 2
+    first, *told = answer.err.splitlines()
+    assert first.endswith(f"{odd_spatial} on {emulated_bench}:")
+    assert len(told) == 2
+    assert "drive.speed = 900 rpm: up to 350 rpm (inverter.maximum_speed)" in told[0]
+    assert NO_TWIN in told[1]
+
+
+def test_a_scenario_beside_a_faulty_bench_is_checked_as_far_as_it_can_be(
+    call: Call, tmp_path: Path, odd_spatial: Path
+) -> None:
+    odd_spatial.write_text(re.sub(r'settle = "[^"]*"', 'settle = "0.5 s"', odd_spatial.read_text()))
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[inverter]\nemulated = true\nrpm_per_hz = -5.0\n")
+    answer = call("check", odd_spatial, "--bench", bench)
+    assert answer.code == 2
+    assert f"{odd_spatial}: {HASTY}" in answer.err
+    assert f"{odd_spatial}: {NO_TWIN}" in answer.err
+    assert f"{bench}: inverter.rpm_per_hz = -5.0" in answer.err
+
+
+def test_a_bench_beside_a_faulty_scenario_is_checked_as_far_as_it_can_be(
+    call: Call, tmp_path: Path, blind_bench: Path
+) -> None:
+    back = crank(tmp_path / "back.toml", '"200 rpm"', '"-200 rpm"')
+    answer = call("check", back, "--bench", blind_bench)
+    assert answer.code == 2
+    assert f'{back}: drive.speed = "-200 rpm"' in answer.err
+    assert f"{blind_bench}: daq_card.channels = crank_frame.acceleration_y: one that shows" in answer.err

@@ -5,16 +5,16 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigurationError
-from rig.files.check import validate
+from rig.files.bench import Bench
+from rig.files.check import load_any
+from rig.files.scenario import Scenario
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"), [("impact_beam.toml", "scenario"), ("bench.example.toml", "bench")]
-)
-def test_kind_is_told_by_the_tables(name: str, kind: str) -> None:
-    assert validate(SCENARIOS / name) == kind
+@pytest.mark.parametrize(("name", "kind"), [("impact_beam.toml", Scenario), ("bench.example.toml", Bench)])
+def test_kind_is_told_by_the_tables(name: str, kind: type) -> None:
+    assert isinstance(load_any(SCENARIOS / name), kind)
 
 
 @pytest.mark.parametrize(
@@ -37,4 +37,4 @@ def test_faulty_file_is_refused(text: str, match: str, tmp_path: Path) -> None:
     path = tmp_path / "file.toml"
     path.write_text(text)
     with pytest.raises(ConfigurationError, match=match):
-        validate(path)
+        load_any(path)

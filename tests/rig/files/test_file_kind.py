@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.files.check import validate
+from rig.files.check import load_any
 from rig.files.file_kind import read_file, refuse_other_than_log
 from tests.daq.log.logs import write_ramp
 from tests.rig.commands.cli import Call, caller
@@ -65,7 +65,7 @@ def test_a_log_is_no_faulty_text(call: Call, log: Path) -> None:
         answer = call(*arguments)
         assert answer.code == 2
         assert f"is taken here; a log by: rattle replay {log}" in answer.err
-    problem = only_problem(lambda: validate(log), "file")
+    problem = only_problem(lambda: load_any(log), "file")
     assert problem.allowed.startswith("a scenario or a bench or a sweep is taken here")
 
 

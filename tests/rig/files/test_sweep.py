@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigurationError
-from rig.files.check import validate
+from rig.files.check import load_any
 from rig.files.scenario import parse_scenario
 from rig.files.sweep import Sweep, load_sweep, parse_sweep, points_named
 from rig.files.toml_text import toml_of
@@ -39,7 +39,7 @@ def values(swept: Sweep, key: str) -> list[object]:
 
 @pytest.mark.parametrize("name", ["beam_frequency.sweep.toml", "crank_speed.sweep.toml"])
 def test_the_examples_are_sound(name: str) -> None:
-    assert validate(SCENARIOS / name) == "sweep"
+    assert isinstance(load_any(SCENARIOS / name), Sweep)
     swept = load_sweep(SCENARIOS / name)
     for point in swept.points:
         assert parse_scenario(point.scenario.text) == point.scenario
@@ -199,7 +199,7 @@ def test_every_fault_of_the_file_is_told_at_once() -> None:
 def test_files_that_are_hardly_sweeps_are_refused_in_words(text: str, match: str, tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(text)
     with pytest.raises(ConfigurationError, match=match):
-        validate(tmp_path / "s.toml")
+        load_any(tmp_path / "s.toml")
 
 
 @pytest.mark.parametrize(
