@@ -15,7 +15,8 @@ from rig.report.content import Part, Sentence
 from rig.report.plot import PlotGrid, points_each
 from rig.report.record import ORIGINS, RunRecord, Trace
 from rig.report.sections.cut import cut
-from rig.report.turning import in_pieces, turns_of
+from rig.report.sections.left_out import left_out
+from rig.report.turning import beside_turns, in_pieces, turns_of
 
 _ROW_PX = 150
 _COLUMNS = 2
@@ -45,15 +46,17 @@ def parts(run: RunRecord) -> list[Part]:
     turns = _turns(run)
     if not turns:
         return [Sentence("No whole revolution with a known crank angle in this run.")]
-    names = [name for name in run.channels if name not in run.crank.plain]
+    channels = [name for name in run.channels if name not in run.crank.plain]
+    traces = {origin: beside_turns(run, origin, channels) for origin in turns}
+    names = [name for name in channels if any(name in each for each in traces.values())]
     grid = PlotGrid(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
     for row, name in enumerate(names):
         for column, what in enumerate(("one revolution", "mean of all revolutions")):
             title = f"{name} [{run.channels[name].unit or '-'}], {what}"
             grid.axes(_COLUMNS * row + column, title, _ANGLE, {}, share_x_with=0)
     for origin, way in turns.items():
-        _draw(grid, run, origin, names, _lines(_traces(run, origin, names), way))
-    return [Sentence(_REMARK), *cut(run), grid.figure("revolution", _CAPTION)]
+        _draw(grid, run, origin, names, _lines(traces[origin], way))
+    return [Sentence(_REMARK), *cut(run), *left_out(run, channels), grid.figure("revolution", _CAPTION)]
 
 
 def _draw(
@@ -65,10 +68,6 @@ def _draw(
             chosen = envelope(line.values, points)
             degrees = line.degrees[chosen.indices]
             grid.line(_COLUMNS * names.index(name) + column, run.whose(origin), degrees, chosen.values, name)
-
-
-def _traces(run: RunRecord, origin: Origin, names: list[str]) -> dict[str, Trace]:
-    return {name: run.traces[origin, name] for name in names if (origin, name) in run.traces}
 
 
 def _turns(run: RunRecord) -> dict[Origin, NDArray[np.float64]]:

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 
+from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.crank.order_lines import TURNS
 from rig.files.rigs import RIGS
@@ -23,6 +24,7 @@ from rig.report.record import RunRecord, Trace, read_run
 from rig.report.sections.blows import parts as blow_parts
 from rig.report.sections.orders import parts as order_parts
 from rig.report.sections.revolution import parts as revolution_parts
+from rig.report.sections.spectra import parts as spectrum_parts
 from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.speed import speed_figures, speeds
@@ -89,7 +91,8 @@ def test_a_crank_speaks_of_channels_that_its_rig_has(kind: Any) -> None:
         *crank.ordered,
         *(name for each in crank.impacts.values() for name in each),
     }
-    assert named - {"crank.angle"} <= set(kind.channels)  # an encoder may be there beside a marker
+    beside = {"crank.angle", "encoder.angle"}  # an encoder may be there beside a marker
+    assert named - beside <= set(kind.channels)
     assert crank.plain.isdisjoint(crank.ordered)
 
 
@@ -173,6 +176,22 @@ def test_a_hole_in_the_record_ends_a_block_of_turns_and_no_more(run: RunRecord) 
     )
     # Filtered at 0.44 of 1440 orders, order 2 is as it was; what remains is the hole's edge of a count.
     assert np.abs(drawn_values(mean)).max() == pytest.approx(1.0, rel=3e-3)
+
+
+@pytest.mark.parametrize("beside", [crank_run.ENCODER, Channel("bearing.temperature", "K")])
+def test_what_has_another_rate_than_the_angle_takes_nothing_from_the_rest(
+    run: RunRecord, tmp_path: Path, beside: Channel
+) -> None:
+    slow = read_run(crank_run.write_log(tmp_path / "run.mcap", beside=[beside]))
+    assert ("measured", beside.name) in slow.traces
+    assert table(order_parts(slow)).rows == table(order_parts(run)).rows
+    assert traces(revolution_parts(slow)) == traces(revolution_parts(run))
+    text = f"another rate than what tells the angle: {beside.name} (measured)."
+    told = [text in str(parts) for parts in (order_parts(slow), revolution_parts(slow))]
+    assert told == [beside is not crank_run.ENCODER] * 2  # nobody misses an encoder there
+    spectra = {trace["meta"] for trace in traces(spectrum_parts(slow))}
+    assert (beside.name in spectra) == (beside is not crank_run.ENCODER)
+    assert headings(slow) == CRANKS
 
 
 def test_a_long_run_says_what_is_of_its_beginning_only(
