@@ -1,6 +1,7 @@
 """The report of a rig with a crank: speed, impacts over the angle, one revolution, orders."""
 
 import base64
+import json
 import re
 from dataclasses import replace
 from math import tau
@@ -15,6 +16,7 @@ from plotly.offline import get_plotlyjs
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.crank.order_lines import TURNS
+from rig.derived import RECORD
 from rig.files.rigs import RIGS
 from rig.report import RunCollector, record
 from rig.report.blows import blows
@@ -137,6 +139,47 @@ def test_measured_and_predicted_impacts_count_from_one_level(run: RunRecord) -> 
     soft = [replace(each, peak=0.15 * each.peak) for each in run.impacts if each.origin == "measured"]
     softer = replace(run, impacts=[*run.impacts, *(replace(each, origin="predicted") for each in soft)])
     assert len(blows(softer)["crank y"]["predicted"].peak) == len(blows(run)["crank y"]["predicted"].peak) > 0
+
+
+def test_a_twin_that_strikes_far_too_hard_hides_nothing_that_was_measured(run: RunRecord) -> None:
+    settings = dict(run.metadata[RECORD])
+    predicted = json.loads(settings["predicted"])
+    predicted["levels"][ACCELERATION]["counts_from_n"] *= 30
+    settings["predicted"] = json.dumps(predicted)
+    harder = {("predicted", ACCELERATION): 30.0}
+    hits = [
+        replace(each, peak=harder.get((each.origin, each.channel), 1.0) * each.peak) for each in run.impacts
+    ]
+    hard = replace(run, impacts=hits, metadata={**run.metadata, RECORD: settings})
+    found, before = blows(hard), blows(run)
+    assert len(found["crank y"]["measured"].peak) == len(before["crank y"]["measured"].peak) > 0
+    assert len(found["crank y"]["predicted"].peak) > 0
+    # On the piston nothing is otherwise: both count from one level.
+    assert found["piston y"]["predicted"].counts_from == found["piston y"]["measured"].counts_from
+    rows = {row[0]: row for row in table(blow_parts(hard)).rows}
+    assert table(blow_parts(hard)).headings[1] == "counts from"
+    own = 0.2 * float(np.nanmax(np.abs(run.traces["measured", ACCELERATION].values[: round(RATE)])))
+    assert float(rows["crank y, measured"][1].removesuffix(" m/s2")) == pytest.approx(own, rel=1e-3)
+    assert float(rows["crank y, predicted"][1].removesuffix(" m/s2")) > 5 * own
+    assert "–" not in next(
+        each.text
+        for part in summary_parts(hard)
+        if isinstance(part, BigNumbers)
+        for each in part.numbers
+        if each.label == "Peak of an impact, crank y"
+    )
+
+
+def test_sensors_of_a_group_that_count_from_several_levels_say_so(spatial: RunRecord) -> None:
+    settings = dict(spatial.metadata[RECORD])
+    measured = json.loads(settings["measured"])
+    measured["levels"]["slider.force_3"]["counts_from_n"] = 99.0
+    other = replace(
+        spatial, metadata={**spatial.metadata, RECORD: {**settings, "measured": json.dumps(measured)}}
+    )
+    levels = {row[0]: row[1] for row in table(blow_parts(other)).rows}
+    assert re.fullmatch(r"\d+(\.\d+)? to 99 N", levels["guide, measured"])
+    assert re.fullmatch(r"\d+(\.\d+)? N", levels["socket, measured"])
 
 
 def test_impacts_are_drawn_measured_and_predicted_for_each_group(run: RunRecord) -> None:
