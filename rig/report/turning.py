@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,15 @@ def turns_of(run: RunRecord, origin: Origin) -> NDArray[np.float64] | None:
         if follower.known_until > known:
             turns[known : follower.known_until] = follower.at(np.arange(known, follower.known_until))
     return turns
+
+
+def turned_backwards(run: RunRecord, origin: Origin) -> bool:
+    """Whether the crank's angle fell, by half a turn in all at least; marks cannot tell."""
+    trace = run.traces.get((origin, run.crank.angle)) if run.crank else None
+    if trace is None:
+        return False
+    steps = np.diff(trace.values.astype(np.float64))
+    return float(steps[np.abs(steps) < pi].sum()) < -pi  # farther from sample to sample it leapt
 
 
 def beside_turns(run: RunRecord, origin: Origin, channels: Sequence[str]) -> dict[str, Trace]:

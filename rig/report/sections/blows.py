@@ -113,6 +113,9 @@ def _dots(grid: PlotGrid, cell: int, whose: str, each: Blows) -> None:
 
 
 def _counts(grid: PlotGrid, cell: int, whose: str, each: Blows) -> None:
+    """Nothing for a crank that stands, or whose revolutions are not known."""
+    if not each.revolutions > 0:
+        return
     edges = np.arange(0, 361, _BIN_DEG, dtype=np.float64)
     counted, _ = np.histogram(each.angle_deg[np.isfinite(each.angle_deg)], bins=edges)
     counts = counted / each.revolutions

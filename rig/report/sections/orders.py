@@ -38,7 +38,8 @@ def parts(run: RunRecord) -> list[Part]:
     channels = [name for name in run.channels if name not in run.crank.plain]
     found = _found(run, channels)
     if not found:
-        return [Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")]
+        few = Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")
+        return [few, *left_out(run, channels)]
     return [
         Sentence(_EXPLANATION),
         *cut(run),

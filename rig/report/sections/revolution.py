@@ -43,10 +43,13 @@ def parts(run: RunRecord) -> list[Part]:
     """A row of two plots for each channel that vibrates; nothing for a rig without a crank."""
     if run.crank is None:
         return []
+    channels = [name for name in run.channels if name not in run.crank.plain]
     turns = _turns(run)
     if not turns:
-        return [Sentence("No whole revolution with a known crank angle in this run.")]
-    channels = [name for name in run.channels if name not in run.crank.plain]
+        return [
+            Sentence("No whole revolution with a known crank angle in this run."),
+            *left_out(run, channels),
+        ]
     traces = {origin: beside_turns(run, origin, channels) for origin in turns}
     names = [name for name in channels if any(name in each for each in traces.values())]
     grid = PlotGrid(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)

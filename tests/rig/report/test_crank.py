@@ -121,6 +121,48 @@ def test_a_ripple_is_the_deviation_from_the_mean() -> None:
     assert figures.highest == pytest.approx(204.24, abs=0.01)
 
 
+def at_speed(run: RunRecord, rpm: float) -> RunRecord:
+    """The run with this for its measured speed."""
+    speed = run.speeds["measured"]
+    return replace(
+        run, speeds={**run.speeds, "measured": replace(speed, values=np.full_like(speed.values, rpm))}
+    )
+
+
+@pytest.mark.parametrize("unset", [False, True])
+def test_a_crank_that_stood_is_reported(run: RunRecord, unset: bool) -> None:
+    still = np.full(round(6.0 * RATE), 0.3)
+    stood = at_speed(showing(run, angle=tau * still), 0.0)
+    if unset:
+        stood = replace(
+            stood, speeds={"measured": stood.speeds["measured"]}, scenario=stood.scenario.split("[drive]")[0]
+        )
+    row = table(speed_parts(stood)).rows[0]
+    assert (row[2], row[5]) == ("0.00 rpm", "–")
+    low, high = next(part for part in speed_parts(stood) if isinstance(part, Figure)).layout["yaxis"]["range"]
+    assert low < 0 < high
+    assert table(blow_parts(stood)).rows[0][3] == "–"
+    assert headings(stood) == CRANKS
+
+
+def test_a_crank_that_turned_backwards_turned_as_often_and_is_told(run: RunRecord) -> None:
+    back = at_speed(showing(run, angle=encoder_rad(-turns(6.0))), -200.0)
+    figures = speed_figures(back.speeds["measured"])
+    assert (figures.mean, figures.revolutions) == pytest.approx((-200.0, 20.0), rel=0.01)
+    assert blows(back)["crank y"]["measured"].a_revolution == pytest.approx(1.0, rel=0.1)
+    bars = [trace for trace in traces(blow_parts(back)) if trace["type"] == "bar"]
+    assert bars
+    assert all(drawn_values(trace).min() >= 0 for trace in bars)
+    low, high = next(part for part in speed_parts(back) if isinstance(part, Figure)).layout["yaxis"]["range"]
+    assert low < -200 < 200.6 < high
+    alone = replace(back, traces={key: trace for key, trace in back.traces.items() if key[0] == "measured"})
+    for each in (back, alone):
+        for parts in (order_parts(each), revolution_parts(each)):
+            assert "The crank turned backwards (measured): " in str(parts)
+    for parts in (order_parts(run), revolution_parts(run)):
+        assert "backwards" not in str(parts)
+
+
 def test_impacts_lie_at_the_angle_of_the_blow_one_a_revolution(run: RunRecord, spatial: RunRecord) -> None:
     for each, groups in ((run, ["crank y", "crank x", "piston y"]), (spatial, ["guide", "socket"])):
         found = blows(each)
