@@ -244,6 +244,13 @@ def test_an_order_has_its_amplitude_though_the_speed_varies(run: RunRecord) -> N
     assert lines.blocks == 3  # of 8 turns that overlap by half: 20 turns, less the edges, hold three
 
 
+def test_a_channel_that_was_never_heard_has_dashes_for_its_orders(run: RunRecord) -> None:
+    deaf = showing(run, acceleration=np.full(round(6.0 * RATE), np.nan))
+    rows = {row[0]: row for row in table(order_parts(deaf)).rows}
+    assert set(rows[f"{ACCELERATION}, measured"][2:]) == {"–"}
+    assert "–" not in rows[f"{ACCELERATION}, predicted"]
+
+
 def test_a_hole_in_the_record_ends_a_block_of_turns_and_no_more(run: RunRecord) -> None:
     way = turns(20.0)
     angle, values = encoder_rad(way), np.cos(tau * 2 * way)
