@@ -323,6 +323,28 @@ def test_a_mean_revolution_is_what_all_share(run: RunRecord) -> None:
     assert names == {channel.name for channel in CHANNELS} - {"crank.angle", "crank.marker"}
 
 
+@pytest.mark.parametrize("leap", [7.3, -7.3])
+def test_what_lies_behind_a_leap_of_the_angle_is_in_the_mean(run: RunRecord, leap: float) -> None:
+    way = turns(6.0)
+    hole = slice(round(3.0 * RATE), round(4.0 * RATE))
+    way[hole] = np.nan
+    way[hole.stop :] += leap
+    shown = showing(run, acceleration=np.sin(tau * 2 * way), angle=encoder_rad(way))
+    # 0.25 to 10.25 turns, then from 20.88 or 6.28 on for 6.67: nine whole ones, and six or five.
+    sentences = [each.text for each in revolution_parts(shown) if isinstance(each, Sentence)]
+    told = next(text for text in sentences if text.startswith("Revolutions in the mean"))
+    counts = re.findall(r"(\d+) (?:measured|predicted)", told)
+    assert counts == ["15" if leap > 0 else "14", "19"]
+
+
+def test_a_mean_says_of_how_many_revolutions_it_is(run: RunRecord) -> None:
+    assert "Revolutions in the mean: 19 measured, 19 predicted." in str(revolution_parts(run))
+    holed = np.sin(tau * 2 * turns(6.0))
+    holed[round(3.0 * RATE)] = np.nan
+    text = str(revolution_parts(showing(run, acceleration=holed)))
+    assert "Revolutions in the mean: 18 to 19 measured, 19 predicted." in text
+
+
 def test_the_summary_tells_speed_and_impacts_and_no_rms_of_an_angle(run: RunRecord) -> None:
     parts = summary_parts(run)
     labels = [each.label for part in parts if isinstance(part, BigNumbers) for each in part.numbers]
