@@ -6,6 +6,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+ENCODER_ANGLE: Final = "encoder.angle"
+"""Of an encoder that sends by itself beside the card, at a rate of its own; any rig's crank may have one."""
+
 
 @dataclass(frozen=True, slots=True)
 class CrankChannels:
@@ -35,7 +38,7 @@ _PISTON_Y = "piston_frame.acceleration_y"
 PLANAR_SLIDER_CRANK: Final = CrankChannels(
     angle="crank.angle",
     marker="crank.marker",
-    plain=frozenset(("crank.angle", "crank.marker")),
+    plain=frozenset(("crank.angle", "crank.marker", ENCODER_ANGLE)),
     ordered=(_CRANK_Y, _CRANK_X, _PISTON_Y),
     impacts={"crank y": (_CRANK_Y,), "crank x": (_CRANK_X,), "piston y": (_PISTON_Y,)},
 )
@@ -46,7 +49,7 @@ _SOCKET = "socket.force"
 SPATIAL_SLIDER_CRANK: Final = CrankChannels(
     angle="crank.angle",
     marker="flywheel.marker",
-    plain=frozenset(("crank.angle", "flywheel.marker", "motor.tachometer")),
+    plain=frozenset(("crank.angle", "flywheel.marker", "motor.tachometer", ENCODER_ANGLE)),
     ordered=(_SOCKET, "slider.force_3", "slider.force_4"),
     impacts={"guide": _GUIDE, "socket": (_SOCKET,)},
 )

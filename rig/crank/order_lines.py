@@ -62,7 +62,7 @@ class OrderLines:
             return
         even, first = found.values, found.first
         if self._first is None:
-            heard = np.isfinite(even).all(axis=0)
+            heard = np.isfinite(even).any(axis=0)  # a channel that is not must not silence the others
             if not heard.any():
                 return
             start = int(np.argmax(heard))
@@ -92,13 +92,17 @@ class OrderLines:
 
     @property
     def amplitude(self) -> NDArray[np.float64] | None:
-        """Root of the mean square, zero to peak in the channels' units, shape (c, m); None before a block."""
+        """Root of the mean square, zero to peak in the channels' units, shape (c, m); None before a block.
+
+        NaN for a channel of which no block is whole.
+        """
         if not self._squares:
             return None
         squares = np.array(self._squares)
         heard = np.isfinite(squares).all(axis=2, keepdims=True)
-        counted = np.maximum(heard.sum(axis=0), 1)
-        return np.asarray(np.sqrt(np.where(heard, squares, 0.0).sum(axis=0) / counted))
+        total, counted = np.where(heard, squares, 0.0).sum(axis=0), heard.sum(axis=0)
+        mean = np.divide(total, counted, out=np.full_like(total, np.nan), where=counted > 0)
+        return np.asarray(np.sqrt(mean))
 
 
 def largest_in_bands(

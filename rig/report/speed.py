@@ -13,7 +13,10 @@ from rig.report.scenario_facts import scenario_facts
 
 @dataclass(frozen=True, slots=True)
 class SpeedFigures:
-    """In rpm; `ripple` is the standard deviation. `revolutions` is how many were turned at a known speed."""
+    """In rpm, below zero where the crank turns backwards; `ripple` is the standard deviation.
+
+    `revolutions` is how many were turned at a known speed, in all, whichever way round.
+    """
 
     mean: float
     ripple: float
@@ -40,7 +43,7 @@ def speed_figures(speed: Trace) -> SpeedFigures:
         ripple=float(np.std(known, ddof=1)) if len(known) > 1 else nan,
         lowest=float(known.min()),
         highest=float(known.max()),
-        revolutions=mean / 60 * len(known) / speed.sample_rate,
+        revolutions=abs(mean) / 60 * len(known) / speed.sample_rate,
     )
 
 

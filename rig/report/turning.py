@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +40,27 @@ def turns_of(run: RunRecord, origin: Origin) -> NDArray[np.float64] | None:
     return turns
 
 
+def turned_backwards(run: RunRecord, origin: Origin) -> bool:
+    """Whether the crank's angle fell, by half a turn in all at least; marks cannot tell."""
+    trace = run.traces.get((origin, run.crank.angle)) if run.crank else None
+    if trace is None:
+        return False
+    steps = np.diff(trace.values.astype(np.float64))
+    return float(steps[np.abs(steps) < pi].sum()) < -pi  # farther from sample to sample it leapt
+
+
+def beside_turns(run: RunRecord, origin: Origin, channels: Sequence[str]) -> dict[str, Trace]:
+    """Those of `channels` that were sampled at the rate of the crank's turns: only these have an angle."""
+    told_by = counted_by(run, origin)
+    if told_by is None:
+        return {}
+    rate = run.traces[origin, told_by].sample_rate
+    found = {name: run.traces[origin, name] for name in channels if (origin, name) in run.traces}
+    return {name: trace for name, trace in found.items() if trace.sample_rate == rate}
+
+
 def order_lines(run: RunRecord, origin: Origin, channels: Sequence[str]) -> OrderLines | None:
-    """Orders of `channels`, averaged over a whole run; None where nothing tells the turns."""
+    """Orders of `channels`, all beside the turns, over a whole run; None where nothing tells the turns."""
     turns = turns_of(run, origin)
     if turns is None or not channels:
         return None
@@ -53,7 +73,10 @@ def order_lines(run: RunRecord, origin: Origin, channels: Sequence[str]) -> Orde
 def in_pieces(
     traces: Sequence[Trace], turns: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float64]]]:
-    """Samples of c traces, shape (c, n), with their turns, shape (n,), a stretch after the other."""
+    """Samples of c traces, shape (c, n), with their turns, shape (n,), a stretch after the other.
+
+    All have one sampling rate, the turns' own.
+    """
     count = min(len(turns), *(len(trace.values) for trace in traces))
     for first, end in _pieces(count, traces[0].sample_rate):
         yield np.array([trace.values[first:end] for trace in traces]), turns[first:end]

@@ -22,6 +22,7 @@ from daq.channel import Channel
 from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.records import ClockRecord, Event, Gap
 from drivers.protocols import PositionBlock, PositionEncoder
+from rig.crank.channels import ENCODER_ANGLE
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
 from rig.session.hub import Hub
@@ -30,7 +31,7 @@ from rig.session.speed_guard import SpeedGuard
 
 Array = NDArray[np.float64]
 
-ENCODER_CHANNEL = "encoder.angle"
+ENCODER_CHANNEL = ENCODER_ANGLE
 ENCODER_DEVICE = "encoder"
 """As `/clock` names it."""
 _BACKLOG_S = 2.0

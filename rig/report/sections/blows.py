@@ -16,16 +16,18 @@ _ROW_PX = 230
 _COLUMNS = 2
 _BIN_DEG = 10
 _MOST_DOTS = 3_000
+_ONE_LEVEL = (
+    "measured or predicted, whichever was larger; where no measured impact reaches that level, measured and "
+    "predicted count from levels of their own."
+)
 _EXPLANATION = {
     "N": (
         "On a force sensor an impact is a contact with its bounces, and its peak the largest force; it "
-        "counts from a tenth of the largest in the first second or three revolutions, measured or predicted, "
-        "whichever was larger."
+        f"counts from a tenth of the largest in the first second or three revolutions, {_ONE_LEVEL}"
     ),
     "m/s2": (
         "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration; it "
-        "counts from a fifth of the largest in the first second or three revolutions, measured or predicted, "
-        "whichever was larger."
+        f"counts from a fifth of the largest in the first second or three revolutions, {_ONE_LEVEL}"
     ),
 }
 _CAPTION = (
@@ -59,6 +61,7 @@ def _table(found: dict[str, dict[str, Blows]]) -> Table:
             rows.append(
                 [
                     f"{group}, {whose}",
+                    _level(each),
                     str(len(each.peak)),
                     number(each.a_revolution),
                     number(each.mean, each.unit),
@@ -68,10 +71,17 @@ def _table(found: dict[str, dict[str, Blows]]) -> Table:
                 ]
             )
     headings = (
-        "where, whose", "impacts", "a revolution", "mean peak", "standard deviation", "largest",
-        "mean against measured",
+        "where, whose", "counts from", "impacts", "a revolution", "mean peak", "standard deviation",
+        "largest", "mean against measured",
     )  # fmt: skip
     return Table(headings, rows, "Peak of each impact")
+
+
+def _level(each: Blows) -> str:
+    """From where on impacts count; on several channels that may not be one level."""
+    least, most = each.counts_from
+    text = number(least, each.unit)
+    return f"{number(least)} to {number(most, each.unit)}" if most > least else text
 
 
 def _figure(found: dict[str, dict[str, Blows]]) -> Figure:
@@ -103,6 +113,9 @@ def _dots(grid: PlotGrid, cell: int, whose: str, each: Blows) -> None:
 
 
 def _counts(grid: PlotGrid, cell: int, whose: str, each: Blows) -> None:
+    """Nothing for a crank that stands, or whose revolutions are not known."""
+    if not each.revolutions > 0:
+        return
     edges = np.arange(0, 361, _BIN_DEG, dtype=np.float64)
     counted, _ = np.histogram(each.angle_deg[np.isfinite(each.angle_deg)], bins=edges)
     counts = counted / each.revolutions

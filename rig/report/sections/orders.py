@@ -12,8 +12,9 @@ from rig.report.content import Part, Sentence, Table
 from rig.report.plot import PlotGrid
 from rig.report.record import ORIGINS, RunRecord
 from rig.report.sections.cut import cut
+from rig.report.sections.left_out import left_out
 from rig.report.sections.numbers import DASH, number
-from rig.report.turning import counted_by, order_lines
+from rig.report.turning import beside_turns, counted_by, order_lines
 
 _ROW_PX = 190
 _COLUMNS = 2
@@ -34,17 +35,25 @@ def parts(run: RunRecord) -> list[Part]:
         return []
     if all(counted_by(run, origin) is None for origin in ORIGINS):
         return [Sentence("No encoder and no marker in this run: nothing to count orders by.")]
-    found = _found(run, [name for name in run.channels if name not in run.crank.plain])
+    channels = [name for name in run.channels if name not in run.crank.plain]
+    found = _found(run, channels)
     if not found:
-        return [Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")]
-    return [Sentence(_EXPLANATION), *cut(run), _figure(run, found), _table(run, found)]
+        few = Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")
+        return [few, *left_out(run, channels)]
+    return [
+        Sentence(_EXPLANATION),
+        *cut(run),
+        *left_out(run, channels),
+        _figure(run, found),
+        _table(run, found),
+    ]
 
 
 def _found(run: RunRecord, channels: list[str]) -> dict[str, Lines]:
     """Amplitudes by channel and by whose they are; only those that there are."""
     found: dict[str, Lines] = {name: {} for name in channels}
     for origin in ORIGINS:
-        names = [name for name in channels if (origin, name) in run.traces]
+        names = list(beside_turns(run, origin, channels))
         lines = order_lines(run, origin, names)
         if lines is None or lines.amplitude is None:
             continue

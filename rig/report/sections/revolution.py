@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from math import ceil, floor
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import UnphysicalParameter
 from daq.log.reader import Origin
 from daq.signals import CycleAverage, SynchronousAverage, envelope
 from rig.report.content import Part, Sentence
 from rig.report.plot import PlotGrid, points_each
 from rig.report.record import ORIGINS, RunRecord, Trace
 from rig.report.sections.cut import cut
-from rig.report.turning import in_pieces, turns_of
+from rig.report.sections.left_out import left_out
+from rig.report.turning import beside_turns, in_pieces, turns_of
 
 _ROW_PX = 150
 _COLUMNS = 2
 _POINTS = 1440
 """Of a mean revolution: every quarter of a degree."""
+_LEAP = 0.5
+"""Turns from sample to sample beyond which an angle cannot be told from another."""
 
 _REMARK = (
     "The motion chatters: no single blow of one revolution has to meet the twin's. What stays in the mean of "
@@ -38,37 +42,65 @@ class _Line(NamedTuple):
     values: NDArray[np.floating]
 
 
+class _Revolution(NamedTuple):
+    """One revolution of a channel, and the mean of how many."""
+
+    one: _Line
+    mean: _Line
+    cycles: int
+
+
 def parts(run: RunRecord) -> list[Part]:
     """A row of two plots for each channel that vibrates; nothing for a rig without a crank."""
     if run.crank is None:
         return []
+    channels = [name for name in run.channels if name not in run.crank.plain]
     turns = _turns(run)
     if not turns:
-        return [Sentence("No whole revolution with a known crank angle in this run.")]
-    names = [name for name in run.channels if name not in run.crank.plain]
+        return [
+            Sentence("No whole revolution with a known crank angle in this run."),
+            *left_out(run, channels),
+        ]
+    traces = {origin: beside_turns(run, origin, channels) for origin in turns}
+    names = [name for name in channels if any(name in each for each in traces.values())]
+    if not names:
+        return [*left_out(run, channels)]
     grid = PlotGrid(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
     for row, name in enumerate(names):
         for column, what in enumerate(("one revolution", "mean of all revolutions")):
             title = f"{name} [{run.channels[name].unit or '-'}], {what}"
             grid.axes(_COLUMNS * row + column, title, _ANGLE, {}, share_x_with=0)
-    for origin, way in turns.items():
-        _draw(grid, run, origin, names, _lines(_traces(run, origin, names), way))
-    return [Sentence(_REMARK), *cut(run), grid.figure("revolution", _CAPTION)]
+    found = {run.whose(origin): _revolutions(traces[origin], way) for origin, way in turns.items()}
+    points = points_each(len(run.traces) * _COLUMNS)
+    for whose, revolutions in found.items():
+        _draw(grid, whose, names, revolutions, points)
+    return [
+        Sentence(_REMARK),
+        *cut(run),
+        Sentence(f"Revolutions in the mean: {_counts(found)}."),
+        *left_out(run, channels),
+        grid.figure("revolution", _CAPTION),
+    ]
+
+
+def _counts(found: dict[str, dict[str, _Revolution]]) -> str:
+    """How many revolutions each origin has a mean of; channels with holes may have fewer."""
+    told = []
+    for whose, revolutions in found.items():
+        counts = [each.cycles for each in revolutions.values()] or [0]
+        least, most = min(counts), max(counts)
+        told.append(f"{least} to {most} {whose}" if most > least else f"{most} {whose}")
+    return ", ".join(told)
 
 
 def _draw(
-    grid: PlotGrid, run: RunRecord, origin: Origin, names: list[str], lines: dict[str, tuple[_Line, _Line]]
+    grid: PlotGrid, whose: str, names: list[str], revolutions: dict[str, _Revolution], points: int
 ) -> None:
-    points = points_each(len(run.traces) * _COLUMNS)
-    for name, both in lines.items():
-        for column, line in enumerate(both):
+    for name, each in revolutions.items():
+        for column, line in enumerate((each.one, each.mean)):
             chosen = envelope(line.values, points)
             degrees = line.degrees[chosen.indices]
-            grid.line(_COLUMNS * names.index(name) + column, run.whose(origin), degrees, chosen.values, name)
-
-
-def _traces(run: RunRecord, origin: Origin, names: list[str]) -> dict[str, Trace]:
-    return {name: run.traces[origin, name] for name in names if (origin, name) in run.traces}
+            grid.line(_COLUMNS * names.index(name) + column, whose, degrees, chosen.values, name)
 
 
 def _turns(run: RunRecord) -> dict[Origin, NDArray[np.float64]]:
@@ -79,13 +111,16 @@ def _turns(run: RunRecord) -> dict[Origin, NDArray[np.float64]]:
     }
 
 
-def _lines(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, tuple[_Line, _Line]]:
+def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, _Revolution]:
     """One revolution and the mean of all, by channel."""
     whole = _whole(turns)
     if whole is None or not traces:
         return {}
-    ones = [_one(trace, turns, whole) for trace in traces.values()]
-    return dict(zip(traces, zip(ones, _mean(list(traces.values()), turns), strict=True), strict=True))
+    means = _mean(list(traces.values()), turns)
+    return {
+        name: _Revolution(_one(trace, turns, whole), mean, count)
+        for (name, trace), (mean, count) in zip(traces.items(), means, strict=True)
+    }
 
 
 def _whole(turns: NDArray[np.float64]) -> tuple[int, int] | None:
@@ -107,23 +142,35 @@ def _one(trace: Trace, turns: NDArray[np.float64], whole: tuple[int, int]) -> _L
     return _Line(360.0 * (turns[inside] - chosen), trace.values[inside])
 
 
-def _mean(traces: list[Trace], turns: NDArray[np.float64]) -> list[_Line]:
-    """Mean revolutions; where the angle leaps behind a hole, counting begins anew."""
-    found = [CycleAverage(_POINTS)]
-    for values, way in in_pieces(traces, turns):
-        try:
-            found[-1].add(values, way)
-        except UnphysicalParameter:
-            found.append(CycleAverage(_POINTS))
-    mean = _together([each.result() for each in found], len(traces))
-    return [_Line(360.0 * np.arange(_POINTS) / _POINTS, row) for row in mean]
+def _mean(traces: list[Trace], turns: NDArray[np.float64]) -> list[tuple[_Line, int]]:
+    """Mean revolutions, and of how many; where the angle leaps behind a hole, counting begins anew."""
+    found = []
+    for first, end in pairwise((0, *_leaps(turns), len(turns))):
+        if _whole(turns[first:end]) is None:
+            continue
+        average = CycleAverage(_POINTS)
+        stretch = [replace(trace, values=trace.values[first:end]) for trace in traces]
+        for values, way in in_pieces(stretch, turns[first:end]):
+            average.add(values, way)
+        found.append(average.result())
+    mean, cycles = _together(found, len(traces))
+    degrees = 360.0 * np.arange(_POINTS) / _POINTS
+    return [(_Line(degrees, row), int(count)) for row, count in zip(mean, cycles, strict=True)]
 
 
-def _together(averages: list[SynchronousAverage], channels: int) -> NDArray[np.float64]:
-    """Mean over the cycles of all averages, shape (channels, points); NaN without a cycle."""
+def _leaps(turns: NDArray[np.float64]) -> list[int]:
+    """The samples at which the angle is more than half a turn from the last that was known."""
+    known = np.flatnonzero(np.isfinite(turns))
+    return [int(at) for at in known[1:][np.abs(np.diff(turns[known])) > _LEAP]]
+
+
+def _together(
+    averages: list[SynchronousAverage], channels: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean over the cycles of all averages, shape (channels, points), NaN without one; and how many."""
     total, cycles = np.zeros((channels, _POINTS)), np.zeros((channels, 1))
     for each in averages:
         if each.cycles.ndim:  # else nothing was added to it
             total += np.where(each.cycles[:, None] > 0, each.mean * each.cycles[:, None], 0.0)
             cycles += each.cycles[:, None]
-    return np.divide(total, cycles, out=np.full_like(total, np.nan), where=cycles > 0)
+    return np.divide(total, cycles, out=np.full_like(total, np.nan), where=cycles > 0), cycles[:, 0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def _table(run: RunRecord, found: dict[str, Trace]) -> Table:
                 f"{figures.mean:.2f} rpm",
                 DASH if set_to is None else difference(figures.mean, set_to),
                 _ripple(figures.ripple, "rpm"),
-                _ripple(100 * figures.ripple / figures.mean, "%"),
+                _ripple(100 * figures.ripple / abs(figures.mean) if figures.mean else nan, "%"),
                 f"{figures.lowest:.2f} rpm",
                 f"{figures.highest:.2f} rpm",
             ]
@@ -74,8 +74,9 @@ def _figure(run: RunRecord, found: dict[str, Trace]) -> Part:
     shown = [speed.values[np.isfinite(speed.values)] for speed in found.values()]
     levels = np.concatenate(shown if set_to is None else [*shown, np.array([set_to])])
     middle = float(levels.mean())
-    low = min(float(levels.min()), (1 - _LEAST_BAND) * middle)
-    high = max(float(levels.max()), (1 + _LEAST_BAND) * middle)
+    band = _LEAST_BAND * abs(middle) or 1.0  # a crank that stands has its line in the middle
+    low = min(float(levels.min()), middle - band)
+    high = max(float(levels.max()), middle + band)
     room = 0.05 * (high - low)
     grid.axes(0, "rpm", {"title": {"text": "s"}}, {"range": [low - room, high + room]})
     end_s = max(len(speed.values) / speed.sample_rate for speed in found.values())

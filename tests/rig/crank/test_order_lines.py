@@ -59,6 +59,17 @@ def test_a_hole_ends_a_block_and_a_leap_of_the_angle_begins_a_new_count() -> Non
     assert found.amplitude[0, round(3.5 * TURNS)] == pytest.approx(2.0, rel=1e-3)
 
 
+def test_a_channel_that_was_never_heard_has_no_amplitudes_and_no_bands() -> None:
+    way = turns(1.2, speed_hz=FAST_HZ)
+    values = two_channels(way)
+    values[0] = np.nan
+    lines = fed(values, way)
+    assert lines.amplitude is not None
+    assert np.isnan(lines.amplitude[0]).all()
+    assert lines.amplitude[1, round(3.5 * TURNS)] == pytest.approx(4.0, rel=1e-3)
+    assert len(largest_in_bands(lines.order, lines.amplitude[0])[0]) == 0  # what the live view draws
+
+
 def test_a_crank_that_stands_gives_no_orders() -> None:
     still = np.full(int(4 * RATE), 0.3)
     assert fed(np.ones((1, len(still))), still).amplitude is None

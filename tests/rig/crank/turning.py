@@ -34,9 +34,11 @@ SPATIAL_CHANNELS = (
 )
 
 
-def turns(seconds: float, fluctuation: float = 0.0, speed_hz: float = SPEED_HZ) -> NDArray[np.float64]:
+def turns(
+    seconds: float, fluctuation: float = 0.0, speed_hz: float = SPEED_HZ, rate: float = RATE
+) -> NDArray[np.float64]:
     """Turns at every sample: even, or with a speed that goes 1 + `fluctuation` cos(turn) about the mean."""
-    even = 0.25 + speed_hz * np.arange(round(seconds * RATE)) / RATE
+    even = 0.25 + speed_hz * np.arange(round(seconds * rate)) / rate
     return even + fluctuation * np.sin(tau * even) / tau
 
 

@@ -14,7 +14,14 @@ from daq.log.records import Impact
 from daq.log.writer import LogWriter
 from rig.derived import DerivedSink, derived_channels
 from rig.files.scenario import parse_scenario
-from tests.rig.crank.turning import CHANNELS, SPATIAL_CHANNELS, blocks
+from tests.rig.crank.turning import (
+    CHANNELS,
+    SPATIAL_CHANNELS,
+    START_NS,
+    blocks,
+    encoder_rad,
+    turns,
+)
 
 RIGS = {"planar_slider_crank": CHANNELS, "spatial_slider_crank": SPATIAL_CHANNELS}
 
@@ -22,6 +29,11 @@ RIGS = {"planar_slider_crank": CHANNELS, "spatial_slider_crank": SPATIAL_CHANNEL
 def scenario(rig: str) -> str:
     acquisition = 'sample_rate = "25.6 kHz"\nduration = "6 s"'
     return f'name = "a crank"\nrig = "{rig}"\n[drive]\nspeed = "200 rpm"\n[acquisition]\n{acquisition}\n'
+
+
+ENCODER = Channel("encoder.angle", "rad")
+SLOW_RATE = 1000.0
+"""Of what is measured beside the card."""
 
 
 class Logging:
@@ -44,8 +56,12 @@ def write_log(
     channels: Sequence[Channel] | None = None,
     origins: Sequence[Origin] = ("measured", "predicted"),
     derive: bool = True,
+    beside: Sequence[Channel] = (),
 ) -> Path:
-    """Write the run as a log; what is predicted turns 0.3 % faster and strikes 0.4 times as hard."""
+    """Write the run as a log; what is predicted turns 0.3 % faster and strikes 0.4 times as hard.
+
+    The channels `beside` the card are measured only, as an encoder's angle at a rate of their own.
+    """
     channels = RIGS[rig] if channels is None else channels
     text = scenario(rig)
     by_origin = dict.fromkeys(origins, channels)
@@ -54,6 +70,10 @@ def write_log(
         for origin in origins:
             for channel in channels:
                 log.declare(origin, channel)
+        for channel in beside:
+            log.declare("measured", channel)
+            angle = encoder_rad(turns(seconds, rate=SLOW_RATE))
+            log.add_block("measured", SampleBlock(channel.name, 0, START_NS, SLOW_RATE, angle), START_NS)
         wanted = parse_scenario(text, "test")
         for channel in derived_channels(by_origin, wanted) if derive else ():
             log.declare("derived", channel)

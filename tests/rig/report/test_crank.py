@@ -1,6 +1,7 @@
 """The report of a rig with a crank: speed, impacts over the angle, one revolution, orders."""
 
 import base64
+import json
 import re
 from dataclasses import replace
 from math import tau
@@ -12,8 +13,10 @@ import pytest
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 
+from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.crank.order_lines import TURNS
+from rig.derived import RECORD
 from rig.files.rigs import RIGS
 from rig.report import RunCollector, record
 from rig.report.blows import blows
@@ -23,6 +26,7 @@ from rig.report.record import RunRecord, Trace, read_run
 from rig.report.sections.blows import parts as blow_parts
 from rig.report.sections.orders import parts as order_parts
 from rig.report.sections.revolution import parts as revolution_parts
+from rig.report.sections.spectra import parts as spectrum_parts
 from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.speed import speed_figures, speeds
@@ -89,7 +93,8 @@ def test_a_crank_speaks_of_channels_that_its_rig_has(kind: Any) -> None:
         *crank.ordered,
         *(name for each in crank.impacts.values() for name in each),
     }
-    assert named - {"crank.angle"} <= set(kind.channels)  # an encoder may be there beside a marker
+    beside = {"crank.angle", "encoder.angle"}  # an encoder may be there beside a marker
+    assert named - beside <= set(kind.channels)
     assert crank.plain.isdisjoint(crank.ordered)
 
 
@@ -116,6 +121,48 @@ def test_a_ripple_is_the_deviation_from_the_mean() -> None:
     assert figures.highest == pytest.approx(204.24, abs=0.01)
 
 
+def at_speed(run: RunRecord, rpm: float) -> RunRecord:
+    """The run with this for its measured speed."""
+    speed = run.speeds["measured"]
+    return replace(
+        run, speeds={**run.speeds, "measured": replace(speed, values=np.full_like(speed.values, rpm))}
+    )
+
+
+@pytest.mark.parametrize("unset", [False, True])
+def test_a_crank_that_stood_is_reported(run: RunRecord, unset: bool) -> None:
+    still = np.full(round(6.0 * RATE), 0.3)
+    stood = at_speed(showing(run, angle=tau * still), 0.0)
+    if unset:
+        stood = replace(
+            stood, speeds={"measured": stood.speeds["measured"]}, scenario=stood.scenario.split("[drive]")[0]
+        )
+    row = table(speed_parts(stood)).rows[0]
+    assert (row[2], row[5]) == ("0.00 rpm", "–")
+    low, high = next(part for part in speed_parts(stood) if isinstance(part, Figure)).layout["yaxis"]["range"]
+    assert low < 0 < high
+    assert table(blow_parts(stood)).rows[0][3] == "–"
+    assert headings(stood) == CRANKS
+
+
+def test_a_crank_that_turned_backwards_turned_as_often_and_is_told(run: RunRecord) -> None:
+    back = at_speed(showing(run, angle=encoder_rad(-turns(6.0))), -200.0)
+    figures = speed_figures(back.speeds["measured"])
+    assert (figures.mean, figures.revolutions) == pytest.approx((-200.0, 20.0), rel=0.01)
+    assert blows(back)["crank y"]["measured"].a_revolution == pytest.approx(1.0, rel=0.1)
+    bars = [trace for trace in traces(blow_parts(back)) if trace["type"] == "bar"]
+    assert bars
+    assert all(drawn_values(trace).min() >= 0 for trace in bars)
+    low, high = next(part for part in speed_parts(back) if isinstance(part, Figure)).layout["yaxis"]["range"]
+    assert low < -200 < 200.6 < high
+    alone = replace(back, traces={key: trace for key, trace in back.traces.items() if key[0] == "measured"})
+    for each in (back, alone):
+        for parts in (order_parts(each), revolution_parts(each)):
+            assert "The crank turned backwards (measured): " in str(parts)
+    for parts in (order_parts(run), revolution_parts(run)):
+        assert "backwards" not in str(parts)
+
+
 def test_impacts_lie_at_the_angle_of_the_blow_one_a_revolution(run: RunRecord, spatial: RunRecord) -> None:
     for each, groups in ((run, ["crank y", "crank x", "piston y"]), (spatial, ["guide", "socket"])):
         found = blows(each)
@@ -134,6 +181,47 @@ def test_measured_and_predicted_impacts_count_from_one_level(run: RunRecord) -> 
     soft = [replace(each, peak=0.15 * each.peak) for each in run.impacts if each.origin == "measured"]
     softer = replace(run, impacts=[*run.impacts, *(replace(each, origin="predicted") for each in soft)])
     assert len(blows(softer)["crank y"]["predicted"].peak) == len(blows(run)["crank y"]["predicted"].peak) > 0
+
+
+def test_a_twin_that_strikes_far_too_hard_hides_nothing_that_was_measured(run: RunRecord) -> None:
+    settings = dict(run.metadata[RECORD])
+    predicted = json.loads(settings["predicted"])
+    predicted["levels"][ACCELERATION]["counts_from_n"] *= 30
+    settings["predicted"] = json.dumps(predicted)
+    harder = {("predicted", ACCELERATION): 30.0}
+    hits = [
+        replace(each, peak=harder.get((each.origin, each.channel), 1.0) * each.peak) for each in run.impacts
+    ]
+    hard = replace(run, impacts=hits, metadata={**run.metadata, RECORD: settings})
+    found, before = blows(hard), blows(run)
+    assert len(found["crank y"]["measured"].peak) == len(before["crank y"]["measured"].peak) > 0
+    assert len(found["crank y"]["predicted"].peak) > 0
+    # On the piston nothing is otherwise: both count from one level.
+    assert found["piston y"]["predicted"].counts_from == found["piston y"]["measured"].counts_from
+    rows = {row[0]: row for row in table(blow_parts(hard)).rows}
+    assert table(blow_parts(hard)).headings[1] == "counts from"
+    own = 0.2 * float(np.nanmax(np.abs(run.traces["measured", ACCELERATION].values[: round(RATE)])))
+    assert float(rows["crank y, measured"][1].removesuffix(" m/s2")) == pytest.approx(own, rel=1e-3)
+    assert float(rows["crank y, predicted"][1].removesuffix(" m/s2")) > 5 * own
+    assert "–" not in next(
+        each.text
+        for part in summary_parts(hard)
+        if isinstance(part, BigNumbers)
+        for each in part.numbers
+        if each.label == "Peak of an impact, crank y"
+    )
+
+
+def test_sensors_of_a_group_that_count_from_several_levels_say_so(spatial: RunRecord) -> None:
+    settings = dict(spatial.metadata[RECORD])
+    measured = json.loads(settings["measured"])
+    measured["levels"]["slider.force_3"]["counts_from_n"] = 99.0
+    other = replace(
+        spatial, metadata={**spatial.metadata, RECORD: {**settings, "measured": json.dumps(measured)}}
+    )
+    levels = {row[0]: row[1] for row in table(blow_parts(other)).rows}
+    assert re.fullmatch(r"\d+(\.\d+)? to 99 N", levels["guide, measured"])
+    assert re.fullmatch(r"\d+(\.\d+)? N", levels["socket, measured"])
 
 
 def test_impacts_are_drawn_measured_and_predicted_for_each_group(run: RunRecord) -> None:
@@ -156,6 +244,13 @@ def test_an_order_has_its_amplitude_though_the_speed_varies(run: RunRecord) -> N
     assert lines.blocks == 3  # of 8 turns that overlap by half: 20 turns, less the edges, hold three
 
 
+def test_a_channel_that_was_never_heard_has_dashes_for_its_orders(run: RunRecord) -> None:
+    deaf = showing(run, acceleration=np.full(round(6.0 * RATE), np.nan))
+    rows = {row[0]: row for row in table(order_parts(deaf)).rows}
+    assert set(rows[f"{ACCELERATION}, measured"][2:]) == {"–"}
+    assert "–" not in rows[f"{ACCELERATION}, predicted"]
+
+
 def test_a_hole_in_the_record_ends_a_block_of_turns_and_no_more(run: RunRecord) -> None:
     way = turns(20.0)
     angle, values = encoder_rad(way), np.cos(tau * 2 * way)
@@ -173,6 +268,22 @@ def test_a_hole_in_the_record_ends_a_block_of_turns_and_no_more(run: RunRecord) 
     )
     # Filtered at 0.44 of 1440 orders, order 2 is as it was; what remains is the hole's edge of a count.
     assert np.abs(drawn_values(mean)).max() == pytest.approx(1.0, rel=3e-3)
+
+
+@pytest.mark.parametrize("beside", [crank_run.ENCODER, Channel("bearing.temperature", "K")])
+def test_what_has_another_rate_than_the_angle_takes_nothing_from_the_rest(
+    run: RunRecord, tmp_path: Path, beside: Channel
+) -> None:
+    slow = read_run(crank_run.write_log(tmp_path / "run.mcap", beside=[beside]))
+    assert ("measured", beside.name) in slow.traces
+    assert table(order_parts(slow)).rows == table(order_parts(run)).rows
+    assert traces(revolution_parts(slow)) == traces(revolution_parts(run))
+    text = f"another rate than what tells the angle: {beside.name} (measured)."
+    told = [text in str(parts) for parts in (order_parts(slow), revolution_parts(slow))]
+    assert told == [beside is not crank_run.ENCODER] * 2  # nobody misses an encoder there
+    spectra = {trace["meta"] for trace in traces(spectrum_parts(slow))}
+    assert (beside.name in spectra) == (beside is not crank_run.ENCODER)
+    assert headings(slow) == CRANKS
 
 
 def test_a_long_run_says_what_is_of_its_beginning_only(
@@ -210,6 +321,28 @@ def test_a_mean_revolution_is_what_all_share(run: RunRecord) -> None:
     assert np.abs(drawn_values(mean)).max() == pytest.approx(1.0, abs=0.06)
     names = {trace["meta"] for trace in traces(revolution_parts(run))}
     assert names == {channel.name for channel in CHANNELS} - {"crank.angle", "crank.marker"}
+
+
+@pytest.mark.parametrize("leap", [7.3, -7.3])
+def test_what_lies_behind_a_leap_of_the_angle_is_in_the_mean(run: RunRecord, leap: float) -> None:
+    way = turns(6.0)
+    hole = slice(round(3.0 * RATE), round(4.0 * RATE))
+    way[hole] = np.nan
+    way[hole.stop :] += leap
+    shown = showing(run, acceleration=np.sin(tau * 2 * way), angle=encoder_rad(way))
+    # 0.25 to 10.25 turns, then from 20.88 or 6.28 on for 6.67: nine whole ones, and six or five.
+    sentences = [each.text for each in revolution_parts(shown) if isinstance(each, Sentence)]
+    told = next(text for text in sentences if text.startswith("Revolutions in the mean"))
+    counts = re.findall(r"(\d+) (?:measured|predicted)", told)
+    assert counts == ["15" if leap > 0 else "14", "19"]
+
+
+def test_a_mean_says_of_how_many_revolutions_it_is(run: RunRecord) -> None:
+    assert "Revolutions in the mean: 19 measured, 19 predicted." in str(revolution_parts(run))
+    holed = np.sin(tau * 2 * turns(6.0))
+    holed[round(3.0 * RATE)] = np.nan
+    text = str(revolution_parts(showing(run, acceleration=holed)))
+    assert "Revolutions in the mean: 18 to 19 measured, 19 predicted." in text
 
 
 def test_the_summary_tells_speed_and_impacts_and_no_rms_of_an_angle(run: RunRecord) -> None:
