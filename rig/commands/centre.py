@@ -25,6 +25,7 @@ from rig.session.centring.rig import find_centre
 from rig.session.centring.search import Middle
 from rig.session.devices import Devices
 from rig.session.progress import Screen
+from rig.twin.scenario_twin import check_twin
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
@@ -52,6 +53,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         if written.exists():
             raise RattleError(f"{written} is there already; name another file with -o")
         check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+        check_twin(scenario)
         plan = plan_of(scenario, bench)
         screen.say(f"sine       {plan.sine.amplitude:.3g} N at {plan.frequency:.3g} Hz, offsets up to "
                    f"+-{plan.farthest:.3g} N, {plan.probe_s:.1f} s at each")  # fmt: skip

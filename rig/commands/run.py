@@ -21,6 +21,7 @@ from rig.files.scenario import Scenario
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
+from rig.twin.scenario_twin import check_twin
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
@@ -42,6 +43,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         fitted = None if model is None else load_model(model, scenario.rig)
         clock = SystemClock()
         check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+        check_twin(scenario)
         request = RunRequest(
             scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live, fitted
         )

@@ -56,6 +56,20 @@ def test_every_fault_of_a_bench_is_listed_at_once(call: Call, tmp_path: Path) ->
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_what_the_twin_refuses_is_told_before_anything_is_connected(
+    call: Call, tmp_path: Path, command: str
+) -> None:
+    text = (SCENARIOS / "spatial_slider_crank.toml").read_text()
+    (tmp_path / "s.toml").write_text(text.replace("[model]\n", "[model]\nrod_modes = 3\n"))
+    bench = tmp_path / "bench.toml"
+    bench.write_text("[inverter]\nemulated = true\n[daq_card]\nemulated = true\n")
+    answer = call(command, tmp_path / "s.toml", "--bench", bench)
+    assert answer.code == 2
+    assert "rod_modes" in answer.err
+    assert "connecting" not in answer.out
+
+
 def test_a_drive_above_the_benchs_limit_is_refused(call: Call, tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "s.toml", amplitude_n=12.5)
     answer = call("run", scenario, "--out", tmp_path / "runs")
