@@ -30,7 +30,8 @@ def difference(predicted: float, measured: float) -> str:
     """How much the prediction lies above what was measured, in percent."""
     if not (math.isfinite(predicted) and math.isfinite(measured)) or measured == 0:
         return DASH
-    return f"{100 * (predicted - measured) / measured:+.1f} %".replace("-", "−")
+    percent = round(100 * (predicted - measured) / measured, 1)
+    return f"{percent:+.1f} %".replace("-", "−") if percent else "0.0 %"
 
 
 def counted(count: int, what: str) -> str:
