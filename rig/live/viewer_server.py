@@ -56,8 +56,8 @@ class ViewerServer:
                 f"--bind={_HOST}",
                 f"--port={self.grpc_port}",
                 f"--web-viewer-port={self.web_port}",
+                # not --newest-first: the layout would be made active before it is there, and be lost at times
                 f"--server-memory-limit={self._memory_limit}",
-                "--newest-first",
             ],
             stdin=subprocess.DEVNULL,
             stdout=self._output,

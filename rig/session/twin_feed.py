@@ -57,6 +57,8 @@ class TwinFeed:
                 until = max(reading.first_sample, begin)
             end = min(reading.first_sample + reading.values.shape[1], until)
             self._last = end == until
+            if end == begin and not self._last:
+                return  # it begins with the next reading: until then nobody knows what turns it leaves out
             turned_off = acquisition.turned_off.get(self._reference, 0.0)
             start_ns = acquisition.record_start_ns
             self.worker.give(Recorded(begin, end - begin, start_ns, self._last, turned_off))

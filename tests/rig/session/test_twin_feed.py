@@ -1,0 +1,80 @@
+"""What a twin is told of the record that it follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+
+from daq.block import Flag
+from drivers.protocols import CardReading
+from rig.session.acquisition import Acquisition
+from rig.session.twin_feed import TwinFeed
+from rig.twin.worker import Drive, Recorded
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
+from sim_twin.twin import Twin
+
+BLOCK, TURNS = 100, 163.0
+
+
+@dataclass
+class Recording:
+    """What an acquisition says of its record."""
+
+    record_from: int | None = None
+    record_until: int | None = None
+    record_start_ns: int = 7
+    turned_off: dict[str, float] = field(default_factory=dict)
+
+
+class Followed:
+    """A feed whose worker writes down what it is given."""
+
+    def __init__(self) -> None:
+        self.given: list[Drive | Recorded] = []
+        self.record = Recording()
+        self.feed = TwinFeed(
+            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), ["crank.angle"], 1000.0, 0.0, lambda _: None
+        )
+        cast(Any, self.feed).worker = self
+        self._read = 0
+
+    def give(self, item: Drive | Recorded) -> None:
+        self.given.append(item)
+
+    def read(self) -> None:
+        values = np.zeros((1, BLOCK))
+        reading = CardReading(self._read, values, (Flag.GOOD,), 0.0)
+        self._read += BLOCK
+        self.feed.take(reading, cast(Acquisition, self.record))
+
+    @property
+    def told(self) -> list[tuple[int, bool, float]]:
+        return [
+            (each.end_sample, each.last, each.turned_off) for each in self.given if isinstance(each, Recorded)
+        ]
+
+
+def test_a_record_that_begins_with_the_next_reading_is_not_told_of_yet() -> None:
+    """Set while a reading is passed on, it has left out no turns so far; and it is aligned to only once."""
+    run = Followed()
+    run.record.record_from, run.record.record_until = BLOCK, 3 * BLOCK
+    run.read()
+    assert run.told == []
+    run.record.turned_off["crank.angle"] = TURNS
+    run.read()
+    run.read()
+    run.read()
+    assert run.told == [(BLOCK, False, TURNS), (2 * BLOCK, True, TURNS)]
+
+
+def test_a_drive_that_stops_ends_the_record_that_is_followed_before_the_next_reading() -> None:
+    run = Followed()
+    run.record.record_from, run.record.record_until = 0, 10 * BLOCK
+    run.read()
+    run.feed.end()
+    run.read()
+    run.read()
+    assert run.told == [(BLOCK, False, 0.0), (BLOCK, True, 0.0)]
