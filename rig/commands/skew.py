@@ -13,7 +13,7 @@ from rich.console import Console
 from daq.angle import RecordingSkew, Skew, find_skew, late
 from daq.errors import LogError
 from rig.commands.arguments import Json, RunFiles, print_json
-from rig.session.encoder_check import logged_at_marks
+from rig.session.encoder_check import logged_at_marks, refuse_several_rigs
 
 
 def add_to(app: typer.Typer) -> None:
@@ -22,6 +22,7 @@ def add_to(app: typer.Typer) -> None:
     @app.command()
     def skew(runs: RunFiles, as_json: Json = False) -> None:
         """Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes."""
+        refuse_several_rigs(runs)
         at_marks, paces = zip(*(logged_at_marks(run) for run in runs), strict=True)
         found = find_skew(at_marks)
         if found is None:

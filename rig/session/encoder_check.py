@@ -58,6 +58,19 @@ class Pace:
         return Pace(self.first_s - late_s, self.period_s * (1.0 - skew.rate))
 
 
+def refuse_several_rigs(paths: Sequence[Path]) -> None:
+    """Raise LogError for emulated rigs that were drawn apart: each has its encoder mounted another way."""
+    seeds: dict[str, Path] = {}
+    for path in paths:
+        with LogReader(path) as log:
+            seeds.setdefault(log.metadata.get("run", {}).get("emulation_seed", ""), path)
+    if len(seeds) > 1:
+        told = ", ".join(f"{path.name} (seed {seed or 'none'})" for seed, path in seeds.items())
+        raise LogError(
+            f"not of one rig: {told}; an emulated rig keeps its encoder only with one [emulation] seed"
+        )
+
+
 def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
     """What the encoder of a recorded run shows at the marks, and when it took its positions.
 

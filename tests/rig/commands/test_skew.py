@@ -30,11 +30,12 @@ def write(
     card: Channel = MARKER,
     chain: dict[str, object] | None = None,
     beside: float | None = None,
+    seed: int | None = None,
 ) -> Path:
     """A run at a speed: the card's channel, and an encoder that shows the angle of `skew_s` ago.
 
     `chain` is what the run says of the channel; `beside` is by how much the card's angle, recorded beside the
-    marker, is off.
+    marker, is off; `seed` is that of an emulated rig.
     """
     seconds = 6.0
     omega = rpm * math.tau / 60.0
@@ -52,6 +53,8 @@ def write(
     with LogWriter(path) as log:
         if chain is not None:
             log.add_metadata("run", {f"chain.{card.name}": json.dumps(chain)})
+        if seed is not None:
+            log.add_metadata("run", {"emulation_seed": str(seed)})
         for channel, rate, row in rows:
             log.declare("measured", channel)
             size = round(0.1 * rate)
@@ -60,6 +63,17 @@ def write(
                 block = SampleBlock(channel.name, first, at_ns, rate, row[first : first + size])
                 log.add_block("measured", block, at_ns)
     return path
+
+
+def test_emulated_rigs_that_were_drawn_apart_are_refused_together(call: Call, tmp_path: Path) -> None:
+    one, other = (
+        write(tmp_path / f"{rpm:g}-{seed}.mcap", rpm, 2e-3, seed=seed)
+        for rpm, seed in ((103.0, 7), (251.0, 8))
+    )
+    answer = call("skew", one, other)
+    assert answer.code == 1
+    assert "not of one rig: 103-7.mcap (seed 7), 251-8.mcap (seed 8)" in answer.err
+    assert call("skew", one, write(tmp_path / "same.mcap", 251.0, 2e-3, seed=7)).code == 0
 
 
 @pytest.mark.parametrize("skew_s", [2e-3, -2e-3, 0.0])
