@@ -68,6 +68,7 @@ def end_s(reader: LogReader, origin: Origin) -> float:
 def test_ctrl_c_brings_the_motor_down_on_its_ramp(crank: SpiedCrank, tmp_path: Path) -> None:
     with command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
+        time.sleep(1.5)  # until something is predicted
         run.signal(signal.SIGINT)
         ended = stopped(run, crank)
     assert ended.code == 130
