@@ -7,18 +7,14 @@ import os
 import signal
 import threading
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import date
 
-import grpc
-import nidaqmx
 import numpy as np
 import pytest
-from nidaqmx.error_codes import DAQmxErrors, DAQmxWarnings
-from nidaqmx.errors import DaqError, DaqNotFoundError, DaqWarning, RpcError
+from nidaqmx.errors import DaqNotFoundError
 from numpy.typing import NDArray
 
 from daq import Flag
@@ -33,8 +29,6 @@ from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
 from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
-from drivers.ni_daq.survey import Survey
-from drivers.ni_daq.tasks import AnalogTask
 from drivers.protocols import DriveSettings
 from drivers.scpi import GeneratorSettings, ScpiGenerator
 from drivers.scpi.emulator import start_function_generator
@@ -76,71 +70,6 @@ def test_reads_what_the_plant_makes_in_the_units_of_the_bench(card_emulator: Emu
         assert first.flags == (Flag.GOOD,) * 3
         assert card.total_acquired >= 6120
         card.stop()
-
-
-def test_a_card_that_stamps_its_start_says_when_that_was(card_emulator: EmulatedInstrument) -> None:
-    with opened(card_settings(card_emulator.address)) as card:
-        before_s = time.monotonic()
-        card.start()
-        after_s = time.monotonic()
-        started_s = card.started_s()
-        assert started_s is not None
-        assert before_s - 1e-4 <= started_s <= after_s + 1e-4  # it comes as wall time, in a float of seconds
-        assert card.read(5120).arrived_s > started_s + 0.1
-
-
-def test_a_card_without_stamps_says_nothing_of_its_start() -> None:
-    wiring = replace(WIRING, stamps_start=False)
-    with (
-        start_daq_card(SinePlant, wiring) as emulator,
-        opened(card_settings(emulator.address)) as card,
-    ):
-        card.start()
-        assert card.started_s() is None
-        assert card.read(5120).first_sample == 0
-
-
-@pytest.mark.parametrize(
-    "trouble",
-    [
-        DaqError("not yet", DAQmxErrors.TIMESTAMP_NOT_YET_RECEIVED.value),
-        DaqWarning("inaccurate", DAQmxWarnings.FIRST_SAMPLE_TIMESTAMP_INACCURATE.value),
-    ],
-)
-def test_a_stamp_that_is_late_or_inaccurate_is_none(
-    card_emulator: EmulatedInstrument, monkeypatch: pytest.MonkeyPatch, trouble: Exception
-) -> None:
-    def stamped(*_: object) -> datetime:
-        if isinstance(trouble, DaqWarning):
-            warnings.warn(trouble, stacklevel=1)  # as nidaqmx does
-            return datetime.now(UTC)
-        raise trouble
-
-    monkeypatch.setattr(nidaqmx.Task, "wait_for_valid_timestamp", stamped)
-    with opened(card_settings(card_emulator.address)) as card:
-        card.start()
-        assert card.started_s() is None
-
-
-def test_a_device_server_that_knows_no_stamps_is_no_error(
-    card_emulator: EmulatedInstrument, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def unknown(_: object) -> bool:
-        raise RpcError(grpc.StatusCode.UNIMPLEMENTED, "no such call")
-
-    monkeypatch.setattr(AnalogTask, "stamp_by_host", unknown)
-    with opened(card_settings(card_emulator.address)) as card:
-        card.start()
-        assert card.started_s() is None
-
-
-def test_a_stamp_by_a_clock_that_may_be_another_machines_is_not_asked_for(
-    card_emulator: EmulatedInstrument, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Survey, "simulated", property(lambda _: False, lambda *_: None), raising=False)
-    with opened(card_settings(card_emulator.address)) as card:
-        card.start()
-        assert card.started_s() is None
 
 
 def test_channels_say_what_they_are() -> None:
