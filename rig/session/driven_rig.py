@@ -17,7 +17,7 @@ from rig.files.bench import Bench
 from rig.files.scenario import Limit
 from rig.session.acquisition import Acquisition, Recorded
 from rig.session.devices import Devices
-from rig.session.drive import drive_off_after
+from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
 from rig.session.hub import Hub
 from rig.session.limits import LimitWatch
@@ -71,14 +71,15 @@ class DrivenRig:
         self.names = [channel.name for channel in devices.card.channels]
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
-        self.motion = devices.motion(self.watch.wait, self.shaft.rpm)
+        self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
         self._supervisor = Supervisor(devices.spare)
         self.recorder: Recorder
         self.hub: Hub
         self.logbook: Logbook
         self.acquisition: Acquisition
         self.encoder: EncoderRecord | None = None
-        self.on_stopping: Callable[[], None] = lambda: None
+        self.on_stopping: Callable[[], None] | None = None
+        """Called where it stops before its time; None where nothing follows what is recorded."""
         self._rests = False
 
     def launch(self, stack: ExitStack) -> None:
@@ -174,7 +175,6 @@ class DrivenRig:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
-                self.on_stopping()
                 self._tell_of_stopping()
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.off)
@@ -196,7 +196,10 @@ class DrivenRig:
                 self.logbook.tell("info", code, text)
 
     def _tell_of_stopping(self) -> None:
-        text = "stopping before its time: what is recorded from here on has no prediction"
+        text = "stopping before its time"
+        if self.on_stopping is not None:
+            self.on_stopping()
+            text += ": what is recorded from here on has no prediction"
         with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
             self.logbook.tell("warning", "drive.stopping", text)
 
