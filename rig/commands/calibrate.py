@@ -19,8 +19,8 @@ from rig.diagnosis.recordings import Recorded, recorded
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.session.progress import Screen
+from rig.twin.logged import followed_scenario
 from rig.twin.matched_twin import as_model_text, found
-from rig.twin.overlay import followed_scenario
 from sim_twin.diagnosis.matching import Match, match
 from sim_twin.matched import Matched
 from sim_twin.rigs.catalogue import model_of

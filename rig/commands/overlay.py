@@ -13,8 +13,8 @@ from daq.log import LogReader
 from rig.commands.arguments import EffectsFile, Model, RunFile
 from rig.commands.summary import report_and_name
 from rig.report import overall_closeness
+from rig.session.overlay import overlay_run
 from rig.session.progress import Screen
-from rig.twin.overlay import overlay_run
 
 
 def add_to(app: typer.Typer) -> None:

@@ -13,7 +13,8 @@ from daq.angle.begins import Cycles
 from daq.block import BLIND, SampleBlock
 from daq.derived_names import CYCLE_PEAK, CYCLE_RMS
 from daq.signals.running_figures import CycleScanner
-from rig.derived.series import Emit, Series
+from rig.derived.series import Series
+from rig.stream import Consumer
 
 _BLOCK_S = 1.0
 _LOOK_S = 0.5
@@ -64,40 +65,40 @@ class CycleFigures:
         self._next = 0
         self._running: tuple[int, int] | None = None
 
-    def add(self, block: SampleBlock, emit: Emit) -> None:
+    def add(self, block: SampleBlock, publish: Consumer) -> None:
         """Take the channel's next block; hand on what has become certain, twice a second."""
         self._waiting.append(_Stretch(block.first_sample, block.values, not block.flags & BLIND))
         self._unseen += len(block)
         if self._unseen >= _LOOK_S * self._rate:
-            self._look(emit)
+            self._look(publish)
 
-    def finish(self, emit: Emit) -> None:
+    def finish(self, publish: Consumer) -> None:
         """Take what waits, and the last cycle if the record ends where it does: no more begins will come."""
-        self._look(emit)
-        self._advance(self._next + 1, _NO_SAMPLES, True, emit)
-        self._series.flush(emit)
+        self._look(publish)
+        self._advance(self._next + 1, _NO_SAMPLES, True, publish)
+        self._series.flush(publish)
 
-    def _look(self, emit: Emit) -> None:
+    def _look(self, publish: Consumer) -> None:
         """Several blocks together take little longer than one."""
         waiting, self._waiting, self._unseen = _joined(self._waiting), [], 0
         for number, stretch in enumerate(waiting):
-            if not self._take(stretch, emit):
+            if not self._take(stretch, publish):
                 self._waiting = waiting[number:]
                 return
 
-    def _take(self, stretch: _Stretch, emit: Emit) -> bool:
+    def _take(self, stretch: _Stretch, publish: Consumer) -> bool:
         """Take a stretch as far as begins are known in it; True if that is all of it."""
         if self._next < stretch.first_sample:
             if self._begins.until < stretch.first_sample:
                 return False
-            self._advance(stretch.first_sample, _NO_SAMPLES, False, emit)
+            self._advance(stretch.first_sample, _NO_SAMPLES, False, publish)
         end = min(stretch.end_sample, self._begins.until)
         if self._next < end:
             values = stretch.values[self._next - stretch.first_sample : end - stretch.first_sample]
-            self._advance(end, values, stretch.good, emit)
+            self._advance(end, values, stretch.good, publish)
         return self._next >= stretch.end_sample
 
-    def _advance(self, end: int, values: NDArray[np.floating], good: bool, emit: Emit) -> None:
+    def _advance(self, end: int, values: NDArray[np.floating], good: bool, publish: Consumer) -> None:
         """Go on to sample `end` with the samples up to there; those that are no good spoil their cycles."""
         begins = self._begins.between(self._next, end)
         if not good:
@@ -106,13 +107,13 @@ class CycleFigures:
         if begins.number:
             rows = zip(begins.offset.tolist(), begins.number, begins.sound, ended.tolist(), strict=True)
             for offset, number, sound, figures in rows:
-                self._end_cycle(figures if sound and good else _UNKNOWN, emit)
+                self._end_cycle(figures if sound and good else _UNKNOWN, publish)
                 self._running = self._next + offset, number
         if not good:
             self._scanner.spoil()
         self._next = end
 
-    def _end_cycle(self, figures: Sequence[float], emit: Emit) -> None:
+    def _end_cycle(self, figures: Sequence[float], publish: Consumer) -> None:
         if self._running is not None and self._begins.first_number is not None:
             sample, number = self._running
-            self._series.add(number - self._begins.first_number, sample, figures, emit)
+            self._series.add(number - self._begins.first_number, sample, figures, publish)

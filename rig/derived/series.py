@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from daq.block import NS_PER_S, Flag, SampleBlock
-
-Emit = Callable[[SampleBlock], None]
+from rig.stream import Block, Consumer
 
 
 class Series:
@@ -27,17 +26,17 @@ class Series:
         self._sample = 0.0
         self._rows: list[Sequence[float]] = []
 
-    def add(self, index: int, sample: float, values: Sequence[float], emit: Emit) -> None:
+    def add(self, index: int, sample: float, values: Sequence[float], publish: Consumer) -> None:
         """Add value number `index` of each channel, which lies at `sample` of the source."""
         if self._rows and index != self._first + len(self._rows):
-            self.flush(emit)
+            self.flush(publish)
         if not self._rows:
             self._first, self._sample = index, sample
         self._rows.append(values)
         if len(self._rows) == self._per_block:
-            self.flush(emit)
+            self.flush(publish)
 
-    def flush(self, emit: Emit) -> None:
+    def flush(self, publish: Consumer) -> None:
         """Hand on what is there."""
         if not self._rows:
             return
@@ -47,6 +46,7 @@ class Series:
         for channel, column in zip(self._channels, columns, strict=True):
             values = np.ascontiguousarray(column)
             flags = missing | (Flag.GOOD if np.isfinite(values).all() else Flag.NOT_FINITE)
-            emit(SampleBlock(channel, self._first, time_ns, self._rate, values, flags))
+            block = SampleBlock(channel, self._first, time_ns, self._rate, values, flags)
+            publish(Block("derived", block))
         self._next = self._first + len(self._rows)
         self._rows = []

@@ -5,7 +5,8 @@ from __future__ import annotations
 from daq.angle.crank_cycles import MarkerCycles
 from daq.angle.speed import AngleSpeed, MarkerSpeed, Run, samples_per_speed
 from daq.block import SampleBlock
-from rig.derived.series import Emit, Series
+from rig.derived.series import Series
+from rig.stream import Consumer
 
 _BLOCK_S = 0.5
 
@@ -25,23 +26,23 @@ class CrankSpeed:
         self._marker = None if marker is None else MarkerSpeed(marker, sample_rate, self._every)
         self._end = 0
 
-    def add(self, block: SampleBlock, emit: Emit) -> None:
+    def add(self, block: SampleBlock, publish: Consumer) -> None:
         """Take the reference channel's next block, which its cycles have seen."""
         self._end = block.end_sample
         if self._angle is not None:
-            self._note(self._angle.add(block.first_sample, block.values), emit)
-        self._take(emit)
+            self._note(self._angle.add(block.first_sample, block.values), publish)
+        self._take(publish)
 
-    def finish(self, emit: Emit) -> None:
+    def finish(self, publish: Consumer) -> None:
         """Hand on what waits."""
-        self._take(emit)
-        self._series.flush(emit)
+        self._take(publish)
+        self._series.flush(publish)
 
-    def _take(self, emit: Emit) -> None:
+    def _take(self, publish: Consumer) -> None:
         if self._marker is not None:
-            self._note(self._marker.take(self._end), emit)
+            self._note(self._marker.take(self._end), publish)
 
-    def _note(self, runs: list[Run], emit: Emit) -> None:
+    def _note(self, runs: list[Run], publish: Consumer) -> None:
         for first, speeds in runs:
             for index, speed in enumerate(speeds.tolist(), first):
-                self._series.add(index, index * self._every + (self._every - 1) / 2, [speed], emit)
+                self._series.add(index, index * self._every + (self._every - 1) / 2, [speed], publish)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.derived_names import CYCLE_PEAK, CYCLE_RMS, derived_name
@@ -55,11 +53,11 @@ class CycleFigurePlots:
             style = line_style(whose, f"{whose} {_FIGURES[series.figure]}", width)
             self._stage.recording.log(paths.derived(name), style, static=True)
 
-    def add(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
-        """Add figures at times in s, shape (n,); other derived channels are none."""
+    def add(self, block: SampleBlock) -> None:
+        """Add figures; other derived channels are none."""
         if block.channel in self._shown:
             values = rr.Scalars.columns(scalars=block.values)
-            self._stage.columns(paths.derived(block.channel), times_s, values)
+            self._stage.columns(paths.derived(block.channel), self._stage.times_of(block), values)
 
 
 def _series(shown: Shown, channel: str) -> list[_Series]:

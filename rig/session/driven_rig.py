@@ -15,19 +15,19 @@ from daq.time_base import RunClock
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Limit
-from rig.session.acquisition import Acquisition, Recorded
+from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
-from rig.session.hub import Hub
 from rig.session.limits import LimitWatch
-from rig.session.logbook import Logbook
+from rig.session.logbook import Logbook, logged_by
 from rig.session.progress import Screen
 from rig.session.provenance import Run, new_run, run_record
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.supervisor import SILENCE_S, Supervisor
 from rig.session.watch import Watch
+from rig.stream import Stream
 
 Connect = Callable[[ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
@@ -73,9 +73,9 @@ class DrivenRig:
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
         self._supervisor = Supervisor(devices.spare)
+        self.stream = Stream()
+        self.logbook = Logbook(clock, self.stream, screen)
         self.recorder: Recorder
-        self.hub: Hub
-        self.logbook: Logbook
         self.acquisition: Acquisition
         self.encoder: EncoderRecord | None = None
         self.on_stopping: Callable[[], None] | None = None
@@ -92,27 +92,32 @@ class DrivenRig:
         run = new_run(folder, name, self.clock)
         stack.push(partial(self._tell_of_partial, run.log))
         self.recorder = stack.enter_context(Recorder(LogWriter(run.log), self.clock))
+        self.stream.insert(0, logged_by(self.recorder))
         return run
 
     def record(
         self,
-        hub: Hub,
         limits: Sequence[Limit],
         fastest_rad_s: float | None,
-        on_reading: Callable[[CardReading], None] = lambda _: None,
-        enough: Callable[[Recorded], bool] | None = None,
+        readers: Sequence[Reader] = (),
+        enough: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Make what records card and encoder through `hub`; nothing is started yet.
+        """Make what records card and encoder into `stream`; nothing is started yet.
 
-        `on_reading` is called in the acquisition thread; the shaft is to turn at `fastest_rad_s` at most.
+        Each of `readers` gets every reading. `enough` is asked after each one that was recorded: once it
+        says so, the record ends there. The shaft is to turn at `fastest_rad_s` at most.
         """
-        self.hub, self.logbook = hub, Logbook(self.clock, self.recorder, hub, self.screen)
+
+        def end_with_enough(reading: CardReading) -> None:
+            if self.acquisition.records(reading) and enough():
+                self.acquisition.end_record(reading)
+
         card, watched = self.devices.card, LimitWatch(limits, self.sample_rate)
-        look = partial(self._look, on_reading)
-        self.acquisition = Acquisition(card, self.clock, hub, watched, look, enough)
+        consumers = (end_with_enough, self._look, *readers)
+        self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers)
         if self.devices.encoder is not None:
             self.encoder = self.shaft.recording(
-                self.devices.encoder, self.acquisition, hub, self.recorder.gap, fastest_rad_s
+                self.devices.encoder, self.acquisition, self.stream, fastest_rad_s
             )
         self._follow()
 
@@ -223,13 +228,12 @@ class DrivenRig:
             logbook.clocks.append(self.encoder.clocks)
         self.watch.checks += [logbook.look, self._heed_stop]
 
-    def _look(self, on_reading: Callable[[CardReading], None], reading: CardReading) -> None:
-        """In the acquisition thread: the shaft, a sign of life, and whatever else wants the reading."""
+    def _look(self, reading: CardReading) -> None:
+        """In the acquisition thread: the shaft, and a sign of life."""
         for event in self.shaft.take(reading, self.acquisition):
-            self.hub.event(event)
+            self.stream(event)
         if self.acquisition.tripped is None and not self.shaft.tripped and not self.watch.hangs:
             self._supervisor.beat()
-        on_reading(reading)
 
     def _heed_stop(self) -> None:
         if self._stop.wanted:

@@ -18,11 +18,9 @@ from daq.time_base import RunClock
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.driven_rig import Connect, DrivenRig, connected
-from rig.session.hub import Hub
 from rig.session.motor import Motor
 from rig.session.progress import Screen
-from rig.session.sinks import LogSink
-from rig.twin.overlay import DWELLS
+from rig.twin.logged import DWELLS
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _WITHOUT_END = 2**62
@@ -64,12 +62,7 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
         rig.launch(stack)
         run = rig.open_log(stack, request.folder, f"{request.scenarios[0].name} dwells")
         dwells = _Dwells(request, rig, motor)
-        rig.record(
-            Hub([LogSink(rig.recorder)]),
-            request.scenarios[0].limits,
-            max(request.speeds_rad_s),
-            enough=lambda _: dwells.ended,
-        )
+        rig.record(request.scenarios[0].limits, max(request.speeds_rad_s), enough=lambda: dwells.ended)
         rig.declare(run.id, request.scenarios[0].text, {**notes, DWELLS: request.what})
         with rig.moving():
             dwells.go_through()

@@ -6,14 +6,35 @@ from collections.abc import Callable, Iterable
 from types import TracebackType
 
 from daq.errors import RecorderFailed
-from daq.log.records import ClockRecord, Event
+from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
 from daq.time_base import RunClock
 from drivers.protocols import Notice
-from rig.session.hub import Hub
 from rig.session.progress import Screen
+from rig.stream import Block, Consumer, Metadata, Record, Stream
 
 _EVERY_S = 1.0
+
+
+def logged_by(recorder: Recorder) -> Consumer:
+    """Everything but shapes goes to the log: it holds what was measured and what follows from that."""
+
+    def log(record: Record) -> None:
+        match record:
+            case Block(origin, samples):
+                recorder.block(origin, samples)
+            case Impact():
+                recorder.impact(record)
+            case Event():
+                recorder.event(record)
+            case Gap():
+                recorder.gap(record)
+            case ClockRecord():
+                recorder.clock_record(record)
+            case Metadata(name, values):
+                recorder.metadata(name, values)
+
+    return log
 
 
 class Logbook:
@@ -24,15 +45,15 @@ class Logbook:
     takes nothing more is then no second error.
     """
 
-    def __init__(self, clock: RunClock, recorder: Recorder, hub: Hub, screen: Screen) -> None:
-        self._clock, self._recorder, self._hub, self._screen = clock, recorder, hub, screen
+    def __init__(self, clock: RunClock, stream: Stream, screen: Screen) -> None:
+        self._clock, self._stream, self._screen = clock, stream, screen
         self._looked_s = clock.monotonic_s()
         self.events: list[Callable[[], tuple[Event, ...]]] = []
         self.clocks: list[Callable[[bool], list[ClockRecord]]] = []
 
     def tell(self, level: str, code: str, text: str) -> None:
         """Note an event of the rig itself, now."""
-        self._hub.event(Event(self._clock.unix_ns(), level, "rig", code, text))
+        self._stream(Event(self._clock.unix_ns(), level, "rig", code, text))
 
     def stamped(self, source: str, notices: Iterable[Notice]) -> tuple[Event, ...]:
         """Events of what an instrument told by the monotonic clock, at the run's time."""
@@ -43,7 +64,7 @@ class Logbook:
 
     def note(self, event: Event) -> None:
         """Write down what a device or worker has to say."""
-        self._hub.event(event)
+        self._stream(event)
         if event.level != "info":
             self._screen.warn(f"{event.source}: {event.text}")
 
@@ -72,4 +93,4 @@ class Logbook:
             self.note(event)
         for clocks in self.clocks:
             for record in clocks(at_last):
-                self._recorder.clock_record(record)
+                self._stream(record)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from daq.channel import Channel
 from daq.clock import Clock
-from daq.log.records import Event, Gap
+from daq.log.records import Event
 from drivers.protocols import CardReading, PositionEncoder
 from rig.session.acquisition import Acquisition
 from rig.session.encoder_check import encoder_at_marks
 from rig.session.encoder_record import EncoderRecord
-from rig.session.hub import Hub
 from rig.session.mark_watch import MarkWatch
 from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import ShaftSpeed
 from rig.session.speed_guard import guards_of_shaft
+from rig.stream import Stream
 
 _ANY_SPEED_RAD_S = 314.0
 """3000 rpm: what a shaft may turn at where nothing is wanted of it."""
@@ -46,13 +46,12 @@ class ShaftWatch:
         self,
         encoder: PositionEncoder,
         acquisition: Acquisition,
-        hub: Hub,
-        on_gap: Callable[[Gap], None],
+        stream: Stream,
         wanted_rad_s: float | None,
     ) -> EncoderRecord:
         """An encoder beside the card, of a shaft that is to turn at up to `wanted_rad_s`."""
         fastest_rad_s = OVERSPEED * (wanted_rad_s or _ANY_SPEED_RAD_S)
-        return EncoderRecord(encoder, acquisition.base, hub, on_gap, fastest_rad_s, self._by_encoder)
+        return EncoderRecord(encoder, acquisition.base, stream, fastest_rad_s, self._by_encoder)
 
     def arm(self, wanted_rad_s: float) -> None:
         """Hold the shaft to a speed from now on."""

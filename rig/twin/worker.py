@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.stream import Block, Shape
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
 from rig.twin.rigs import kind_of
@@ -20,14 +21,6 @@ from sim_twin.twin import AnyTwin
 _ALIGN_ON_S = 1.0
 """Seconds of drive to align on; shorter runs use what they have when they end."""
 _KEEP_S = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Shape:
-    """Where the twin's rig is at `time_s` since sample 0: points in m, as `Truth.shape` gives them."""
-
-    time_s: float
-    points: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +48,7 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Predict:
-    """The task: takes Drive and Recorded, gives Alignment, then SampleBlock and Shape.
+    """The task: takes Drive and Recorded, gives Alignment, then Block and Shape.
 
     The twin keeps step with the measured channel `reference`.
     """
@@ -110,7 +103,7 @@ class _Prediction:
         if self._aligned is None:
             return
         for block in self._aligned.blocks(record.end_sample, record.start_ns):
-            self._send(block)
+            self._send(Block("predicted", block))
         if record.end_sample:
             self._send(Shape(record.end_sample / self._rate, self._aligned.shape()))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.derived_names import CRANK_SPEED, derived_name
@@ -19,8 +18,8 @@ from rig.live.crank.joints import JointPicture
 from rig.live.crank.mechanism import MovingMechanism
 from rig.live.crank.order_picture import OrderPicture
 from rig.live.crank.speed_plot import SpeedPlot
-from rig.live.frames import ShapeFrame
 from rig.live.picture import Stage
+from rig.stream import Block, Record, Shape
 
 if TYPE_CHECKING:  # it names this module, which fills its views
     from rig.live.crank.picture import CrankPicture
@@ -74,11 +73,27 @@ class CrankPlay:
         self._joints.open()
         self._speed.open()
 
-    def add_block(self, origin: Origin, block: SampleBlock) -> None:
-        """Show what a block brings to light."""
-        turning = self._turning.get(origin)
-        if turning is None:
-            return
+    def take(self, record: Record) -> None:
+        """Show what a record brings to light."""
+        match record:
+            case Block("derived", samples) if samples.channel in self._speeds:
+                times_s = self._stage.times_of(samples)
+                self._speed.show(self._speeds[samples.channel], times_s, samples.values)
+            case Block(origin, samples) if origin in self._turning:
+                self._follow(origin, self._turning[origin], samples)
+            case Impact() if record.channel in self._impacts:
+                whose = self._stage.shown.whose(record.origin)
+                time_s = self._stage.time_of(record.time_ns)
+                self._impacts[record.channel].add(whose, time_s, record)
+            case Shape(time_s, points_m):
+                self._joints.show(time_s, self._picture.eccentricity(points_m))
+
+    def finish(self) -> None:
+        """Show the last impacts."""
+        for impacts in self._impacts.values():
+            impacts.finish()
+
+    def _follow(self, origin: Origin, turning: _Turning, block: SampleBlock) -> None:
         if block.channel in turning.ordered:
             turning.ordered[block.channel].add(block)
         if block.channel != turning.turns.channel:
@@ -93,26 +108,6 @@ class CrankPlay:
             self._order(turning, block.sample_rate)
             self._stage.at(end_s)
             self._draw(origin, turning)
-
-    def add_derived(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
-        """Show the crank's speed."""
-        if block.channel in self._speeds:
-            self._speed.show(self._speeds[block.channel], times_s, block.values)
-
-    def add_impact(self, time_s: float, impact: Impact) -> None:
-        """Show an impact on a channel of one of the groups."""
-        if impact.channel in self._impacts:
-            whose = self._stage.shown.whose(impact.origin)
-            self._impacts[impact.channel].add(whose, time_s, impact)
-
-    def add_shape(self, shape: ShapeFrame) -> None:
-        """Show where the journals are in their bearings."""
-        self._joints.show(shape.time_s, self._picture.eccentricity(shape.points_m))
-
-    def finish(self) -> None:
-        """Show the last impacts."""
-        for impacts in self._impacts.values():
-            impacts.finish()
 
     def _order(self, turning: _Turning, sample_rate: float) -> None:
         """Hand the samples whose turns are known to the orders, at most what is kept."""

@@ -12,11 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import BLIND, Flag, SampleBlock
+from daq.block import BLIND, Flag
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
-from daq.log.reader import Origin
-from daq.log.records import Event, Impact
+from daq.log.records import Event
 from daq.time_base import RunClock
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
@@ -27,9 +26,8 @@ from rig.session.centring.search import Middle, NoCentre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig, connected
-from rig.session.hub import Hub
 from rig.session.progress import Bar, Screen
-from rig.session.sinks import LogSink
+from rig.stream import Record
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 FORCES: Final = ("contact.force_upper", "contact.force_lower")
@@ -65,7 +63,8 @@ def find_centre(
         rig.motion.arm(soft=True)
         rig.launch(stack)
         run = rig.open_log(stack, folder, f"{scenario.name} centring")
-        rig.record(Hub([LogSink(rig.recorder), _Warnings(screen)]), scenario.limits, None, beam.take)
+        rig.stream.append(partial(_say_readings, screen))
+        rig.record(scenario.limits, None, [beam.take])
         rig.declare(run.id, scenario.text, notes)
         with CentringRecord(rig) as record:
             with rig.moving(), screen.bar("centring", _USUAL_PROBES, "offsets") as bar:
@@ -82,25 +81,10 @@ def _tried(beam: RigBeam, record: CentringRecord, bar: Bar, probe: Probe) -> Non
     record.note(probe, *beam.listened)
 
 
-class _Warnings:
-    """A sink that says what the readings show; all else that is told of a rig says itself on the screen."""
-
-    def __init__(self, screen: Screen) -> None:
-        self._screen = screen
-
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        """The log has them."""
-
-    def impact(self, impact: Impact) -> None:
-        """Impacts are counted by the search itself."""
-
-    def event(self, event: Event) -> None:
-        """Say what wants attention."""
-        if event.source == "acquisition" and event.level != "info":
-            self._screen.warn(event.text)
-
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        """Nothing is predicted."""
+def _say_readings(screen: Screen, record: Record) -> None:
+    """Say what the readings show; all else that is told of a rig says itself on the screen."""
+    if isinstance(record, Event) and record.source == "acquisition" and record.level != "info":
+        screen.warn(record.text)
 
 
 class RigBeam:

@@ -148,7 +148,7 @@ class _Sweeping:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
             come_to = self._centred(point)
             scenario = come_to.scenario
-            enough = self._enough(scenario)
+            counted = self._counted(scenario)
             folder = self._request.folder / f"point-{point.number:04d}"
             asked = RunRequest(
                 scenario,
@@ -157,13 +157,14 @@ class _Sweeping:
                 folder,
                 self._request.live,
                 self._request.model,
-                enough,
+                () if counted is None else (counted,),
+                (lambda: False) if counted is None else counted.enough,
                 view_stays=last,
                 path=come_to.path,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)
-            impacts = None if enough is None else enough.count
+            impacts = None if counted is None else counted.count
             self._record(point, log, impacts)
             stop.check()
 
@@ -192,7 +193,7 @@ class _Sweeping:
         path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)
         return dataclasses.replace(point, scenario=centred(point.scenario, found), path=path)
 
-    def _enough(self, scenario: Scenario) -> ImpactCount | None:
+    def _counted(self, scenario: Scenario) -> ImpactCount | None:
         until = self._request.sweep.until
         if until is None:
             return None

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
 from daq.signals import BounceGrouper, ImpactDetector, Levels
 from daq.signals.impacts import COUNTS_FROM, FAINTEST_N
+from rig.stream import Block, Record
 
 BOUNCES_WITHIN = 0.25
 """Of a cycle of the drive: what touches the same side again so soon is a bounce of the same impact."""
 
 
 class ImpactCount:
-    """Impacts on several forces together, each with its bounces; true once there are `enough` of them.
+    """A consumer that counts impacts on several measured forces together, each with its bounces.
 
     An impact counts if its largest peak passes `above` (in the channels' unit) or, where that is None, a
     tenth of the largest so far, at least 0.5 N. `cycle_s` is a cycle of the drive.
@@ -41,14 +39,15 @@ class ImpactCount:
         }
         self._peaks: list[float] = []
 
-    def __call__(self, values: Mapping[str, NDArray[np.float32]]) -> bool:
-        """Take the next samples by channel, shape (n,) each; return whether there are enough impacts.
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("measured", samples) if samples.channel in self._sides:
+                detector, grouper = self._sides[samples.channel]
+                found = detector.add(samples.values)
+                self._peaks += grouper.add(found, detector.settled).peak_n.tolist()
 
-        An impact counts once no bounce of it can follow.
-        """
-        for channel, (detector, grouper) in self._sides.items():
-            found = detector.add(values[channel])
-            self._peaks += grouper.add(found, detector.settled).peak_n.tolist()
+    def enough(self) -> bool:
+        """Whether there are enough; an impact counts once no bounce of it can follow."""
         return self.count >= self._enough
 
     @property

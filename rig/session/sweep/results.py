@@ -14,13 +14,14 @@ import numpy as np
 
 from daq.derived_names import CRANK_SPEED
 from daq.log import LogReader
-from rig.derived import RECORD
+from rig.derived.settings import RECORD
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.report import summarise
-from rig.session.frequency import FrequencySink
+from rig.session.frequency import FrequencyCheck
 from rig.session.sweep.state import PointState, SweepState, write_whole
+from rig.stream import Block
 
 TABLE: Final = "points.csv"
 
@@ -56,13 +57,10 @@ def _held(log: LogReader, scenario: Scenario) -> dict[str, float]:
     kind = RIGS[scenario.rig]
     hertz = None if kind.sine is None else kind.sine.hertz(scenario.drive)
     if kind.sine is not None and hertz is not None:
-        drive = [block for _, block in log.blocks("measured", [kind.sine.channel])]
-        if not drive:
-            return {}
-        seen = FrequencySink(kind.sine.channel, hertz, drive[0].sample_rate)
-        for block in drive:
-            seen.block("measured", block)
-        return {HELD[0]: seen.result().measured}
+        check = FrequencyCheck(kind.sine.channel, hertz)
+        for origin, block in log.blocks("measured", [kind.sine.channel]):
+            check(Block(origin, block))
+        return {HELD[0]: check.result().measured}
     speeds = [block.values for _, block in log.blocks("derived", [CRANK_SPEED])]
     rpm = np.concatenate(speeds, dtype=np.float64) if speeds else np.empty(0)
     rpm = rpm[np.isfinite(rpm)]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from daq.log import LogReader, Origin, verify_log
-from rig.derived import RECORD
+from rig.derived.settings import RECORD
 from rig.report import overall_closeness, summarise
-from rig.twin.overlay import overlay_run
+from rig.session.overlay import overlay_run
 from tests.rig.commands.cli import Call
 from tests.rig.derived.test_live_and_replay import logged, replayed
 from tests.rig.synthetic_run import SCENARIO, write_log

@@ -36,7 +36,7 @@ class Followed:
         self.given: list[Drive | Recorded] = []
         self.record = Recording()
         self.feed = TwinFeed(
-            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), ["crank.angle"], 1000.0, 0.0, lambda _: None
+            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), ["crank.angle"], 1000.0, 0.0, *[lambda *_: None] * 3
         )
         cast(Any, self.feed).worker = self
         self._read = 0

@@ -9,10 +9,10 @@ import threading
 import numpy as np
 import pytest
 
-from daq.block import SampleBlock
 from daq.errors import LogError
 from rig.files.scenario import parse_scenario
 from rig.session.signals import Stopped
+from rig.stream import Block
 from rig.twin.alignment import Alignment
 from rig.twin.scenario_twin import twin_of
 from rig.twin.worker import Drive, Predict, Recorded
@@ -68,7 +68,7 @@ def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> N
     (alignment,) = (item for item in delivered.items if isinstance(item, Alignment))
     assert alignment.phase == pytest.approx(0.4, abs=1e-3)
     for name in TWIN.channels:
-        blocks = [b for b in delivered.items if isinstance(b, SampleBlock) and b.channel == name]
+        blocks = [b.samples for b in delivered.items if isinstance(b, Block) and b.samples.channel == name]
         assert sum(len(block) for block in blocks) == END
 
 

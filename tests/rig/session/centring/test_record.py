@@ -11,7 +11,6 @@ from daq.errors import DeviceLost, RecorderFailed
 from daq.log import LogReader
 from rig.session.centring.record import RECORD, CentringRecord
 from rig.session.centring.rig import FORCES
-from rig.session.sinks import LogSink
 from tests.rig.session.centring.test_rig import rig_to_centre
 from tests.rig.session.fakes import SteppedCard
 
@@ -28,7 +27,7 @@ CARD = SteppedCard(tuple(Channel(name, "N") for name in FORCES))
 )
 def test_whatever_ends_a_centring_stands_in_its_log(tmp_path: Path, error: BaseException, text: str) -> None:
     with (
-        rig_to_centre(tmp_path, CARD, lambda rig: LogSink(rig.recorder)) as (rig, _),
+        rig_to_centre(tmp_path, CARD) as (rig, _),
         pytest.raises(type(error)) as caught,
         CentringRecord(rig),
     ):
@@ -46,7 +45,7 @@ def test_a_log_that_takes_nothing_more_is_told_once(tmp_path: Path, monkeypatch:
         raise RecorderFailed("the disk is slower than the data, still")
 
     first = RecorderFailed("the disk is slower than the data")
-    with rig_to_centre(tmp_path, CARD, lambda rig: LogSink(rig.recorder)) as (rig, _):
+    with rig_to_centre(tmp_path, CARD) as (rig, _):
         monkeypatch.setattr(rig.recorder, "event", full)
         with pytest.raises(RecorderFailed) as caught, CentringRecord(rig):
             raise first

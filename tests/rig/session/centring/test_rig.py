@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -22,9 +22,9 @@ from rig.session.centring.search import NoCentre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig
-from rig.session.hub import Hub, Sink
 from rig.session.signals import StopRequest
-from tests.rig.session.fakes import ListSink, RecordingGenerator, SteppedCard, silent_screen
+from rig.stream import Consumer
+from tests.rig.session.fakes import Kept, RecordingGenerator, SteppedCard, silent_screen
 
 SCENARIO = """\
 name = "centred"
@@ -60,7 +60,7 @@ def coming(card: SteppedCard) -> Iterator[None]:
 
 @contextmanager
 def rig_to_centre(
-    folder: Path, card: SteppedCard, sink: Callable[[DrivenRig], Sink]
+    folder: Path, card: SteppedCard, *consumers: Consumer
 ) -> Iterator[tuple[DrivenRig, RigBeam]]:
     """A beam that is about to be centred, with its log open; nobody supervises it."""
     generator, scenario = RecordingGenerator(), parse_scenario(SCENARIO, "centred")
@@ -72,21 +72,23 @@ def rig_to_centre(
     with ExitStack() as stack:
         beam = RigBeam(rig, scenario, plan_of(scenario, bench))
         rig.open_log(stack, folder, scenario.name)
-        rig.record(Hub([sink(rig)]), (), None, beam.take)
+        rig.stream += consumers
+        rig.record((), None, [beam.take])
+        rig.declare("centred", scenario.text, {})
         rig.watch.checks[:] = [rig.acquisition.check]
         yield rig, beam
 
 
 def test_a_sensor_that_shows_nothing_ends_the_search(tmp_path: Path) -> None:
-    shown, sink = [Flag.GOOD], ListSink()
+    shown, kept = [Flag.GOOD], Kept()
     card = SteppedCard(tuple(Channel(name, "N") for name in FORCES), flags=lambda block: shown[0])
-    with rig_to_centre(tmp_path, card, lambda _: sink) as (rig, beam), coming(card), rig.acquisition:
+    with rig_to_centre(tmp_path, card, kept) as (rig, beam), coming(card), rig.acquisition:
         rig.start_record(10**9)
         upper, lower = beam.forces(0.2)
         assert len(upper) == len(lower) == round(0.2 * card.sample_rate)
         # row 0 holds the card's sample numbers; what was judged can be found in the record again
         first, end = beam.listened
-        recorded = np.concatenate([block.values for block in sink.blocks(FORCES[0])])
+        recorded = np.concatenate([block.values for block in kept.blocks(FORCES[0])])
         assert recorded[first:end] == pytest.approx(upper)
         for shown[0] in (Flag.OPEN_SENSOR, Flag.OVERLOAD, Flag.NOT_FINITE):
             with pytest.raises(NoCentre, match="overloaded, open or not finite"):
