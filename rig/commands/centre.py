@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +12,6 @@ from rich.console import Console
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
 from rig.commands.arguments import RUNS, BenchFile, Json, ScenarioFile, load_pair, print_json
-from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.pairing import check_pair
 from rig.files.scenario import Scenario
@@ -23,11 +20,9 @@ from rig.files.toml_text import toml_of
 from rig.session.centring.probe import CentringPlan, plan_of
 from rig.session.centring.rig import find_centre
 from rig.session.centring.search import Middle
-from rig.session.devices import Devices
+from rig.session.devices import Connect
 from rig.session.progress import Screen
 from rig.twin.scenario_twin import check_twin
-
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
 
 def add_to(app: typer.Typer, connect: Connect) -> None:

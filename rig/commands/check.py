@@ -15,7 +15,7 @@ from rig.files.faults import Faults, Gathered, raised_by
 from rig.files.pairing import check_bench, check_pair, check_scenario
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
-from rig.session.sweep.plan import check_points, check_points_anywhere
+from rig.sweep.plan import check_points, check_points_anywhere
 from rig.twin.scenario_twin import check_twin
 
 _KINDS: Final = {Scenario: "scenario", Bench: "bench", Sweep: "sweep"}

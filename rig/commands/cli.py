@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
 
 import typer
 
@@ -28,13 +27,8 @@ from rig.commands import (
     skew,
     sweep,
 )
-from rig.files.bench import Bench
-from rig.files.scenario import Scenario
-from rig.session.devices import Devices
-from rig.session.progress import Screen
+from rig.session.devices import Connect
 from rig.session.signals import Stopped
-
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
 FAILED, WRONG_USE, INTERLOCK, INTERRUPTED = 1, 2, 3, 130
 _CODES: tuple[tuple[type[BaseException], int], ...] = (

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -16,18 +14,16 @@ from daq.angle import fastest_rad_s
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem
 from rig.commands.arguments import BenchFile, ScenarioFile, load_pair
-from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.fields import FieldError, Measured
 from rig.files.pairing import check_pair
 from rig.files.scenario import Scenario, parse_scenario
 from rig.files.sweep_axes import with_values
 from rig.files.toml_text import toml_of
-from rig.session.devices import Devices
+from rig.session.devices import Connect
 from rig.session.dwells import DwellRequest, record_dwells
 from rig.session.progress import Screen
 
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 _SECONDS = Measured("s", 1.0, 600.0)
 _MOST = 50
 
@@ -52,9 +48,7 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         today = datetime.datetime.now(datetime.UTC).date()
         for one in scenarios:
             check_pair(one, bench, today)
-        request = DwellRequest(
-            scenarios, bench, _seconds(each), lambda stack, to: connect(scenarios[0], bench, stack, to), out
-        )
+        request = DwellRequest(scenarios, bench, _seconds(each), connect, out)
         screen.say(f"dwells     {request.what}")
         _warn_of_few_positions(request, screen)
         log = record_dwells(request, screen, SystemClock())

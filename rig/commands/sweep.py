@@ -5,8 +5,6 @@ from __future__ import annotations
 import datetime
 import re
 import shutil
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -23,15 +21,13 @@ from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep, points_named
 from rig.session.centring.probe import plan_of
 from rig.session.centring.rig import find_centre
-from rig.session.devices import Devices
+from rig.session.devices import Connect
 from rig.session.progress import Screen
-from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
-from rig.session.sweep.page import headings_of, rows_of, write_page
-from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments
-from rig.session.sweep.results import TABLE
-from rig.session.sweep.state import CentreState, SweepState, held, load_state
-
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+from rig.sweep.execute import Centre, SweepRequest, begun, run_sweep
+from rig.sweep.page import headings_of, rows_of, write_page
+from rig.sweep.plan import bytes_of, check_points, listing, real_instruments
+from rig.sweep.results import TABLE
+from rig.sweep.state import CentreState, SweepState, held, load_state
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
 Out = Annotated[

@@ -12,12 +12,11 @@ from daq.angle.crank_cycles import MarkerCycles
 from daq.block import BLIND, SampleBlock, sample_time_ns
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
-from rig.derived.figures import CycleFigures
 from rig.derived.impacts import ImpactWatch
 from rig.derived.reference import Nominal, cycles_of, first_look
 from rig.derived.roles import DRIVE, reference_of, role_of
+from rig.derived.series import CrankSpeed, CycleFigures
 from rig.derived.settings import Settings, settled
-from rig.derived.speed import CrankSpeed
 from rig.stream import Consumer
 
 _LONGEST_GAP_S = 3600.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
 from rig.live import paths
-from rig.live.shown import Shown
+from rig.live.displayed_channels import DisplayedChannels
 from rig.stream import Record
 
 if TYPE_CHECKING:  # the view process does without the twin, which takes seconds to import
@@ -40,7 +40,7 @@ class OwnViews:
 class Stage:
     """The recording that a view fills, and what it shows; `start_ns` is the time of sample 0, once known."""
 
-    def __init__(self, recording: rr.RecordingStream, shown: Shown) -> None:
+    def __init__(self, recording: rr.RecordingStream, shown: DisplayedChannels) -> None:
         self.recording, self.shown = recording, shown
         self.start_ns: int | None = None
 
@@ -89,7 +89,7 @@ class Picture(Protocol):
         """The picture of a twin's rig."""
         ...
 
-    def views(self, shown: Shown) -> OwnViews:
+    def views(self, shown: DisplayedChannels) -> OwnViews:
         """How the rig's own views are arranged."""
         ...
 

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import heapq
+import itertools
+import math
+from collections.abc import Collection
+from typing import Generic, TypeVar
+
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
@@ -10,16 +16,18 @@ from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Event
 from daq.signals import autospectrum, envelope
-from rig.crank.recent import Recent
+from rig.derived.last_seconds import LastSeconds
 from rig.live import paths
 from rig.live.cycle_figures import CycleFigurePlots
 from rig.live.frames import Dropped, Frame
 from rig.live.layout import Layout
-from rig.live.overlay_order import OverlayOrder
 from rig.live.picture import OwnViews, Stage
 from rig.live.series import line_style
 from rig.live.spectrum_picture import SpectrumPicture
 from rig.stream import Block, Record, Shape
+
+Item = TypeVar("Item")
+
 
 _BATCH_S = 0.5
 """A browser pays for every batch, whatever is in it, so that small ones are costly."""
@@ -34,6 +42,50 @@ _LEVELS = {
     "warning": rr.TextLogLevel.WARN,
     "error": rr.TextLogLevel.ERROR,
 }
+
+
+class OverlayOrder(Generic[Item]):
+    """Items in order of time (s), given out once both origins have come so far.
+
+    The twin needs a moment longer than the sensors. Nothing waits longer than `patience_s` behind the newest
+    item, so that a twin which is late or silent delays the view and does not stop it. `expected` are the
+    origins that have channels. Items come out in lots that are `step_s` of data apart.
+    """
+
+    def __init__(self, expected: Collection[Origin], patience_s: float, step_s: float = 0.0) -> None:
+        self._patience_s = patience_s
+        self._step_s = step_s
+        self._given_s = -math.inf
+        self._newest: dict[Origin, float] = dict.fromkeys(expected, -math.inf)
+        self._count = itertools.count()
+        self._waiting: list[tuple[float, int, Item]] = []
+
+    def note(self, origin: Origin, time_s: float) -> None:
+        """Say that `origin` has come to `time_s`."""
+        self._newest[origin] = max(self._newest.get(origin, -math.inf), time_s)
+
+    def add(self, time_s: float, item: Item) -> None:
+        """Keep an item that belongs to `time_s`."""
+        heapq.heappush(self._waiting, (time_s, next(self._count), item))
+
+    def ready(self) -> list[Item]:
+        """Take out what both origins have reached, oldest first; nothing before another `step_s` has come."""
+        newest = self._newest.values()
+        reached = max(min(newest), max(newest) - self._patience_s)
+        if reached < self._given_s + self._step_s:
+            return []
+        self._given_s = reached
+        return self._take(reached)
+
+    def rest(self) -> list[Item]:
+        """Take out everything, oldest first."""
+        return self._take(math.inf)
+
+    def _take(self, until_s: float) -> list[Item]:
+        taken = []
+        while self._waiting and self._waiting[0][0] <= until_s:
+            taken.append(heapq.heappop(self._waiting)[2])
+        return taken
 
 
 class Scene:
@@ -54,7 +106,7 @@ class Scene:
         self._figures = CycleFigurePlots(self._stage)
         self._play = layout.picture.play(self._stage) if layout.picture else None
         self._traces: dict[tuple[Origin, str], Trace] = {}
-        self._recent: dict[tuple[Origin, str], Recent] = {}
+        self._recent: dict[tuple[Origin, str], LastSeconds] = {}
         self._spectrum_due_s: dict[tuple[Origin, str], float] = {}
         own = layout.picture.views(layout) if layout.picture else OwnViews(())
         heard = [name for name in layout.units if name not in own.plain]
@@ -138,7 +190,7 @@ class Scene:
 
     def _renew_spectrum(self, origin: Origin, block: SampleBlock) -> None:
         key = origin, block.channel
-        recent = self._recent.setdefault(key, Recent(_SPECTRUM_OVER_S))
+        recent = self._recent.setdefault(key, LastSeconds(_SPECTRUM_OVER_S))
         recent.add(block)
         end_s = block.end_sample / block.sample_rate
         if end_s < self._spectrum_due_s.setdefault(key, _SPECTRUM_OVER_S):

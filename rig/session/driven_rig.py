@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from daq.errors import RecorderFailed
+from daq.clock import Clock
+from daq.errors import RattleError, RecorderFailed
 from daq.log import LogWriter
 from daq.recorder import Recorder
 from daq.time_base import RunClock
@@ -20,39 +21,62 @@ from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
 from rig.session.limits import LimitWatch
-from rig.session.logbook import Logbook, logged_by
+from rig.session.logbook import Logbook, Run, logged_by, new_run, run_record
 from rig.session.progress import Screen
-from rig.session.provenance import Run, new_run, run_record
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.supervisor import SILENCE_S, Supervisor
-from rig.session.watch import Watch
 from rig.stream import Stream
 
-Connect = Callable[[ExitStack, Screen], tuple[Devices, dict[str, str]]]
+_LOOK_S = 0.02
+_BLOCK_S = 0.1
+_SILENCE_S = 5.0
+HANGS_S = 3.0
+"""A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
 
 
-def connected(
-    stack: ExitStack, connect: Connect, screen: Screen
-) -> tuple[StopRequest, Devices, dict[str, str]]:
-    """The rig's devices, open, for as long as `stack` lasts, and the notes that `connect` made for the log.
+class Watch:
+    """Calls every one of `checks`, in their order, while it waits; what one of them raises ends the run."""
 
-    Whatever is raised from then on, the drive is off after it.
-    """
-    stop = stack.enter_context(StopRequest())
-    devices, notes = connect(stack, screen)
-    stack.callback(devices.close)
-    stop.check()
-    with screen.busy("connecting"):
-        devices.open()
-    stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))
-    screen.say(f"drive      {devices.actuator.identity} at {devices.actuator.address}")
-    screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
-               f"{devices.card.address}")  # fmt: skip
-    if devices.encoder is not None:
-        screen.say(f"encoder    {devices.encoder.identity} at {devices.encoder.address}")
-    stop.check()
-    return stop, devices, notes
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._looked_s = clock.monotonic_s()
+        self.checks: list[Callable[[], None]] = []
+
+    @property
+    def hangs(self) -> bool:
+        """Whether nobody has looked for so long that the run must be taken for dead."""
+        return self._clock.monotonic_s() - self._looked_s > HANGS_S
+
+    def check(self) -> None:
+        """Raise whatever ends the run: a lost device, a limit, a person."""
+        self._looked_s = self._clock.monotonic_s()
+        for check in self.checks:
+            check()
+
+    def wait(self, seconds: float) -> None:
+        """Wait; raises what ends the run meanwhile."""
+        end = self._clock.monotonic_s() + seconds
+        while (left := end - self._clock.monotonic_s()) > 0:
+            self.check()
+            self._clock.sleep(min(left, _LOOK_S))
+        self.check()
+
+    def until(
+        self, acquisition: Acquisition, done: Callable[[], bool], show: Callable[[], None] = lambda: None
+    ) -> None:
+        """Wait until `done` while samples come; raises what ends the run early, and where none come."""
+        silent_since, seen = self._clock.monotonic_s(), -1
+        while not done():
+            self.check()
+            with acquisition.changed:
+                acquisition.changed.wait(_BLOCK_S)
+            show()
+            if acquisition.acquired != seen:
+                silent_since, seen = self._clock.monotonic_s(), acquisition.acquired
+            elif self._clock.monotonic_s() - silent_since > _SILENCE_S:
+                raise RattleError(f"{acquisition.name} gave no samples for {_SILENCE_S:g} s")
+        self.check()
 
 
 class DrivenRig:

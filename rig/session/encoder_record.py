@@ -25,7 +25,7 @@ from drivers.protocols import PositionBlock, PositionEncoder
 from rig.crank.channels import ENCODER_ANGLE
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
-from rig.session.shaft_speed import ByAngle, Shown
+from rig.session.shaft_speed import ByAngle, SpeedReading
 from rig.session.speed_guard import SpeedGuard
 from rig.stream import Block, Stream
 
@@ -214,13 +214,13 @@ class EncoderRecord:
 
     def _show(self, stretches: list[_Stretch]) -> None:
         """Show the guard how fast the encoder turns; that is not known where whole turns may be lost."""
-        shown = Shown()
+        shown = SpeedReading()
         for stretch in stretches:
             if stretch.ambiguous:
                 self._speed = self._new_speed()
             shown = self._speed.take(stretch.number, stretch.angle_rad)
         if any(stretch.ambiguous for stretch in stretches):
-            shown = Shown()
+            shown = SpeedReading()
         shown = replace(shown, speed_rad_s=abs(shown.speed_rad_s))
         for event in self._guard.look(shown, self._next_number * self._encoder.period_s):
             self._stream(event)

@@ -21,7 +21,8 @@ from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.live.rigs import picture_of
 from rig.live.view import LiveView
-from rig.session.driven_rig import Connect, DrivenRig, connected
+from rig.session.devices import Connect, connected
+from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, FrequencyCheck, FrequencyHold
 from rig.session.progress import FIRST_START, Screen
@@ -60,7 +61,7 @@ class RunRequest:
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, request.connect, screen)
+        stop, devices, notes = connected(stack, request.connect, request.scenario, request.bench, screen)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
         return _Run(request, rig, notes, stop).execute(stack)
 

@@ -12,7 +12,7 @@ from rig.session.acquisition import Acquisition
 from rig.stream import Block, Consumer, Shape
 from rig.twin.alignment import Alignment
 from rig.twin.rigs import kind_of
-from rig.twin.worker import Drive, Predict, Recorded
+from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
 
@@ -61,7 +61,7 @@ class TwinFeed:
                 return  # it begins with the next reading: until then nobody knows what turns it leaves out
             turned_off = acquisition.turned_off.get(self._reference, 0.0)
             start_ns = acquisition.record_start_ns
-            self.worker.give(Recorded(begin, end - begin, start_ns, self._last, turned_off))
+            self.worker.give(RecordedSpan(begin, end - begin, start_ns, self._last, turned_off))
 
     def end(self) -> None:
         """Predict no further than what has been recorded by now: the drive leaves what the twin follows."""

@@ -13,7 +13,7 @@ import pytest
 from daq.log import LogReader, verify_log
 from daq.signals import fit_sine
 from rig.files.scenario import load_scenario
-from rig.session.centring.touching import what_is_touched
+from rig.session.centring.probe import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 

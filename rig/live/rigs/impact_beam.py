@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from daq.log.records import Impact
 from rig.live import paths
+from rig.live.displayed_channels import DisplayedChannels
 from rig.live.picture import OwnViews, Stage
 from rig.live.series import points_style, scatter_over_time
-from rig.live.shown import Shown
 from rig.stream import Record, Shape
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class BeamPicture:
         """How many times larger than life deflections are drawn."""
         return self.length_m * _CLEARANCE_ON_SCREEN / self.clearance_m
 
-    def views(self, shown: Shown) -> OwnViews:
+    def views(self, shown: DisplayedChannels) -> OwnViews:
         """The beam, and where its contact forces are among the channels, their impacts."""
         beam: tuple[rrb.View, float] = (self._beam_view(), 3.0)
         if not any(side in shown.units for side in _SIDES):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+import dataclasses
+import json
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import Final
 
 import numpy as np
@@ -14,25 +16,27 @@ from numpy.typing import NDArray
 
 from daq.block import BLIND, Flag
 from daq.clock import Clock
-from daq.errors import ConfigurationError, Problem
+from daq.errors import ConfigurationError, Problem, RattleError, RecorderFailed
 from daq.log.records import Event
 from daq.time_base import RunClock
 from drivers.protocols import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.centring.probe import CentringPlan, Probe, centre_beam
-from rig.session.centring.record import CentringRecord
 from rig.session.centring.search import Middle, NoCentre
-from rig.session.devices import Devices
+from rig.session.devices import Connect, connected
 from rig.session.drive import Shaker
-from rig.session.driven_rig import DrivenRig, connected
+from rig.session.driven_rig import DrivenRig
 from rig.session.progress import Bar, Screen
 from rig.stream import Record
 
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 FORCES: Final = ("contact.force_upper", "contact.force_lower")
 _USUAL_PROBES: Final = 18
 _LONGEST_S: Final = 3600.0
+
+
+RECORD: Final = "centring"
+"""The metadata record with the offsets and the result, each JSON."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +61,7 @@ def find_centre(
     Whatever is raised, the drive is off after it, and the log holds what there was.
     """
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, partial(connect, scenario, bench), screen)
+        stop, devices, notes = connected(stack, connect, scenario, bench, screen)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock))
         beam = RigBeam(rig, scenario, plan)
         rig.motion.arm(soft=True)
@@ -158,3 +162,47 @@ class RigBeam:
     def _set(self, **drive: float) -> None:
         """The rig's motion is the drive as it is now, from which it is ramped down."""
         self._rig.motion = self._shaker = replace(self._shaker, drive=replace(self._shaker.drive, **drive))
+
+
+class CentringRecord:
+    """What the log of `rig` gets of a centring besides its samples.
+
+    What is raised within stands in it as an event.
+    """
+
+    def __init__(self, rig: DrivenRig) -> None:
+        self._rig = rig
+        self._probes: list[dict[str, object]] = []
+
+    def __enter__(self) -> CentringRecord:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            return
+        text = str(error) or "interrupted"
+        if not isinstance(error, RattleError | KeyboardInterrupt):
+            text = f"{type(error).__name__}: {error}"
+        with suppress(RecorderFailed):  # what ended the search is raised, not that the log takes no more
+            self._rig.logbook.tell("error", "centring.ended", text)
+            self._rig.recorder.metadata(RECORD, {"offsets": json.dumps(self._probes)})
+
+    def note(self, probe: Probe, first_sample: int, end_sample: int) -> None:
+        """Note an offset; what it touched was read from these samples of the record."""
+        where = {"first_sample": first_sample, "end_sample": end_sample}
+        self._probes.append(dataclasses.asdict(probe) | where)
+        text = f"{probe}, by samples {first_sample} to {end_sample}"
+        self._rig.logbook.tell("info", "centring.offset", text)
+
+    def found(self, middle: Middle, plan: CentringPlan) -> None:
+        """Note the result."""
+        result = dataclasses.asdict(middle) | {
+            "rest_offset_m": plan.rest_offset(middle),
+            "sine_hz": plan.frequency,
+        }
+        offsets = {"offsets": json.dumps(self._probes), "result": json.dumps(result)}
+        self._rig.recorder.metadata(RECORD, offsets)
+        text = f"the middle is at {middle.offset:+.4f} N +- {middle.uncertainty:.4f} N"
+        self._rig.logbook.tell("info", "centring.found", text)

@@ -18,7 +18,7 @@ from rig.live.crank.picture import CrankPicture
 from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
 from rig.live.view import LiveView
 from rig.stream import Block, Shape, Stream
-from tests.rig.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
+from tests.rig.derived.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
 from tests.rig.live.native_viewer import needs_vulkan, shows, viewer
 
 SCENARIO = """

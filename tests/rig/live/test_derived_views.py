@@ -15,7 +15,7 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.records import Impact
 from rig.live import paths
-from rig.live.crank.impact_picture import ImpactPicture
+from rig.live.crank.plots import ImpactPicture
 from rig.live.cycle_figures import figure_views
 from rig.live.layout import Layout, layout_of
 from rig.live.picture import Stage

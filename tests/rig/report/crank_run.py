@@ -15,7 +15,7 @@ from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import parse_scenario
 from rig.stream import Block, Consumer, Metadata, Record
-from tests.rig.crank.turning import (
+from tests.rig.derived.turning import (
     CHANNELS,
     SPATIAL_CHANNELS,
     START_NS,

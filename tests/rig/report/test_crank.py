@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
-from rig.crank.order_lines import TURNS
+from rig.derived.order_lines import TURNS
 from rig.derived.settings import RECORD
 from rig.files.rigs import RIGS
 from rig.report import RunCollector, record
@@ -33,7 +33,7 @@ from rig.report.speed import speed_figures, speeds
 from rig.report.turning import order_lines, turns_of
 from rig.stream import Block
 from tests.rig.browser import needs_chromium
-from tests.rig.crank.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
+from tests.rig.derived.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
 from tests.rig.report import crank_run
 from tests.rig.report.test_page_in_browser import opened
 

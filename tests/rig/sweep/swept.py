@@ -16,9 +16,9 @@ from rig.files.model_file import ModelFile
 from rig.files.sweep import Sweep, parse_sweep
 from rig.session.progress import Screen
 from rig.session.run import RunRequest
-from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
-from rig.session.sweep.state import SweepState
 from rig.stream import Block
+from rig.sweep.execute import Centre, SweepRequest, begun, run_sweep
+from rig.sweep.state import SweepState
 from tests.rig.session.fakes import silent_screen
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 

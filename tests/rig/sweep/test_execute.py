@@ -17,10 +17,10 @@ from rig.files.model_file import parse_model
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.session.signals import Stopped
-from rig.session.sweep.results import TABLE
-from rig.session.sweep.state import FILE, CentreState, held, load_state
+from rig.sweep.results import TABLE
+from rig.sweep.state import FILE, CentreState, held, load_state
 from tests.rig.files.test_model_file import TEXT as MODEL
-from tests.rig.session.sweep.swept import AXES, SCENARIO, Runs, Trial, parsed
+from tests.rig.sweep.swept import AXES, SCENARIO, Runs, Trial, parsed
 
 EMBEDDED_BENCH = RIGS["impact_beam"].bench
 

@@ -16,10 +16,10 @@ import pytest
 from daq.block import NS_PER_S
 from daq.log import Impact, LogWriter
 from rig.files.sweep import Sweep
-from rig.session.sweep.page import headings_of, rows_of, write_page
-from rig.session.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, figures_of, write_results
-from rig.session.sweep.state import SCHEMA, PointState, SweepState
-from tests.rig.session.sweep.swept import parsed
+from rig.sweep.page import headings_of, rows_of, write_page
+from rig.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, figures_of, write_results
+from rig.sweep.state import SCHEMA, PointState, SweepState
+from tests.rig.sweep.swept import parsed
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
 FREQUENCIES = '"drive.frequency" = ["9 Hz", "10 Hz", "11 Hz"]'

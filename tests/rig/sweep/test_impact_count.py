@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock
-from rig.session.sweep.impact_count import ImpactCount
 from rig.stream import Block
+from rig.sweep.execute import ImpactCount
 
 RATE = 51_200.0
 CYCLE_S = 0.05

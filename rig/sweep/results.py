@@ -20,8 +20,8 @@ from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.report import summarise
 from rig.session.frequency import FrequencyCheck
-from rig.session.sweep.state import PointState, SweepState, write_whole
 from rig.stream import Block
+from rig.sweep.state import PointState, SweepState, write_whole
 
 TABLE: Final = "points.csv"
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.signals import EvenAngles, order_map, to_even_angles
-from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
-from tests.rig.crank.turning import RATE, turns
+from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
+from tests.rig.derived.turning import RATE, turns
 
 FAST_HZ = 20.0
 """At 1200 rpm a second has the turns that a spectrum needs."""
