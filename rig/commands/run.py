@@ -11,9 +11,11 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from rig.commands.arguments import RUNS, BenchFile, Live, Model, ScenarioFile, load_pair
-from rig.commands.summary import report_and_name, show_summary
+from rig.commands.summary import report_and_name, show
 from rig.files.model_file import load_model
 from rig.files.pairing import check_pair
+from rig.report.record import read_run
+from rig.report.summary import summary_of
 from rig.session.devices import Connect
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
@@ -40,5 +42,6 @@ def add_to(app: typer.Typer, connect: Connect) -> None:
         check_twin(scenario)
         request = RunRequest(scenario, bench, connect, out, live, fitted)
         log = run_scenario(request, screen, clock)
-        show_summary(log, screen)
-        report_and_name(log, screen)
+        recorded = read_run(log)
+        show(summary_of(recorded), screen)
+        report_and_name(recorded, screen)

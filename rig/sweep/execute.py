@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
-from daq.log import LogReader
 from daq.signals import BounceGrouper, ImpactDetector, Levels
 from daq.signals.impacts import COUNTS_FROM, FAINTEST_N
 from rig.files.bench import Bench
@@ -23,13 +22,12 @@ from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import with_values
 from rig.files.toml_text import toml_of
 from rig.session.devices import Connect
-from rig.session.frequency import OFF, UNKNOWN
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.stream import Block, Record
 from rig.sweep.plan import Move, Step, lasting, steps_of
-from rig.sweep.results import figures_of, write_results
+from rig.sweep.results import outcome_of, write_results
 from rig.sweep.state import (
     SCHEMA,
     CentreState,
@@ -43,8 +41,6 @@ from rig.sweep.state import (
 
 Run = Callable[[RunRequest, Screen, Clock], Path]
 Centre = Callable[[Scenario, Bench, Screen], CentreState]
-_FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
-"""Codes of events that say of a complete record that its drive was not as asked for."""
 
 
 BOUNCES_WITHIN = 0.25
@@ -176,9 +172,13 @@ class _Sweeping:
         return _Told(lambda ended: self._keep(self._state.with_point(number, ended)), number)
 
     def _record(self, point: Point, log: Path, impacts: int | None) -> None:
-        number, until, why = point.number, self._request.sweep.until, "; ".join(_failures(log))
+        number, until, (why, figures) = (
+            point.number,
+            self._request.sweep.until,
+            outcome_of(log, point.scenario),
+        )
         name = str(log.relative_to(self._request.folder))
-        ended = PointState("failed" if why else "done", name, why, impacts, figures_of(log, point.scenario))
+        ended = PointState("failed" if why else "done", name, why, impacts, figures)
         self._keep(self._state.with_point(number, ended))
         write_results(self._request.folder, self._request.sweep, self._state)
         if why:
@@ -237,12 +237,6 @@ def centred(scenario: Scenario, found: CentreState) -> Scenario:
     settings = {"drive.offset": found.offset_n, "model.rest_offset": found.rest_offset_m}
     table = with_values(read_toml(scenario.text, scenario.name), settings)
     return parse_scenario(toml_of(table), f"{scenario.name}, centred")
-
-
-def _failures(log: Path) -> Iterator[str]:
-    """What in a complete log says that its point was not what the sweep asked for."""
-    with LogReader(log) as reader:
-        yield from (event.text for event in reader.events() if event.code in _FAILS)
 
 
 class ImpactCount:
