@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from daq.clock import SystemClock
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.commands.arguments import Live, RunFile
 from rig.commands.summary import show
 from rig.report.record import RunCollector

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import Autospectrum, autospectrum, log_bands
+from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
 from rig.report.record import RunRecord, Trace
 
 _BANDS = 42

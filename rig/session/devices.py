@@ -7,7 +7,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from daq.errors import InstrumentError
-from drivers.protocols import AcquisitionCard, Actuator, PositionEncoder
+from drivers.protocols.actuator import Actuator
+from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.drive import Motion, drive_off_after

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
 from daq.errors import RattleError, RecorderFailed
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Limit
 from rig.session.acquisition import Acquisition, Reader
@@ -114,7 +113,14 @@ class DrivenRig:
     def open_log(self, stack: ExitStack, folder: Path, name: str) -> Run:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
         run = new_run(folder, name, self.clock)
-        stack.push(partial(self._tell_of_partial, run.log))
+
+        @stack.push
+        def tell_of_partial(
+            kind: type[BaseException] | None, error: BaseException | None, trace: object
+        ) -> None:
+            if kind is not None:
+                self.screen.say(f"log so far {run.log}")
+
         self.recorder = stack.enter_context(Recorder(LogWriter(run.log), self.clock))
         self.stream.insert(0, logged_by(self.recorder))
         return run
@@ -204,7 +210,12 @@ class DrivenRig:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
-                self._tell_of_stopping()
+                text = "stopping before its time"
+                if self.on_stopping is not None:
+                    self.on_stopping()
+                    text += ": what is recorded from here on has no prediction"
+                with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
+                    self.logbook.tell("warning", "drive.stopping", text)
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.off)
 
@@ -224,14 +235,6 @@ class DrivenRig:
             for code, text in self.shaft.encoder_at_mark(self.encoder):
                 self.logbook.tell("info", code, text)
 
-    def _tell_of_stopping(self) -> None:
-        text = "stopping before its time"
-        if self.on_stopping is not None:
-            self.on_stopping()
-            text += ": what is recorded from here on has no prediction"
-        with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
-            self.logbook.tell("warning", "drive.stopping", text)
-
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
         """Stop the drive; the supervisor waits as long as that may take."""
         self.shaft.disarm()
@@ -241,6 +244,12 @@ class DrivenRig:
 
     def _follow(self) -> None:
         """Say what is looked at while somebody waits, and what the log gets of it."""
+
+        def heed_stop() -> None:
+            if self._stop.wanted:
+                self.logbook.tell("warning", "run.interrupted", "stopped by a person")
+            self._stop.check()
+
         acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
         self.watch.checks += [acquisition.check, self.shaft.check, motion.check, self._supervisor.check]
         actuator = self.devices.actuator.name
@@ -250,7 +259,7 @@ class DrivenRig:
             self.watch.checks.append(self.encoder.check)
             logbook.events.append(self.encoder.events)
             logbook.clocks.append(self.encoder.clocks)
-        self.watch.checks += [logbook.look, self._heed_stop]
+        self.watch.checks += [logbook.look, heed_stop]
 
     def _look(self, reading: CardReading) -> None:
         """In the acquisition thread: the shaft, and a sign of life."""
@@ -258,14 +267,3 @@ class DrivenRig:
             self.stream(event)
         if self.acquisition.tripped is None and not self.shaft.tripped and not self.watch.hangs:
             self._supervisor.beat()
-
-    def _heed_stop(self) -> None:
-        if self._stop.wanted:
-            self.logbook.tell("warning", "run.interrupted", "stopped by a person")
-        self._stop.check()
-
-    def _tell_of_partial(
-        self, log: Path, kind: type[BaseException] | None, error: BaseException | None, trace: object
-    ) -> None:
-        if kind is not None:
-            self.screen.say(f"log so far {log}")

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import SineFit, fit_sine
+from daq.signals.sine import SineFit, fit_sine
 from rig.stream import Block, Record
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 

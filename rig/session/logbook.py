@@ -16,8 +16,8 @@ from daq.clock import Clock
 from daq.errors import RecorderFailed
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import Notice
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.notice import Notice
 from rig.files.bench import Bench
 from rig.session.devices import Devices
 from rig.session.progress import Screen

@@ -8,9 +8,10 @@ from pathlib import Path
 from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
-from daq.log import LogReader, LogWriter, Origin
 from daq.log.codec import decode_block
+from daq.log.reader import LogReader, Origin
 from daq.log.records import Gap, Impact
+from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model

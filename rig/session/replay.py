@@ -11,7 +11,8 @@ from pathlib import Path
 from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
 from daq.errors import ConfigurationError, LogError
-from daq.log import Impact, LogReader, Origin
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import AcquisitionSection, Scenario

@@ -11,8 +11,8 @@ from typing import Any
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.reader import Origin
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.derived.background import DerivationProcess
 from rig.derived.derivation import derived_channels
 from rig.files.bench import Bench
@@ -21,6 +21,7 @@ from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.live.rigs import picture_of
 from rig.live.view import LiveView
+from rig.session.acquisition import Reader
 from rig.session.devices import Connect, connected
 from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
@@ -107,7 +108,14 @@ class _Run:
         rig.stream += [*self._request.consumers, *filter(None, [self._frequency]), derivation]
         stack.callback(lambda: derivation.finish(rig.logbook.note))  # however the run ends
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
-        readers = [self._feed_twin] if self._hold is None else [self._hold_frequency, self._feed_twin]
+
+        def feed_twin(reading: CardReading) -> None:
+            feed.take(reading, rig.acquisition)
+
+        readers: list[Reader] = [feed_twin]
+        if (hold := self._hold) is not None:
+            row = rig.names.index(hold.channel)
+            readers.insert(0, lambda reading: hold.take(reading.values[row]))
         rig.record(self._scenario.limits, rig.motion.speed_rad_s, readers, self._request.enough)
         rig.logbook.events.append(derivation.events)
         rig.on_stopping = feed.end
@@ -170,10 +178,3 @@ class _Run:
             rig.logbook.tell("info", found.code, str(found))
         else:
             rig.warn(found.code, str(found))
-
-    def _hold_frequency(self, reading: CardReading) -> None:
-        if self._hold is not None:
-            self._hold.take(reading.values[self._rig.names.index(self._hold.channel)])
-
-    def _feed_twin(self, reading: CardReading) -> None:
-        self._feed.take(reading, self._rig.acquisition)

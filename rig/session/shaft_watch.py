@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import MarkTracker
+from daq.angle.marker import MarkTracker
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.records import Event
-from drivers.protocols import CardReading, PositionEncoder
+from drivers.protocols.card import CardReading
+from drivers.protocols.encoder import PositionEncoder
 from rig.crank.shaft import shows_marks
 from rig.session.acquisition import Acquisition
 from rig.session.encoder_check import encoder_at_marks

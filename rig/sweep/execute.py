@@ -5,14 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
-from daq.signals import BounceGrouper, ImpactDetector, Levels
-from daq.signals.impacts import COUNTS_FROM, FAINTEST_N
+from daq.signals.impact_events import BounceGrouper, ImpactDetector
+from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
 from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.model_file import ModelFile
@@ -168,8 +169,19 @@ class _Sweeping:
             self._record(point, log, impacts)
             stop.check()
 
-    def _told(self, number: int) -> _Told:
-        return _Told(lambda ended: self._keep(self._state.with_point(number, ended)), number)
+    @contextmanager
+    def _told(self, number: int) -> Iterator[None]:
+        """Write down why a point ended before it was recorded, and say what comes of it."""
+        try:
+            yield
+        except InterlockTripped as error:
+            self._keep(self._state.with_point(number, PointState("interlock", why=str(error))))
+            goes_on = f"the same call goes on after it, --again {number} repeats it"
+            raise InterlockTripped(f"point {number}: {error}; {goes_on}") from error
+        except (RattleError, KeyboardInterrupt) as error:
+            ended = PointState("stopped", why=str(error) or "interrupted")
+            self._keep(self._state.with_point(number, ended))
+            raise
 
     def _record(self, point: Point, log: Path, impacts: int | None) -> None:
         number, until, (why, figures) = (
@@ -209,24 +221,6 @@ class _Sweeping:
     def _keep(self, state: SweepState) -> None:
         self._state = state
         save_state(self._request.folder, state)
-
-
-class _Told:
-    """Writes down why a point ended before it was recorded, and says what comes of it."""
-
-    def __init__(self, keep: Callable[[PointState], None], number: int) -> None:
-        self._keep, self._number = keep, number
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, InterlockTripped):
-            self._keep(PointState("interlock", why=str(error)))
-            goes_on = f"the same call goes on after it, --again {self._number} repeats it"
-            raise InterlockTripped(f"point {self._number}: {error}; {goes_on}") from error
-        if isinstance(error, RattleError | KeyboardInterrupt):
-            self._keep(PointState("stopped", why=str(error) or "interrupted"))
 
 
 def centred(scenario: Scenario, found: CentreState) -> Scenario:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from daq.errors import LogError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.files.model_file import parse_model
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.derived.settings import RECORD
 from tests.end_to_end.command import await_true, command
 from tests.end_to_end.files import CHANNELS, write_scenario

@@ -160,30 +160,25 @@ def centre_beam(
 
     The offset stays where it was last. `told` hears of each that was tried.
     """
-    prober = _Prober(beam, plan, told)
-    return find_middle(prober.touched, plan.sine, plan.reach, plan.precision, plan.farthest)
+    now, tried = 0.0, 0
 
-
-class _Prober:
-    def __init__(self, beam: ShakenBeam, plan: CentringPlan, told: Callable[[Probe], None]) -> None:
-        self._beam, self._plan, self._told = beam, plan, told
-        self._offset, self._tried = 0.0, 0
-
-    def touched(self, offset: float, amplitude: float) -> Touched:
+    def touched(offset: float, amplitude: float) -> Touched:
         """Go there with the least sine, so that no bouncing is carried along; shake and listen."""
-        plan, beam = self._plan, self._beam
+        nonlocal now, tried
         beam.shake(plan.sine.least)
         for step in range(1, _MOVE_STEPS + 1):
             beam.wait(_MOVE_S / _MOVE_STEPS)
-            beam.push(self._offset + (offset - self._offset) * step / _MOVE_STEPS)
-        self._offset = offset
+            beam.push(now + (offset - now) * step / _MOVE_STEPS)
+        now = offset
         beam.shake(amplitude)
         beam.wait(plan.settle_s)
         upper, lower = beam.forces(_CYCLES / plan.frequency)
-        self._tried += 1
-        touched = what_is_touched(upper, lower, beam.sample_rate, plan.frequency, amplitude)
-        self._told(Probe(self._tried, offset, amplitude, touched))
-        return touched
+        tried += 1
+        side = what_is_touched(upper, lower, beam.sample_rate, plan.frequency, amplitude)
+        told(Probe(tried, offset, amplitude, side))
+        return side
+
+    return find_middle(touched, plan.sine, plan.reach, plan.precision, plan.farthest)
 
 
 def what_is_touched(

@@ -6,7 +6,6 @@ import dataclasses
 import json
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -18,8 +17,8 @@ from daq.block import BLIND, Flag
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem, RattleError, RecorderFailed
 from daq.log.records import Event
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.centring.probe import CentringPlan, Probe, centre_beam
@@ -27,7 +26,7 @@ from rig.session.centring.search import Middle, NoCentre
 from rig.session.devices import Connect, connected
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig
-from rig.session.progress import Bar, Screen
+from rig.session.progress import Screen
 from rig.stream import Record
 
 FORCES: Final = ("contact.force_upper", "contact.force_lower")
@@ -67,28 +66,28 @@ def find_centre(
         rig.motion.arm(soft=True)
         rig.launch(stack)
         run = rig.open_log(stack, folder, f"{scenario.name} centring")
-        rig.stream.append(partial(_say_readings, screen))
+
+        def say(record: Record) -> None:
+            # what else is told of a rig says itself on the screen
+            if isinstance(record, Event) and record.source == "acquisition" and record.level != "info":
+                screen.warn(record.text)
+
+        rig.stream.append(say)
         rig.record(scenario.limits, None, [beam.take])
         rig.declare(run.id, scenario.text, notes)
         with CentringRecord(rig) as record:
             with rig.moving(), screen.bar("centring", _USUAL_PROBES, "offsets") as bar:
+
+                def told(probe: Probe) -> None:
+                    bar.at(probe.number)
+                    record.note(probe, *beam.listened)
+
                 beam.start()
-                middle = centre_beam(beam, plan, partial(_tried, beam, record, bar))
+                middle = centre_beam(beam, plan, told)
                 rig.ramp_down()
             record.found(middle, plan)
         rig.recorder.close()
     return Centred(middle, run.log)
-
-
-def _tried(beam: RigBeam, record: CentringRecord, bar: Bar, probe: Probe) -> None:
-    bar.at(probe.number)
-    record.note(probe, *beam.listened)
-
-
-def _say_readings(screen: Screen, record: Record) -> None:
-    """Say what the readings show; all else that is told of a rig says itself on the screen."""
-    if isinstance(record, Event) and record.source == "acquisition" and record.level != "info":
-        screen.warn(record.text)
 
 
 class RigBeam:

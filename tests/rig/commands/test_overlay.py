@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.log import LogReader, Origin, verify_log
+from daq.log.reader import LogReader, Origin
+from daq.log.recover import verify_log
 from rig.derived.settings import RECORD
-from rig.report import overall_closeness, summarise
+from rig.report.closeness import overall_closeness
 from rig.report.record import read_run
+from rig.report.summary import summarise
 from rig.session.overlay import overlay_run
 from tests.rig.commands.cli import Call
 from tests.rig.derived.test_live_and_replay import logged, replayed

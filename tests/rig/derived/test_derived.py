@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S, Flag, SampleBlock
-from daq.log import Impact, Origin
+from daq.log.reader import Origin
+from daq.log.records import Impact
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import parse_scenario

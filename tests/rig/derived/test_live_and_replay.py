@@ -16,7 +16,10 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.log import Event, LogReader, LogWriter, Origin, verify_log
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Event
+from daq.log.recover import verify_log
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from rig.derived.background import DerivationProcess
 from rig.derived.derivation import derived_channels

@@ -15,7 +15,8 @@ from daq.log.reader import Origin
 from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import parse_scenario
 from rig.live.crank.picture import CrankPicture
-from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
+from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.live.view import LiveView
 from rig.stream import Block, Shape, Stream
 from tests.rig.derived.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks

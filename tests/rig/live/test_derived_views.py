@@ -19,7 +19,8 @@ from rig.live.crank.plots import ImpactPicture
 from rig.live.cycle_figures import figure_views
 from rig.live.layout import Layout, layout_of
 from rig.live.picture import Stage
-from rig.live.rigs import BeamPicture, PlanarCrankPicture
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.scene import Scene
 from rig.stream import Block
 

@@ -8,7 +8,7 @@ from daq.block import Flag, SampleBlock
 from daq.log.records import Event, Impact
 from rig.live import frames
 from rig.live.layout import Layout, layout_of
-from rig.live.rigs import BeamPicture
+from rig.live.rigs.impact_beam import BeamPicture
 from rig.stream import Block, Shape
 from tests.rig.synthetic_run import CHANNELS
 

@@ -13,7 +13,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from daq.log.records import Event
-from rig.live.rigs import BeamPicture
+from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.view import LiveView
 from rig.stream import Block, Shape
 from tests.rig.browser import browser_page, needs_chromium

@@ -14,9 +14,9 @@ from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from daq.log import Event, Impact, Origin
-from daq.log.records import Gap
-from drivers.protocols import CardReading
+from daq.log.reader import Origin
+from daq.log.records import Event, Gap, Impact
+from drivers.protocols.card import CardReading
 from rig.session.progress import Screen
 from rig.stream import Block, Record
 

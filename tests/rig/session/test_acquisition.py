@@ -9,7 +9,7 @@ from daq.block import Flag, sample_time_ns
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from drivers.protocols import CardReading, Finding
+from drivers.protocols.card import CardReading, Finding
 from rig.files.scenario import Limit
 from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Reader
 from rig.session.limits import LimitWatch

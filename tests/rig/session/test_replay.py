@@ -11,7 +11,8 @@ import pytest
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
-from daq.log import LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from rig.session.overlay import overlay_run
 from rig.session.replay import ShapeFollower, replay_log
 from rig.session.signals import Stopped

@@ -17,7 +17,7 @@ import pytest
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InterlockTripped, RattleError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.derived import background
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, parse_scenario

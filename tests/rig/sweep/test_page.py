@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S
-from daq.log import Impact, LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.records import Impact
+from daq.log.writer import LogWriter
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.sweep.page import headings_of, rows_of, write_page

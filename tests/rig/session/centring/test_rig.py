@@ -13,7 +13,7 @@ import pytest
 from daq.block import Flag
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.time_base import RunClock
+from daq.time_base.run_clock import RunClock
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
 from rig.session.centring.probe import plan_of
