@@ -8,9 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import Marks, MarkTracker, crank_angle
+from daq.angle.crank import crank_angle
+from daq.angle.marker import Marks, MarkTracker
 from daq.block import SampleBlock
-from daq.signals import angle_turns, smooth_turns
+from daq.signals.turns import angle_turns, smooth_turns
 from rig.crank.recent import Recent
 
 KEPT_S = 6.0
