@@ -104,7 +104,7 @@ def _deviation(known: Matched, name: str) -> float:
 
 def _scenarios(runs: Sequence[Path]) -> list[str]:
     from daq.log.reader import LogReader
-    from rig.twin.overlay import followed_scenario
+    from rig.twin.logged import followed_scenario
 
     names = []
     for run in runs:

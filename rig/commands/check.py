@@ -78,7 +78,7 @@ def _check_anywhere(wanted: Scenario | Sweep, source: str) -> None:
     from rig.twin.scenario_twin import check_twin
 
     if not isinstance(wanted, Scenario):
-        from rig.session.sweep.plan import check_points_anywhere
+        from rig.sweep.plan import check_points_anywhere
 
         check_points_anywhere(wanted)
         return
@@ -95,7 +95,7 @@ def _check_together(wanted: Scenario | Sweep, bench: Bench, source: str, today: 
     from rig.twin.scenario_twin import check_twin
 
     if not isinstance(wanted, Scenario):
-        from rig.session.sweep.plan import check_points
+        from rig.sweep.plan import check_points
 
         check_points(wanted, bench, today)
         return

@@ -41,9 +41,7 @@ def dwell(
     today = datetime.datetime.now(datetime.UTC).date()
     for one in scenarios:
         check_pair(one, bench, today)
-    request = DwellRequest(
-        scenarios, bench, _seconds(each), lambda stack, to: connect(scenarios[0], bench, stack, to), out
-    )
+    request = DwellRequest(scenarios, bench, _seconds(each), connect, out)
     screen.say(f"dwells     {request.what}")
     _warn_of_few_positions(request, screen)
     log = record_dwells(request, screen, SystemClock())

@@ -22,9 +22,11 @@ def run(
 ) -> None:
     from daq.clock import SystemClock
     from rig.app import connect
-    from rig.commands.summary import report_and_name, show_summary
+    from rig.commands.summary import report_and_name, show
     from rig.files.model_file import load_model
     from rig.files.pairing import check_pair
+    from rig.report.record import read_run
+    from rig.report.summary import summary_of
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
 
@@ -34,9 +36,8 @@ def run(
     clock = SystemClock()
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
     check_twin(scenario)
-    request = RunRequest(
-        scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live, fitted
-    )
+    request = RunRequest(scenario, bench, connect, out, live, fitted)
     log = run_scenario(request, screen, clock)
-    show_summary(log, screen)
-    report_and_name(log, screen)
+    recorded = read_run(log)
+    show(summary_of(recorded), screen)
+    report_and_name(recorded, screen)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rig.files.bench import Bench
     from rig.files.scenario import Scenario
     from rig.files.sweep import Sweep
-    from rig.session.sweep.execute import Centre, SweepRequest
-    from rig.session.sweep.state import CentreState, SweepState
+    from rig.sweep.execute import Centre, SweepRequest
+    from rig.sweep.state import CentreState, SweepState
 
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
@@ -50,9 +50,9 @@ def sweep(
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
-    from rig.session.sweep.execute import SweepRequest, begun, run_sweep
-    from rig.session.sweep.page import write_page
-    from rig.session.sweep.state import held, load_state
+    from rig.sweep.execute import SweepRequest, begun, run_sweep
+    from rig.sweep.page import write_page
+    from rig.sweep.state import held, load_state
 
     screen = Screen(Console(stderr=False))
     swept, bench = load_sweep_pair(sweep_file, bench_file)
@@ -83,7 +83,7 @@ def _centring(folder: Path) -> Centre:
     from rig.commands.centre import found_lines
     from rig.session.centring.probe import plan_of
     from rig.session.centring.rig import find_centre
-    from rig.session.sweep.state import CentreState
+    from rig.sweep.state import CentreState
 
     def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
         plan = plan_of(scenario, bench)
@@ -108,7 +108,7 @@ def _check_again(again: frozenset[int], swept: Sweep) -> None:
 
 
 def _check_rehearsal(yes: bool, bench: Bench) -> None:
-    from rig.session.sweep.plan import real_instruments
+    from rig.sweep.plan import real_instruments
 
     real = real_instruments(bench)
     if yes and real:
@@ -118,8 +118,8 @@ def _check_rehearsal(yes: bool, bench: Bench) -> None:
 
 def _dry_check(request: SweepRequest, screen: Screen) -> None:
     """Refuse what no point may do, and say all that would be done."""
-    from rig.session.sweep.execute import begun
-    from rig.session.sweep.plan import bytes_of, check_points, listing
+    from rig.sweep.execute import begun
+    from rig.sweep.plan import bytes_of, check_points, listing
 
     swept, bench, folder = request.sweep, request.bench, request.folder
     free = shutil.disk_usage(_there(folder)).free
@@ -139,7 +139,7 @@ def _there(folder: Path) -> Path:
 
 def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> None:
     """Print what the points that have ended came to; as lines, so that no path is cut."""
-    from rig.session.sweep.page import headings_of, rows_of
+    from rig.sweep.page import headings_of, rows_of
 
     rows = [headings_of(request.sweep), *rows_of(request.sweep, state)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -149,7 +149,7 @@ def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> No
 
 def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:
     from rig.files.sweep import points_named
-    from rig.session.sweep.results import TABLE
+    from rig.sweep.results import TABLE
 
     screen.say(f"table      {request.folder / TABLE}")
     bad = state.ended("failed", "interlock")
