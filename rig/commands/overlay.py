@@ -4,41 +4,39 @@ from __future__ import annotations
 
 from pathlib import Path
 from statistics import mean
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from rig.commands.arguments import EffectsFile, Model, RunFile
-from rig.commands.summary import report_and_name
-from rig.report.closeness import overall_closeness
-from rig.report.record import RunRecord, read_run
-from rig.session.overlay import overlay_run
 from rig.session.progress import Screen
 
+if TYPE_CHECKING:
+    from rig.report.record import RunRecord
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
 
-    @app.command()
-    def overlay(
-        run: RunFile,
-        out: Annotated[
-            Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN.overlay.mcap")
-        ] = None,
-        effects: EffectsFile = None,
-        model: Model = None,
-    ) -> None:
-        """Add the twin's prediction to a recorded run, in a new file; with effects, the nominal twin too."""
-        screen = Screen(Console())
-        target = out or run.with_suffix(".overlay.mcap")
-        with screen.busy("predicting"):
-            overlay_run(run, target, effects, model, screen.warn)
-        overlaid = read_run(target)
-        _show_impacts(overlaid, screen)
-        if effects is not None:
-            _show_closeness(overlaid, screen)
-        report_and_name(overlaid, screen)
+def overlay(
+    run: RunFile,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN.overlay.mcap")
+    ] = None,
+    effects: EffectsFile = None,
+    model: Model = None,
+) -> None:
+    from rig.commands.summary import report_and_name
+    from rig.report.record import read_run
+    from rig.session.overlay import overlay_run
+
+    screen = Screen(Console())
+    target = out or run.with_suffix(".overlay.mcap")
+    with screen.busy("predicting"):
+        overlay_run(run, target, effects, model, screen.warn)
+    overlaid = read_run(target)
+    _show_impacts(overlaid, screen)
+    if effects is not None:
+        _show_closeness(overlaid, screen)
+    report_and_name(overlaid, screen)
 
 
 def _show_impacts(run: RunRecord, screen: Screen) -> None:
@@ -55,6 +53,8 @@ def _show_impacts(run: RunRecord, screen: Screen) -> None:
 
 
 def _show_closeness(run: RunRecord, screen: Screen) -> None:
+    from rig.report.closeness import overall_closeness
+
     found = overall_closeness(run)
     if found is not None:
         screen.say(f"nominal    autospectra {found.nominal_db:.1f} dB off those measured")

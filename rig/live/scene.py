@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Event
-from daq.signals import envelope
+from daq.signals.envelope import envelope
 from daq.signals.spectrum import autospectrum
 from rig.derived.last_seconds import LastSeconds
 from rig.live import paths
