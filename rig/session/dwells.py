@@ -14,15 +14,14 @@ from pathlib import Path
 
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
-from daq.time_base import RunClock
+from daq.time_base.run_clock import RunClock
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.session.driven_rig import Connect, DrivenRig, connected
-from rig.session.hub import Hub
+from rig.session.devices import Connect, connected
+from rig.session.driven_rig import DrivenRig
 from rig.session.motor import Motor
 from rig.session.progress import Screen
-from rig.session.sinks import LogSink
-from rig.twin.overlay import DWELLS
+from rig.twin.logged import DWELLS
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _WITHOUT_END = 2**62
@@ -56,21 +55,18 @@ class DwellRequest:
 
 def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
     """Record and return the path of the log. Whatever happens and is raised, the motor is off after it."""
+    first = request.scenarios[0]
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, request.connect, screen)
+        stop, devices, notes = connected(stack, request.connect, first, request.bench, screen)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
-        motor = _motor(rig, request.scenarios[0])
-        motor.arm(soft=True)
+        if not isinstance(rig.motion, Motor):
+            raise ConfigurationError(first.name, [Problem("rig", first.rig, "a slider-crank")])
+        dwells = _Dwells(rig, rig.motion, request.speeds_rad_s, request.dwell_s)
+        rig.motion.arm(soft=True)
         rig.launch(stack)
-        run = rig.open_log(stack, request.folder, f"{request.scenarios[0].name} dwells")
-        dwells = _Dwells(request, rig, motor)
-        rig.record(
-            Hub([LogSink(rig.recorder)]),
-            request.scenarios[0].limits,
-            max(request.speeds_rad_s),
-            enough=lambda _: dwells.ended,
-        )
-        rig.declare(run.id, request.scenarios[0].text, {**notes, DWELLS: request.what})
+        run = rig.open_log(stack, request.folder, f"{first.name} dwells")
+        rig.record(first.limits, max(request.speeds_rad_s), enough=lambda: dwells.ended)
+        rig.declare(run.id, first.text, {**notes, DWELLS: request.what})
         with rig.moving():
             dwells.go_through()
             rig.ramp_down()
@@ -79,44 +75,38 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
         return run.log
 
 
-def _motor(rig: DrivenRig, scenario: Scenario) -> Motor:
-    if not isinstance(rig.motion, Motor):
-        raise ConfigurationError(scenario.name, [Problem("rig", scenario.rig, "a slider-crank")])
-    return rig.motion
-
-
+@dataclass(slots=True)
 class _Dwells:
-    """The moves; the record begins with the first dwell and ends with the last."""
+    """The moves; the record begins with the first dwell and ends with the last, when they have `ended`."""
 
-    def __init__(self, request: DwellRequest, rig: DrivenRig, motor: Motor) -> None:
-        self._request, self._rig, self._motor = request, rig, motor
-        self.ended = False
+    rig: DrivenRig
+    motor: Motor
+    speeds_rad_s: Sequence[float]
+    dwell_s: float
+    ended: bool = False
 
     def go_through(self) -> None:
         """From speed to speed, the record begun and ended; raises what ends it early, with the motor on."""
-        rig, speeds = self._rig, self._request.speeds_rad_s
+        rig, motor = self.rig, self.motor
         rig.start(soft=True)
         rig.start_record(_WITHOUT_END)
-        for number, speed_rad_s in enumerate(speeds, start=1):
+        for number, speed_rad_s in enumerate(self.speeds_rad_s, start=1):
             if number > 1:
-                self._go_to(speed_rad_s)
-            rig.logbook.tell("info", "dwell.start", self._motor.what)
-            self._stay(f"dwell {number} of {len(speeds)}")
-            rig.logbook.tell("info", "dwell.end", self._motor.what)
+                rig.shaft.disarm()
+                motor.go_to(speed_rad_s)
+                rig.shaft.arm(speed_rad_s)
+            rig.logbook.tell("info", "dwell.start", motor.what)
+            self._stay(f"dwell {number} of {len(self.speeds_rad_s)}")
+            rig.logbook.tell("info", "dwell.end", motor.what)
         self.ended = True
         rig.end_record()
 
-    def _go_to(self, speed_rad_s: float) -> None:
-        self._rig.shaft.disarm()
-        self._motor.go_to(speed_rad_s)
-        self._rig.shaft.arm(speed_rad_s)
-
     def _stay(self, what: str) -> None:
-        rig, wanted_s = self._rig, self._request.dwell_s
+        rig = self.rig
         begin = rig.acquisition.acquired
 
         def stayed_s() -> float:
             return (rig.acquisition.acquired - begin) / rig.sample_rate
 
-        with rig.screen.bar(what, wanted_s) as bar:
-            rig.watch.until(rig.acquisition, lambda: stayed_s() >= wanted_s, lambda: bar.at(stayed_s()))
+        with rig.screen.bar(what, self.dwell_s) as bar:
+            rig.watch.until(rig.acquisition, lambda: stayed_s() >= self.dwell_s, lambda: bar.at(stayed_s()))

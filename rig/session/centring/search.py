@@ -8,7 +8,7 @@ beam's stiffness or the clearance are, the middle between these two offsets hold
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from daq.errors import RattleError
@@ -59,81 +59,73 @@ def find_middle(
     `touched(offset, amplitude)` says what is touched there. `reach` in N moves the tip by about a clearance;
     no offset beyond +-`farthest` is tried. Raises NoCentre.
     """
-    search = _Search(touched, sine, reach, precision, farthest, start)
-    return search.middle()
+    low, high = max(start - FARTHEST * reach, -farthest), min(start + FARTHEST * reach, farthest)
+    return _Search(touched, sine, reach, precision, start, low, high, sine.amplitude).middle()
 
 
+@dataclass(slots=True)
 class _Search:
-    def __init__(
-        self,
-        touched: Callable[[float, float], Touched],
-        sine: Sine,
-        reach: float,
-        precision: float,
-        farthest: float,
-        start: float,
-    ) -> None:
-        self._touched, self._precision, self._start = touched, precision, start
-        self._reach, self._sine = reach, sine
-        self._low = max(start - FARTHEST * reach, -farthest)
-        self._high = min(start + FARTHEST * reach, farthest)
-        self._amplitude, self._probes = sine.amplitude, 0
-        self._forget()
+    """Tries offsets between `low` and `high`; `clear`, `upper` and `lower` are those with that answer."""
 
-    def _forget(self) -> None:
-        self._clear: list[float] = []
-        self._upper: list[float] = []
-        self._lower: list[float] = []
+    touched: Callable[[float, float], Touched]
+    sine: Sine
+    reach: float
+    precision: float
+    start: float
+    low: float
+    high: float
+    amplitude: float
+    probes: int = 0
+    clear: list[float] = field(default_factory=list)
+    upper: list[float] = field(default_factory=list)
+    lower: list[float] = field(default_factory=list)
 
     def middle(self) -> Middle:
         """The answer, as soon as both touches are known well enough."""
         while (offset := self._next()) is not None:
             self._probe(offset)
-        above, below = min(self._upper), max(self._lower)
-        clear = self._clear or [(above + below) / 2]
+        above, below = min(self.upper), max(self.lower)
+        clear = self.clear or [(above + below) / 2]
         top, bottom = (max(clear) + above) / 2, (below + min(clear)) / 2
         widths = (above - max(clear)) + (min(clear) - below)
-        return Middle((top + bottom) / 2, widths / 4, top - bottom, self._amplitude, self._probes)
+        return Middle((top + bottom) / 2, widths / 4, top - bottom, self.amplitude, self.probes)
 
     def _probe(self, offset: float) -> None:
-        if self._probes >= _MOST_PROBES:
+        if self.probes >= _MOST_PROBES:
             raise NoCentre(
                 f"no middle was found in {_MOST_PROBES} tries: does the beam answer the same twice?"
             )
-        self._probes += 1
-        touched = self._touched(offset, self._amplitude)
+        self.probes += 1
+        touched = self.touched(offset, self.amplitude)
         if touched == "both":
-            self._shrink()
+            if self.amplitude <= self.sine.least:
+                raise NoCentre("the least sine touches both stops: is the clearance as small as that?")
+            # a sine that touches both sides says nothing of the middle
+            self.amplitude = max(self.amplitude / 2, self.sine.least)
+            self.clear, self.upper, self.lower = [], [], []
             return
-        {"nothing": self._clear, "upper": self._upper, "lower": self._lower}[touched].append(offset)
-        found = [*self._lower, *self._clear, *self._upper]
-        if [*sorted(self._lower), *sorted(self._clear), *sorted(self._upper)] != sorted(found):
+        {"nothing": self.clear, "upper": self.upper, "lower": self.lower}[touched].append(offset)
+        found = [*self.lower, *self.clear, *self.upper]
+        if [*sorted(self.lower), *sorted(self.clear), *sorted(self.upper)] != sorted(found):
             raise NoCentre(
                 f"the beam touches {touched} at {offset:.4g} N, which other offsets contradict: is it loose, "
                 "or are the two force channels swapped?"
             )
 
-    def _shrink(self) -> None:
-        """A sine that touches both sides says nothing of the middle."""
-        if self._amplitude <= self._sine.least:
-            raise NoCentre("the least sine touches both stops: is the clearance as small as that?")
-        self._amplitude = max(self._amplitude / 2, self._sine.least)
-        self._forget()
-
     def _next(self) -> float | None:
         """The next offset to try; None once both touches are known."""
-        if not (self._upper or self._lower or self._clear):
-            return self._start
-        if not self._upper:
-            return self._farther(max([*self._clear, *self._lower]), +1.0, self._high, "upper")
-        if not self._lower:
-            return self._farther(min([*self._clear, *self._upper]), -1.0, self._low, "lower")
-        above, below = min(self._upper), max(self._lower)
+        if not (self.upper or self.lower or self.clear):
+            return self.start
+        if not self.upper:
+            return self._farther(max([*self.clear, *self.lower]), +1.0, self.high, "upper")
+        if not self.lower:
+            return self._farther(min([*self.clear, *self.upper]), -1.0, self.low, "lower")
+        above, below = min(self.upper), max(self.lower)
         gaps = [(below, above)]
-        if self._clear:
-            gaps = [(max(self._clear), above), (below, min(self._clear))]
+        if self.clear:
+            gaps = [(max(self.clear), above), (below, min(self.clear))]
         low, high = max(gaps, key=lambda gap: gap[1] - gap[0])
-        return (low + high) / 2 if high - low > self._precision else None
+        return (low + high) / 2 if high - low > self.precision else None
 
     def _farther(self, last: float, way: float, end: float, side: str) -> float:
         """Half a reach on, then in growing steps."""
@@ -142,5 +134,5 @@ class _Search:
                 f"nothing touches the {side} stop up to an offset of {last:.4g} N: are its sensor and the "
                 "amplifier's DC output in order, is shaker_stiffness in [model] right?"
             )
-        step = max(self._reach / 2, abs(last - self._start) / 2)
+        step = max(self.reach / 2, abs(last - self.start) / 2)
         return min(last + step, end) if way > 0 else max(last - step, end)

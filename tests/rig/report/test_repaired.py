@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.report import overall_closeness
-from rig.report.closeness import closeness
+from rig.report.closeness import closeness, overall_closeness
 from rig.report.content import BigNumbers, Figure, Table
 from rig.report.mean_cycle import Cycle, cycle_of, mean_cycle
 from rig.report.page import render
@@ -46,7 +45,7 @@ def test_closeness_is_the_ratio_of_sizes_in_decibels(run: RunRecord) -> None:
 
 def test_a_run_without_nominal_twin_has_no_closeness_and_no_repaired_twin(tmp_path: Path) -> None:
     plain = write_log(tmp_path / "run.mcap", 0.2)
-    assert overall_closeness(plain) is None
+    assert overall_closeness(read_run(plain)) is None
     page = render(read_run(plain))
     assert "epaired" not in page.partition("<main>")[2].partition("</main>")[0]
 
