@@ -3,7 +3,7 @@
 from daq.angle.crank import CrankAngle, crank_angle
 from daq.angle.marker import Marks, MarkTracker, SpeedChange
 from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, fastest_rad_s, find_skew, late
-from daq.angle.unwrap import Unwrapped, Unwrapper, unwrap_counts
+from daq.angle.unwrap import Unwrapped, Unwrapper
 
 __all__ = [
     "AtMark",
@@ -20,5 +20,4 @@ __all__ = [
     "fastest_rad_s",
     "find_skew",
     "late",
-    "unwrap_counts",
 ]

@@ -79,11 +79,6 @@ class MarkTracker:
         self.extra = self.missing = self.lost = 0
 
     @property
-    def speed_valid(self) -> bool:
-        """Whether the speed can be acted on as of the latest sample."""
-        return self._interval is not None
-
-    @property
     def samples_per_turn(self) -> float | None:
         """Samples of the last revolution; None while the speed is not valid."""
         return self._interval

@@ -95,11 +95,6 @@ class Skew:
     revolutions: int
     recordings: tuple[RecordingSkew, ...]
 
-    @property
-    def separable(self) -> bool:
-        """Whether the speeds told skew and angle apart."""
-        return self.skew_s is not None
-
     def __str__(self) -> str:
         if self.skew_s is None or self.skew_uncertainty_s is None:
             return (

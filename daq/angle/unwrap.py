@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.errors import AmbiguousAngle, UnphysicalParameter
+from daq.errors import UnphysicalParameter
 
 Counts = NDArray[np.int64]
 
@@ -89,16 +89,3 @@ class Unwrapper:
     def _shorter_way(self, difference: Counts) -> Counts:
         half = self._range // 2
         return (difference + half) % self._range - half
-
-
-def unwrap_counts(raw: ArrayLike, counter_range: int, largest_step: int | None = None) -> Counts:
-    """Unwrap all readings of a recording, shape (n,).
-
-    Raises AmbiguousAngle at the first step that could have gone either way.
-    """
-    unwrapped = Unwrapper(counter_range, largest_step).unwrap(raw)
-    if unwrapped.ambiguous.any():
-        at = int(np.argmax(unwrapped.ambiguous))
-        step = int(unwrapped.counts[at] - unwrapped.counts[max(at - 1, 0)])
-        raise AmbiguousAngle(at, step, counter_range)
-    return unwrapped.counts

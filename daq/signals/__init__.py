@@ -2,21 +2,18 @@
 
 What makes sense while a rig runs has an object beside the function, which takes the same samples in blocks
 of any size and finds the same, to the bit: `SpectrumAverage`, `FrfAverage`, `AngleSampler`, `CycleAverage`,
-`CycleMeter`, `ImpactDetector` and `BounceGrouper`. Samples that are missing are NaN, samples that must not
+`ImpactDetector` and `BounceGrouper`. Samples that are missing are NaN, samples that must not
 count are flagged.
 """
 
-from daq.signals.cycles import CycleFigures, CycleMeter, cycle_figures
 from daq.signals.envelope import Envelope, envelope
-from daq.signals.even_angles import AngleSampler, EvenAngles, to_even_angles
+from daq.signals.even_angles import AngleSampler, EvenAngles
 from daq.signals.frf import Frf, FrfAverage, frf
 from daq.signals.impact_events import (
     BounceGrouper,
-    CycleImpacts,
     ImpactDetector,
     ImpactEvents,
     impact_events,
-    impacts_by_cycle,
 )
 from daq.signals.impacts import (
     HalfCycles,
@@ -28,7 +25,7 @@ from daq.signals.impacts import (
     levels_of,
 )
 from daq.signals.orders import OrderMap, OrderTracks, order_map, order_tracks
-from daq.signals.segments import Segmenting, flagged_ranges
+from daq.signals.segments import Segmenting
 from daq.signals.sine import SineFit, fit_sine
 from daq.signals.spectrum import (
     Autospectrum,
@@ -38,9 +35,9 @@ from daq.signals.spectrum import (
     averaged_spectrum,
     log_bands,
 )
-from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average, without_mean_cycle
+from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average
 from daq.signals.third_octaves import ThirdOctaves, third_octaves
-from daq.signals.turns import angle_turns, drive_turns, mark_times, smooth_turns, turns_at
+from daq.signals.turns import angle_turns, smooth_turns, turns_at
 
 __all__ = [
     "AngleSampler",
@@ -48,9 +45,6 @@ __all__ = [
     "AveragedSpectrum",
     "BounceGrouper",
     "CycleAverage",
-    "CycleFigures",
-    "CycleImpacts",
-    "CycleMeter",
     "Envelope",
     "EvenAngles",
     "Frf",
@@ -71,25 +65,18 @@ __all__ = [
     "autospectrum",
     "averaged_spectrum",
     "contacts_above",
-    "cycle_figures",
-    "drive_turns",
     "envelope",
     "find_impacts",
     "fit_sine",
-    "flagged_ranges",
     "frf",
     "half_cycles",
     "impact_events",
-    "impacts_by_cycle",
     "levels_of",
     "log_bands",
-    "mark_times",
     "order_map",
     "order_tracks",
     "smooth_turns",
     "synchronous_average",
     "third_octaves",
-    "to_even_angles",
     "turns_at",
-    "without_mean_cycle",
 ]

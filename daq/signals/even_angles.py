@@ -111,16 +111,3 @@ class AngleSampler:
         needed = int(min(self._base[0], self._end)) if len(self._base) else self._end
         self._kept = self._kept[:, max(needed - _HISTORY - first, 0) :].copy()
         return found
-
-
-def to_even_angles(
-    values: NDArray[np.floating],
-    turns: NDArray[np.floating],
-    points: int,
-    flagged: NDArray[np.bool_] | None = None,
-) -> EvenAngles:
-    """What `AngleSampler` finds in a whole record, without the NaN at its start."""
-    first, found = AngleSampler(points).add(values, turns, flagged)
-    known = np.isfinite(np.atleast_2d(found)).any(axis=0)
-    start = int(np.argmax(known)) if known.any() else found.shape[-1]
-    return EvenAngles(first + start, found[..., start:])

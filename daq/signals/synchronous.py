@@ -1,4 +1,4 @@
-"""Time-synchronous averaging: the mean cycle of a channel, how sure it is, and what remains without it."""
+"""Time-synchronous averaging: the mean cycle of a channel, and how sure it is."""
 
 from __future__ import annotations
 
@@ -6,12 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import interpolate
 
 from daq.signals.even_angles import AngleSampler
-
-_FINER = 8
-"""The mean cycle is refined so far before a spline is laid through it: the spline is then right to 3e-5."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,17 +95,3 @@ def synchronous_average(
     average = CycleAverage(points)
     average.add(values, turns, flagged)
     return average.result()
-
-
-def without_mean_cycle(
-    values: NDArray[np.floating], turns: NDArray[np.floating], mean: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The residual: `values`, shape (n,), less the mean cycle, shape (points,), at their turns."""
-    points = len(mean)
-    lines = np.fft.rfft(mean)
-    if points % 2 == 0:
-        lines[-1] /= 2  # this line stands for its mirror as well, which is a line of its own from now on
-    finer = np.fft.irfft(lines, points * _FINER) * _FINER
-    phase = np.arange(points * _FINER + 1) / (points * _FINER)
-    cycle = interpolate.CubicSpline(phase, np.append(finer, finer[0]), bc_type="periodic")
-    return np.asarray(values - cycle(np.asarray(turns, dtype=np.float64) % 1.0), dtype=np.float64)

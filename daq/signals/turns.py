@@ -15,17 +15,6 @@ from scipy import interpolate, signal
 _CUBIC = 3
 
 
-def drive_turns(
-    count: int, sample_rate: float, frequency: float, phase: float = 0.0, first_sample: int = 0
-) -> NDArray[np.float64]:
-    """Turns of `count` samples from `first_sample` on, under a drive of constant `frequency` in Hz.
-
-    `phase` in rad is the drive's at sample 0, as `fit_sine` gives it. Blocks give the same as the whole.
-    """
-    samples = np.arange(first_sample, first_sample + count, dtype=np.float64)
-    return samples * (frequency / sample_rate) + phase / (2 * np.pi)
-
-
 def angle_turns(angle: NDArray[np.floating]) -> NDArray[np.float64]:
     """Turns of samples whose unwrapped crank angle in rad, shape (n,), was taken with them."""
     return np.asarray(angle, dtype=np.float64) / (2 * np.pi)
@@ -45,22 +34,6 @@ def turns_at(
         return np.full(len(times), np.nan)
     spline = interpolate.CubicSpline(known_times, known_turns, extrapolate=False)
     return np.asarray(spline(times), dtype=np.float64)
-
-
-def mark_times(
-    marker: NDArray[np.floating], sample_rate: float, level: float, release: float
-) -> NDArray[np.float64]:
-    """Times in s after the first sample at which `marker`, shape (n,), rises through `level`, shape (k,).
-
-    Between two samples a straight line is drawn. It counts once for each time that the marker has been below
-    `release` (below `level`, by more than its noise), so that ripple makes no marks of its own.
-    """
-    values = np.asarray(marker, dtype=np.float64)
-    state = (values > level).astype(np.int8) - (values < release)
-    told = np.flatnonzero(state)
-    rising = told[1:][(state[told[1:]] > 0) & (state[told[:-1]] < 0)]
-    before = values[rising - 1]
-    return (rising - 1 + (level - before) / (values[rising] - before)) / sample_rate
 
 
 def smooth_turns(turns: NDArray[np.floating], samples: int) -> NDArray[np.float64]:
