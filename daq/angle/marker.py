@@ -15,7 +15,7 @@ rest, the last revolution takes 2.4 times the one before and is taken for two, o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, log
+from math import inf, log, tau
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,21 +91,18 @@ class MarkTracker:
         edges = self._edges.find(values_v)
         for edge, confirmed in zip(edges.position.tolist(), edges.confirmed.tolist(), strict=True):
             self._wait_until(confirmed)
-            self._take(edge)
-        self._wait_until(self._edges.count)
-        marks, self._marks = self._marks, []
-        changes, self._changes = self._changes, []
-        return _marks(marks), changes
-
-    def _take(self, edge: float) -> None:
-        self._recent = [*self._recent, edge][-_TO_RELOCK - 1 :]
-        if self._interval is None:
-            self._lock(_TO_LOCK)
-        else:
+            self._recent = [*self._recent, edge][-_TO_RELOCK - 1 :]
+            if self._interval is None:
+                self._lock(_TO_LOCK)
+                continue
             self._judge(edge, self._interval)
             if self._disagrees():
                 self._lose(edge)
                 self._lock(_TO_RELOCK)
+        self._wait_until(self._edges.count)
+        marks, self._marks = self._marks, []
+        changes, self._changes = self._changes, []
+        return _marks(marks), changes
 
     def _wait_until(self, now: int) -> None:
         """Accept the candidate once no nearer edge can come; give up once too many marks are missing."""
@@ -200,3 +197,27 @@ def _marks(rows: list[tuple[float, int, bool, bool]]) -> Marks:
         np.array(interpolated, np.bool_),
         np.array(restart, np.bool_),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class CrankAngle:
+    """Crank angle in rad, unwrapped, NaN where no revolution was seen whole; shape (n,).
+
+    `certain` is False there and in revolutions that begin or end with a mark that was put in.
+    """
+
+    angle_rad: NDArray[np.float64]
+    certain: NDArray[np.bool_]
+
+
+def crank_angle(marks: Marks, samples: ArrayLike) -> CrankAngle:
+    """Angle at sample indices of shape (n,) (whole or not, on the marks' count), even within a revolution."""
+    at = np.asarray(samples, np.float64)
+    if len(marks) < 2:
+        return CrankAngle(np.full(at.shape, np.nan), np.zeros(at.shape, np.bool_))
+    turn = np.clip(np.searchsorted(marks.position, at, side="right") - 1, 0, len(marks) - 2)
+    start, end = marks.position[turn], marks.position[turn + 1]
+    seen = (at >= marks.position[0]) & (at <= marks.position[-1]) & ~marks.restart[turn + 1]
+    angle = tau * (marks.turn[turn] + (at - start) / (end - start))
+    put_in = marks.interpolated[turn] | marks.interpolated[turn + 1]
+    return CrankAngle(np.where(seen, angle, np.nan), seen & ~put_in)

@@ -7,8 +7,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from daq.errors import LogError
-from daq.formats import comma_separated, mat, numpy_files, parquet, tdms, uff
-from daq.formats.file_format import FileFormat
+from daq.formats import arrays, comma_separated, mat, parquet, tdms, uff
+from daq.formats.contents import FileFormat
 
 FORMATS: Mapping[str, FileFormat] = MappingProxyType(
     {
@@ -19,7 +19,7 @@ FORMATS: Mapping[str, FileFormat] = MappingProxyType(
             mat.FORMAT,
             comma_separated.FORMAT,
             parquet.FORMAT,
-            numpy_files.FORMAT,
+            arrays.FORMAT,
         )
     }
 )

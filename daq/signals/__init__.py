@@ -7,7 +7,7 @@ count are flagged.
 """
 
 from daq.signals.envelope import Envelope, envelope
-from daq.signals.even_angles import AngleSampler, EvenAngles
+from daq.signals.even_angles import AngleSampler, EvenAngles, angle_turns, smooth_turns, turns_at
 from daq.signals.frf import Frf, FrfAverage, frf
 from daq.signals.impact_events import (
     BounceGrouper,
@@ -31,13 +31,13 @@ from daq.signals.spectrum import (
     Autospectrum,
     AveragedSpectrum,
     SpectrumAverage,
+    ThirdOctaves,
     autospectrum,
     averaged_spectrum,
     log_bands,
+    third_octaves,
 )
 from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average
-from daq.signals.third_octaves import ThirdOctaves, third_octaves
-from daq.signals.turns import angle_turns, smooth_turns, turns_at
 
 __all__ = [
     "AngleSampler",

@@ -115,29 +115,18 @@ def order_tracks(
     known = np.flatnonzero(np.isfinite(turns))
     signal, way = usable(values, flagged)[0][known], np.maximum.accumulate(turns[known])
     half = turns_a_block / 2
-    centres = _centres(way, half)
+    centres = np.empty(0)
+    if len(way):
+        centres = np.arange(np.ceil(way[0] / half) + 1, np.floor(way[-1] / half)) * half
     speeds, lines = np.empty((2, len(centres))), np.empty((len(chosen), len(centres)), dtype=np.complex128)
     for block, centre in enumerate(centres):
         part = slice(*np.searchsorted(way, (centre - half, centre + half)))
         place, weight = (way[part] - centre) / half, np.gradient(way[part])
         weight *= np.cos(np.pi / 2 * place) ** 2
-        speeds[:, block] = _time_and_speed(known[part] / sample_rate, place, weight, half)
+        times = polynomial.polyfit(place, known[part] / sample_rate, _SPEED_DEGREE, w=np.sqrt(weight))
+        speeds[:, block] = times[0], half / times[1]
         lines[:, block] = _fit(signal[part], way[part], place, weight, chosen)
     return OrderTracks(chosen, centres, speeds[0], speeds[1], lines)
-
-
-def _centres(way: NDArray[np.float64], half: float) -> NDArray[np.float64]:
-    if not len(way):
-        return np.empty(0)
-    first, last = np.ceil(way[0] / half) + 1, np.floor(way[-1] / half) - 1
-    return np.arange(first, last + 1) * half
-
-
-def _time_and_speed(
-    times: NDArray[np.float64], place: NDArray[np.float64], weight: NDArray[np.float64], half: float
-) -> tuple[float, float]:
-    fitted = polynomial.polyfit(place, times, _SPEED_DEGREE, w=np.sqrt(weight))
-    return float(fitted[0]), float(half / fitted[1])
 
 
 def _fit(

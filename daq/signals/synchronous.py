@@ -52,7 +52,11 @@ class CycleAverage:
         news = np.atleast_2d(news)
         if not self._part.size:
             news = news[:, -first % self._points :]
-            self._begin(len(news))
+            self._part = np.empty((len(news), 0))
+            if len(self._count) != len(news):
+                self._count = np.zeros(len(news), dtype=np.intp)
+                self._mean = np.full((len(news), self._points), np.nan)
+                self._squares = np.zeros((len(news), self._points))
         part = np.concatenate((self._part, news), axis=1)
         whole = part.shape[1] // self._points * self._points
         for start in range(0, whole, self._points):
@@ -65,13 +69,6 @@ class CycleAverage:
         error = np.sqrt(self._squares / (count - 1) / count)
         one = 0 if self._single else slice(None)
         return SynchronousAverage(self._mean[one].copy(), error[one], np.asarray(self._count[one]).copy())
-
-    def _begin(self, channels: int) -> None:
-        self._part = np.empty((channels, 0))
-        if len(self._count) != channels:
-            self._count = np.zeros(channels, dtype=np.intp)
-            self._mean = np.full((channels, self._points), np.nan)
-            self._squares = np.zeros((channels, self._points))
 
     def _take(self, cycle: NDArray[np.float64]) -> None:
         """Welford 1962, doi:10.1080/00401706.1962.10490022."""
