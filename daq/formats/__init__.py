@@ -3,7 +3,6 @@ another package in the group `rattle.formats` (an object of `daq.formats.content
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType

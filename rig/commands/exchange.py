@@ -16,7 +16,8 @@ from rich.console import Console
 
 from daq.block import NS_PER_S
 from daq.errors import ConfigurationError, Problem
-from daq.log import LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from rig.commands.arguments import RunFile
 from rig.files.quantity import QuantityError, si_value
 from rig.files.scenario import Scenario, load_scenario, parse_scenario

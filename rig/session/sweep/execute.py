@@ -12,7 +12,7 @@ from typing import Any
 
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.model_file import ModelFile

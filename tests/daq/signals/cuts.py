@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import strategies as st
 
-from daq.signals import AngleSampler, EvenAngles
+from daq.signals.even_angles import AngleSampler, EvenAngles
 
 
 def cuts_of(samples: int) -> st.SearchStrategy[list[int]]:

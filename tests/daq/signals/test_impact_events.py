@@ -7,17 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from daq.signals import (
+from daq.signals.impact_events import (
     BounceGrouper,
     ImpactDetector,
     ImpactEvents,
-    Impacts,
-    Levels,
-    contacts_above,
-    find_impacts,
     impact_events,
-    levels_of,
 )
+from daq.signals.impacts import Impacts, Levels, contacts_above, find_impacts, levels_of
 from tests.daq.signals.cuts import blocks, cuts_of
 from tests.daq.signals.test_impacts import RATE, force
 

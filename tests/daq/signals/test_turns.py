@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from daq.signals import angle_turns, smooth_turns, turns_at
+from daq.signals.even_angles import angle_turns, smooth_turns, turns_at
 
 RATE = 25_600.0
 

@@ -13,7 +13,8 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from daq.log.records import Event
-from rig.live import BeamPicture, LiveView
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.view import LiveView
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.live.native_viewer import needs_vulkan, shows_both, viewer
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
