@@ -12,7 +12,7 @@ from enum import IntFlag
 
 FIRST_NUMBER = 40001  # the manual's register number of wire address 0
 PARAMETERS = 41000  # Pr.n is register 41000 + n
-LONGEST_READ = 125
+LONGEST_READ = 125  # Modbus Application Protocol V1.1b3, section 6.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class Command(IntFlag):
     STOP = 1
     FORWARD = 2
     REVERSE = 4
-    OUTPUT_SHUT_OFF = 512
+    OUTPUT_SHUT_OFF = 512  # the motor coasts: no stop of ours uses it
 
 
 # Register 40010 (p. 210, D; values M): what is written to choose a mode, and how it reads then.

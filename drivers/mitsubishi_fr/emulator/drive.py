@@ -7,7 +7,10 @@ be had; what is known from other manuals of the family or from memory (M) is mar
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Protocol
 
 from pymodbus.constants import ExcCodes
 
@@ -77,6 +80,58 @@ class InverterSetup:
 
 class Unanswered(Exception):
     """The drive does what was asked and sends no answer."""
+
+
+NO_LOAD_A = 0.6
+
+
+class OutputSink(Protocol):
+    """The way to another process, or to several: a connection is one."""
+
+    def send(self, output: InverterOutput, /) -> None:
+        """Pass on what is put out; OSError where nobody is there any more."""
+        ...
+
+
+class FreeMotor:
+    """A `MotorLoad` that turns nothing: its no-load current flows while anything is put out."""
+
+    def __init__(self) -> None:
+        self._on = False
+
+    def drive(self, output: InverterOutput) -> None:
+        """Take what is put out."""
+        self._on = output.on and (output.frequency_hz > 0.0 or output.target_hz > 0.0)
+
+    def current_a(self) -> float:
+        """Return the current in A."""
+        return NO_LOAD_A if self._on else 0.0
+
+
+class RemoteLoad:
+    """A `MotorLoad` in another process: outputs go to it, the last current (A, a float) that it sent counts.
+
+    Without `currents` the current is that of a free motor.
+    """
+
+    def __init__(self, outputs: OutputSink | None, currents: Connection | None) -> None:
+        self._outputs, self._currents = outputs, currents
+        self._free = FreeMotor()
+        self._current_a: float | None = None
+
+    def drive(self, output: InverterOutput) -> None:
+        """Pass on what is put out."""
+        self._free.drive(output)
+        if self._outputs is not None:
+            with suppress(OSError):  # the plant is gone; the drive goes on
+                self._outputs.send(output)
+
+    def current_a(self) -> float:
+        """Return the current in A."""
+        with suppress(EOFError, OSError):
+            while self._currents is not None and self._currents.poll():
+                self._current_a = float(self._currents.recv())
+        return self._free.current_a() if self._current_a is None else self._current_a
 
 
 class EmulatedDrive:
@@ -181,26 +236,23 @@ class EmulatedDrive:
         return int(status)
 
     def _write(self, number: int, value: int) -> ExcCodes | None:
-        if not self._has(number):
-            return None
-        if number in self.faults.not_obeyed:
+        if not self._has(number) or number in self.faults.not_obeyed:
             return None
         if number >= fr.PARAMETERS:
-            return self._write_parameter(number - fr.PARAMETERS, value)
+            if self._mode != fr.NETWORK_MODE or self._run:
+                return ExcCodes.ILLEGAL_VALUE
+            self._parameters[number - fr.PARAMETERS] = value
+            return None
+        if number == RUNNING_FREQUENCY_EEPROM:
+            self._eeprom = value
         writers: dict[int, Callable[[int], ExcCodes | None]] = {
             fr.INVERTER_RESET.number: self._reset,
             fr.STATUS_AND_COMMAND.number: self._take_command,
             fr.OPERATION_MODE.number: self._take_mode,
             fr.RUNNING_FREQUENCY.number: self._take_frequency,
-            RUNNING_FREQUENCY_EEPROM: self._take_frequency_for_good,
+            RUNNING_FREQUENCY_EEPROM: self._take_frequency,
         }
         return writers[number](value) if number in writers else ExcCodes.ILLEGAL_ADDRESS
-
-    def _write_parameter(self, parameter: int, value: int) -> ExcCodes | None:
-        if self._mode != fr.NETWORK_MODE or self._run:
-            return ExcCodes.ILLEGAL_VALUE
-        self._parameters[parameter] = value
-        return None
 
     def _reset(self, value: int) -> ExcCodes | None:
         """Restart the inverter: the output goes off, a fault is forgotten, its history is not."""
@@ -234,10 +286,6 @@ class EmulatedDrive:
         self._set = value
         self._follow(self._now())
         return None
-
-    def _take_frequency_for_good(self, value: int) -> ExcCodes | None:
-        self._eeprom = value
-        return self._take_frequency(value)
 
     def _follow(self, now_s: float) -> None:
         """Let the output go to where it is told to, unless a fault forbids it."""
