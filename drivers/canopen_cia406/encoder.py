@@ -27,7 +27,7 @@ HEARTBEAT_S = 0.2
 """Three of these are longer than a busy machine stalls, and well within a second."""
 _SLOWEST_HEARTBEAT_S = 0.3
 """Three of these are 0.9 s: a lost encoder is to be noticed within a second."""
-_ANSWER_MARGIN_S = 0.2
+_ANSWER_MARGIN_S = 0.2  # by which a lost heartbeat is told before a read gives up
 
 
 class CanopenEncoder:
@@ -59,6 +59,7 @@ class CanopenEncoder:
         found = problems(self.settings)
         if found:
             raise ConfigurationError(self.name, found)
+        # No silent resume: whatever was known of it before is read and compared once more.
         self.close()  # one that was lost may still be heard, and two threads would hear everything twice
         self._stream.connected()
         self._link.open()
