@@ -100,7 +100,7 @@ class CanLink:
     """A bus with one thread that reads it; SDO answers go to the caller, everything else to `listener`.
 
     canopen's own thread is not started: whatever a bus raises as it is read has to reach `listener.lost`.
-    `upload`, `download` and `command` are for the caller's thread; in the link's they would wait for themselves.
+    `upload`, `download` and `command` are for the caller's thread: the link's would wait for itself.
     """
 
     def __init__(self, settings: EncoderSettings, listener: Listener, clock: Clock) -> None:
