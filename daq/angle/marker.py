@@ -96,7 +96,11 @@ class MarkTracker:
                 self._lock(_TO_LOCK)
                 continue
             self._judge(edge, self._interval)
-            if self._disagrees():
+            if self._interval is None or len(self._recent) <= _TO_RELOCK or not _agree(self._recent):
+                continue
+            # The latest edges are evenly spaced; are they as they are tracked?
+            ratio = (self._recent[-1] - self._recent[0]) / _TO_RELOCK / self._interval
+            if not SHORTEST <= ratio <= LONGEST:
                 self._lose(edge)
                 self._lock(_TO_RELOCK)
         self._wait_until(self._edges.count)
@@ -151,13 +155,6 @@ class MarkTracker:
                 self._add(edge)
         self._last, self._interval, self._candidate = edges[-1], edges[-1] - edges[-2], None
         self._changes.append(SpeedChange(edges[-1], valid=True))
-
-    def _disagrees(self) -> bool:
-        """Whether the latest edges are evenly spaced, but not as they are tracked."""
-        if len(self._recent) <= _TO_RELOCK or self._interval is None or not _agree(self._recent):
-            return False
-        ratio = (self._recent[-1] - self._recent[0]) / _TO_RELOCK / self._interval
-        return not SHORTEST <= ratio <= LONGEST
 
     def _lose(self, position: float) -> None:
         self._interval = self._candidate = None

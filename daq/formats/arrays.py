@@ -59,21 +59,17 @@ class Arrays:
         elif known in TIME_NAMES:
             self._times = self._scratch.keep(vector(array, name))
         elif array.ndim == 2 and min(array.shape) > 1:
-            self._add_table(name, array)
+            rows = array if array.shape[0] <= array.shape[1] else array.T  # the longer side is time
+            self.notes.append(
+                f"{name}: {array.shape[0]} x {array.shape[1]} numbers are {len(rows)} channels of"
+                f" {rows.shape[1]} samples, named {name}.1 to {name}.{len(rows)}"
+            )
+            for number, row in enumerate(rows, start=1):
+                self._vectors[f"{name}.{number}"] = self._scratch.keep(row)
         elif array.size > 1:
             self._vectors[name] = self._scratch.keep(vector(array, name))
         else:
             self.notes.append(f"left out: {name}, which holds {array.size} number{'s' * (array.size != 1)}")
-
-    def _add_table(self, name: str, array: NDArray[Any]) -> None:
-        """A matrix: the longer side is time."""
-        rows = array if array.shape[0] <= array.shape[1] else array.T
-        self.notes.append(
-            f"{name}: {array.shape[0]} x {array.shape[1]} numbers are {len(rows)} channels of"
-            f" {rows.shape[1]} samples, named {name}.1 to {name}.{len(rows)}"
-        )
-        for number, row in enumerate(rows, start=1):
-            self._vectors[f"{name}.{number}"] = self._scratch.keep(row)
 
     def contents(self) -> Contents:
         """All columns; raises LogError where time and samples do not go together."""

@@ -209,7 +209,11 @@ def _part(found: FoundFunction, fields: Mapping[str, str]) -> _Part:
 def _foreign(found: FoundFunction) -> Column:
     function = found.function
     if found.abscissa is None:
-        rate, start_s = _stated(function.abscissa_increment), function.abscissa_min
+        # Six digits of an increment leave the rate open by half a unit of the last one.
+        increment, rate, start_s = function.abscissa_increment, None, function.abscissa_min
+        if increment:
+            half_unit = 0.5 * 10.0 ** (math.floor(math.log10(abs(increment))) - _DIGITS_AFTER_POINT)
+            rate = StatedRate.of_increment(increment, half_unit)
     else:
         axis = time_axis(found.abscissa)
         rate, start_s = axis.rate, axis.start_s
@@ -232,14 +236,6 @@ def _named_apart(columns: Sequence[Column]) -> list[Column]:
         name = f"{column.name} {numbers[column.name]}" if counts[column.name] > 1 else column.name
         named.append(replace(column, name=name))
     return named
-
-
-def _stated(increment: float) -> StatedRate | None:
-    """The rate that six digits of an increment leave open; None where there is no increment."""
-    if not increment:
-        return None
-    half_unit = 0.5 * 10.0 ** (math.floor(math.log10(abs(increment))) - _DIGITS_AFTER_POINT)
-    return StatedRate.of_increment(increment, half_unit)
 
 
 FORMAT = FileFormat("uff", (".uff", ".unv", ".uf", ".u58"), read, write)

@@ -125,24 +125,13 @@ def order_tracks(
         weight *= np.cos(np.pi / 2 * place) ** 2
         times = polynomial.polyfit(place, known[part] / sample_rate, _SPEED_DEGREE, w=np.sqrt(weight))
         speeds[:, block] = times[0], half / times[1]
-        lines[:, block] = _fit(signal[part], way[part], place, weight, chosen)
+        if np.isnan(signal[part]).any():
+            lines[:, block] = np.nan
+            continue
+        angle = 2 * np.pi * np.outer(chosen, way[part])
+        steady = np.vstack((np.cos(angle), np.sin(angle), np.ones_like(place)))
+        rows = np.vstack((steady, steady * place, steady * place**2))
+        weighted = rows * weight
+        found = np.linalg.solve(weighted @ rows.T, weighted @ signal[part])
+        lines[:, block] = found[: len(chosen)] - 1j * found[len(chosen) : 2 * len(chosen)]
     return OrderTracks(chosen, centres, speeds[0], speeds[1], lines)
-
-
-def _fit(
-    values: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    place: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    orders: NDArray[np.float64],
-) -> NDArray[np.complex128]:
-    """Lines of `orders` in the middle of a block, shape (o,)."""
-    if np.isnan(values).any():
-        return np.full(len(orders), np.nan, dtype=np.complex128)
-    angle = 2 * np.pi * np.outer(orders, turn)
-    steady = np.vstack((np.cos(angle), np.sin(angle), np.ones_like(turn)))
-    rows = np.vstack((steady, steady * place, steady * place**2))
-    weighted = rows * weight
-    found = np.linalg.solve(weighted @ rows.T, weighted @ values)
-    count = len(orders)
-    return np.asarray(found[:count] - 1j * found[count : 2 * count])

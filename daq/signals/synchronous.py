@@ -60,7 +60,16 @@ class CycleAverage:
         part = np.concatenate((self._part, news), axis=1)
         whole = part.shape[1] // self._points * self._points
         for start in range(0, whole, self._points):
-            self._take(part[:, start : start + self._points])
+            # Welford 1962, doi:10.1080/00401706.1962.10490022.
+            cycle = part[:, start : start + self._points]
+            good = ~np.isnan(cycle).any(axis=1)
+            self._count[good] += 1
+            count = self._count[good][:, None]
+            mean = np.where(count == 1, cycle[good], self._mean[good])
+            off = cycle[good] - mean
+            mean = mean + off / count
+            self._mean[good] = mean
+            self._squares[good] += off * (cycle[good] - mean)
         self._part = part[:, whole:].copy()
 
     def result(self) -> SynchronousAverage:
@@ -69,17 +78,6 @@ class CycleAverage:
         error = np.sqrt(self._squares / (count - 1) / count)
         one = 0 if self._single else slice(None)
         return SynchronousAverage(self._mean[one].copy(), error[one], np.asarray(self._count[one]).copy())
-
-    def _take(self, cycle: NDArray[np.float64]) -> None:
-        """Welford 1962, doi:10.1080/00401706.1962.10490022."""
-        good = ~np.isnan(cycle).any(axis=1)
-        self._count[good] += 1
-        count = self._count[good][:, None]
-        mean = np.where(count == 1, cycle[good], self._mean[good])
-        off = cycle[good] - mean
-        mean = mean + off / count
-        self._mean[good] = mean
-        self._squares[good] += off * (cycle[good] - mean)
 
 
 def synchronous_average(

@@ -150,7 +150,10 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
     above = binned.residual(shortest)
     delay = max(float(np.median(above)), 0.0)
     if anchor is None:
-        anchor = Anchor.SHORTEST if _sharp(above, delay) else Anchor.TYPICAL
+        # Whether arrivals crowd at the shortest delay: the second quickest, lest one pair decides.
+        quickest = float(np.partition(above, 1)[1])
+        near = np.mean(above <= quickest + 0.1 * (delay - quickest))
+        anchor = Anchor.SHORTEST if near >= _SHARP_SHARE else Anchor.TYPICAL
     line = shortest
     if anchor is Anchor.TYPICAL:
         # Shifted to the middle of all pairs: that of few from a skew distribution is a little off.
@@ -178,13 +181,6 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
         locked=abs(latest - delay) < max(_UNLOCKED * delay, _UNLOCKED_S),
         pairs=len(device),
     )
-
-
-def _sharp(above: Array, delay: float) -> bool:
-    """Whether arrivals crowd at the shortest delay: the second quickest, lest one pair decides."""
-    quickest = float(np.partition(above, 1)[1])
-    near = above <= quickest + 0.1 * (delay - quickest)
-    return bool(np.mean(near) >= _SHARP_SHARE)
 
 
 def _elapsed(device: Array, passed: Array, starts: list[int]) -> Array:

@@ -112,30 +112,29 @@ class CanLink:
 
     def open(self) -> None:
         """Connect and listen. Raises `InstrumentAbsent`, `InstrumentSilent`."""
-        bus = self._connected()
-        self._network = canopen.Network(bus)  # not connected: that would start its own thread
-        node = self._network.add_node(canopen.RemoteNode(self._settings.node, import_od(None)))
-        self._sdo = node.sdo
-        self._sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
-        self._stop.clear()
-        self._thread = threading.Thread(target=self._run, args=(bus,), name="encoder", daemon=True)
-        self._thread.start()
-
-    def _connected(self) -> can.BusABC:
         settings = self._settings
         check = "the interface, its keys in the bench file, and that it runs"
         keys: dict[str, Any] = dict(settings.options)
         try:
+            bus: can.BusABC
             if settings.interface == "socketcand":
-                return SocketcandBus(timeout_s=settings.timeout_s, **keys)
-            # Without this a file of the user's would decide which bus it is.
-            return can.Bus(interface=settings.interface, ignore_config=True, **keys)
+                bus = SocketcandBus(timeout_s=settings.timeout_s, **keys)
+            else:
+                # Without ignore_config a file of the user's would decide which bus it is.
+                bus = can.Bus(interface=settings.interface, ignore_config=True, **keys)
         except TimeoutError as error:
             what = f"no answer within {settings.timeout_s:g} s"
             raise InstrumentSilent(settings.name, settings.address, what, check) from error
         except (can.CanError, NotImplementedError, OSError, TypeError, ValueError, KeyError) as error:
             what = f"nobody answers ({error})"
             raise InstrumentAbsent(settings.name, settings.address, what, check) from error
+        self._network = canopen.Network(bus)  # not connected: that would start its own thread
+        node = self._network.add_node(canopen.RemoteNode(settings.node, import_od(None)))
+        self._sdo = node.sdo
+        self._sdo.RESPONSE_TIMEOUT = settings.timeout_s
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._run, args=(bus,), name="encoder", daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """Hang up. Never raises."""

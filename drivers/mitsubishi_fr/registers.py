@@ -6,7 +6,6 @@ is quoted by two or more public register maps; "M": known from memory of the man
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 
@@ -158,19 +157,12 @@ REGISTERS = {
 }
 
 
-def _runs(numbers: Sequence[int]) -> tuple[range, ...]:
-    """Return the runs of consecutive numbers."""
-    runs: list[range] = []
-    for number in sorted(numbers):
-        if runs and runs[-1].stop == number:
-            runs[-1] = range(runs[-1].start, number + 1)
-        else:
-            runs.append(range(number, number + 1))
-    return tuple(runs)
-
-
-# Only what is in the table: a register that nobody declared ends a range. 40002 cannot be read.
-RANGES = _runs([number for number in REGISTERS if number != INVERTER_RESET.number])
+# Runs of consecutive numbers, only of what is in the table: a register that nobody declared ends a range.
+# 40002 cannot be read.
+_READABLE = sorted(number for number in REGISTERS if number != INVERTER_RESET.number)
+_FIRST = [number for number in _READABLE if number - 1 not in _READABLE]
+_LAST = [number for number in _READABLE if number + 1 not in _READABLE]
+RANGES = tuple(range(first, last + 1) for first, last in zip(_FIRST, _LAST, strict=True))
 
 
 def block(*registers: Register) -> Block:

@@ -65,7 +65,9 @@ class EmulatedEncoder:
         """Boot; return where its socketcand server listens, `host:port`."""
         self._network.connect()
         self._network.add_node(self._node)
-        self._node.add_read_callback(self._on_read)
+        self._node.add_read_callback(
+            lambda index, **_: self._position(self._clock.monotonic_s()) if index == 0x6004 else None
+        )
         self._node.add_write_callback(self._on_write)
         self._network.subscribe(0x80, self._on_sync)
         self._boot()
@@ -91,9 +93,6 @@ class EmulatedEncoder:
     def _boot(self) -> None:
         self._node.nmt.state = "INITIALISING"
         self._node.nmt.state = "PRE-OPERATIONAL"
-
-    def _on_read(self, index: int, **_: object) -> int | None:
-        return self._position(self._clock.monotonic_s()) if index == 0x6004 else None
 
     def _on_write(self, index: int, data: bytes, **_: object) -> None:
         # CiA 406: a preset is the value of the position where the shaft stands as it is written
@@ -186,7 +185,6 @@ class EmulatedEncoder:
         acts: dict[str, Callable[[], None]] = {
             "error_frame": lambda: self._report(_BUS_ERROR),
             "receive_overrun": lambda: self._report(_CONTROLLER),
-            "bus_off": self._leave_bus,
             "hang_up": self._bus.hang_up,
             "garbage": lambda: self._bus.say(_GARBAGE),
             "heartbeat_stops": self._node.nmt.stop_heartbeat,
@@ -197,13 +195,12 @@ class EmulatedEncoder:
             "restart": self._boot,
             "clock_jump": lambda: setattr(self, "_jump_s", self._jump_s + value),
         }
-        if kind in acts:
+        if kind == "bus_off":
+            self._report(_BUS_OFF)
+            self._silent = True
+            self._node.nmt.stop_heartbeat()
+        elif kind in acts:
             acts[kind]()
-
-    def _leave_bus(self) -> None:
-        self._report(_BUS_OFF)
-        self._silent = True
-        self._node.nmt.stop_heartbeat()
 
     def _report(self, error_class: int) -> None:
         self._bus.send(can.Message(arbitration_id=error_class, is_error_frame=True))

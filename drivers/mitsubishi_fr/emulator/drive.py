@@ -170,7 +170,13 @@ class EmulatedDrive:
         now_s = self._now()
         due_s = self._watchdog_due_s()
         if due_s is not None and now_s >= due_s:
-            self._trip(fr.COMMUNICATION_FAULT, due_s)
+            # As Pr.502 says: 0 coasts, 1 ramps down and shows the fault at rest (M).
+            self._run = False
+            if self._parameters[502] == RAMP_ON_SILENCE:
+                self._tripping = fr.COMMUNICATION_FAULT
+                self._put_out(True, 0.0, due_s)
+            else:
+                self._indicate(fr.COMMUNICATION_FAULT, due_s)
         if self._tripping is not None and now_s >= self.output.settled_s:
             self._indicate(self._tripping, self.output.settled_s)
 
@@ -312,15 +318,6 @@ class EmulatedDrive:
         if self._last_frame_s is None or not waits or raw == WATCHDOG_OFF:
             return None
         return self._last_frame_s + fr.WATCHDOG.value(raw)
-
-    def _trip(self, code: int, at_s: float) -> None:
-        """Trip for silence as Pr.502 says: 0 coasts, 1 ramps down and shows the fault at rest (M)."""
-        self._run = False
-        if self._parameters[502] != RAMP_ON_SILENCE:
-            self._indicate(code, at_s)
-            return
-        self._tripping = code
-        self._put_out(True, 0.0, at_s)
 
     def _indicate(self, code: int, at_s: float) -> None:
         self._run, self._tripping, self._fault = False, None, code
