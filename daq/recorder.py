@@ -17,8 +17,8 @@ from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 8192
 """About 20 s of 16 channels, measured and predicted, in blocks of 0.1 s: longer than a stalled disk lasts."""
-_IDLE_S = 0.1
-_HUNG_DISK_S = 30.0
+_IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
+_HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
 
 class Recorder:
@@ -51,7 +51,6 @@ class Recorder:
         self._put(lambda: self._writer.declare(origin, channel))
 
     def metadata(self, name: str, record: Mapping[str, str]) -> None:
-        """Add a metadata record."""
         self._put(lambda: self._writer.add_metadata(name, record))
 
     def block(self, origin: str, block: SampleBlock) -> None:
@@ -61,7 +60,6 @@ class Recorder:
         self._put(lambda: self._writer.add_block(origin, block, host_ns))
 
     def event(self, event: Event) -> None:
-        """Record an event."""
         self._put(lambda: self._writer.add_event(event))
 
     def gap(self, gap: Gap) -> None:

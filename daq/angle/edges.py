@@ -55,7 +55,6 @@ class RisingEdges:
 
     @property
     def count(self) -> int:
-        """Samples seen so far."""
         return self._passage.count
 
     def find(self, values_v: ArrayLike) -> Edges:

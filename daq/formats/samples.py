@@ -127,7 +127,6 @@ class Scaled:
         return len(self.samples)
 
     def read(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Read and scale."""
         values = self.samples.read(start, stop)
         with np.errstate(over="ignore", invalid="ignore"):
             return (values.astype(np.float64) * self.factor).astype(values.dtype)
@@ -207,7 +206,6 @@ class ScratchColumn:
         self._kept_count += count
 
     def samples(self) -> Samples:
-        """All of them."""
         self._flush()
         return Pieces(self._pieces)
 

@@ -120,7 +120,6 @@ class TableColumns:
         column.add(cells.to_numpy(zero_copy_only=False))
 
     def samples(self) -> dict[str, Samples]:
-        """All columns by name."""
         return {name: column.samples() for name, column in self._columns.items()}
 
 
@@ -147,14 +146,12 @@ class Window:
 
     @property
     def dtype(self) -> np.dtype[np.floating]:
-        """Precision of the whole."""
         return self.samples.dtype
 
     def __len__(self) -> int:
         return self.stop - self.start
 
     def read(self, start: int, stop: int) -> np.ndarray:
-        """Read from the whole."""
         return self.samples.read(self.start + start, self.start + stop)
 
 

@@ -111,7 +111,7 @@ class IndexedChunks:
         self._executor: ThreadPoolExecutor | None = None
 
     def close(self) -> None:
-        """End the thread."""
+        """End the thread that opens chunks ahead."""
         if self._executor is not None:
             self._executor.shutdown(cancel_futures=True)
             self._executor = None

@@ -112,7 +112,6 @@ class LogReader:
         return self
 
     def close(self) -> None:
-        """Close the file."""
         if self._summary is not None:
             self._indexed.close()
         self._file.close()
@@ -211,11 +210,9 @@ class LogReader:
         return [codec.decode_event(message.data) for message in self.messages({"/event"})]
 
     def gaps(self) -> list[Gap]:
-        """The gap ledger."""
         return [codec.decode_gap(message.data) for message in self.messages({"/gap"})]
 
     def clocks(self) -> list[ClockRecord]:
-        """The clock records."""
         return [codec.decode_clock(message.data) for message in self.messages({"/clock"})]
 
     def impacts(self) -> list[Impact]:

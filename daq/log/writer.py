@@ -17,7 +17,7 @@ from daq.log import codec
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.schema import embedded_schema
 
-MAXIMUM_CHUNK_AGE_S = 0.25
+MAXIMUM_CHUNK_AGE_S = 0.25  # the format's: no crash costs more than what the last chunk holds
 _CHUNK_BYTES = 1 << 20
 
 
@@ -97,7 +97,6 @@ class LogWriter:
         self._next_sample[topic] = block.end_sample
 
     def add_event(self, event: Event) -> None:
-        """Add an event."""
         self._register("/event", "Event", {})
         self._add("/event", codec.encode_event(event), event.time_ns, event.time_ns)
 
@@ -111,7 +110,6 @@ class LogWriter:
         self._add("/gap", codec.encode_gap(gap), host_ns, gap.time_ns)
 
     def add_clock(self, clock: ClockRecord) -> None:
-        """Add a clock record."""
         self._register("/clock", "Clock", {})
         self._add("/clock", codec.encode_clock(clock), clock.time_ns, clock.time_ns)
 

@@ -128,7 +128,6 @@ class FrfAverage:
             self._means[:, good] = means + (news - means) * weight[:, None]
 
     def result(self) -> Frf:
-        """The averages so far."""
         xx, yy, real, imaginary = self._means * self._scale
         return Frf(self._frequency, xx, yy, real + 1j * imaginary, self._count.copy())
 

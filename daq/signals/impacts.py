@@ -92,7 +92,6 @@ class ContactScanner:
 
     @property
     def count(self) -> int:
-        """Samples seen so far."""
         return int(self._state[_COUNT])
 
     @property

@@ -89,7 +89,6 @@ class SpectrumAverage:
             self._mean = mean + (power - mean) / min(self._count, self._memory or self._count)
 
     def result(self) -> AveragedSpectrum:
-        """The average so far."""
         square, total = float(np.sum(self._weights**2)), float(np.sum(self._weights))
         return AveragedSpectrum(
             frequency_hz=line_frequencies(len(self._weights), self._sample_rate),

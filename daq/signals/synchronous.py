@@ -73,7 +73,6 @@ class CycleAverage:
         self._part = part[:, whole:].copy()
 
     def result(self) -> SynchronousAverage:
-        """The average so far."""
         count = np.where(self._count > 1, self._count, np.nan)[:, None]
         error = np.sqrt(self._squares / (count - 1) / count)
         one = 0 if self._single else slice(None)

@@ -23,18 +23,18 @@ Array = NDArray[np.float64]
 LEAST_PAIRS = 24
 """Fewer pairs say nothing about a rate."""
 
-_MOST_PAIRS = 1 << 16
-_BINS = 120
-_PAIRS_IN_BIN = 20
-_FEWEST_BINS = 8
+_MOST_PAIRS = 1 << 16  # near two hours at ten pairs a second; then every second one goes
+_BINS = 120  # each gives one point to the line: enough for a bend to show
+_PAIRS_IN_BIN = 20  # the fewest from which two at either end can be cut off
+_FEWEST_BINS = 8  # below them neither a bend nor a step is told
 _SHARP_SHARE = 0.04
 """Share of arrivals in the lowest tenth between edge and median from which the edge is sharp: uniform 0.05,
 half normal 0.054, exponential 0.067; gamma of order 2 0.012, normal below 0.01."""
-_JUMP_S = 1.0
-_BEND_SIGMAS = 4.0
-_LATEST = 9
-_UNLOCKED = 10.0
-_UNLOCKED_S = 1e-3
+_JUMP_S = 1.0  # clocks that differ by more between two pairs: one of them was set
+_BEND_SIGMAS = 4.0  # of the curvature: by chance in one of some 16,000 fits
+_LATEST = 9  # pairs whose median tells where the clock is by now
+_UNLOCKED = 10.0  # typical delays, by which it may lie elsewhere
+_UNLOCKED_S = 1e-3  # but at least so much, s
 
 
 class ClockFit:

@@ -15,6 +15,7 @@ from daq.time_base.line import Line
 Array = NDArray[np.float64]
 
 _COVERED = 0.95
+# Of the simultaneous band: lines that are drawn, and times at which each is looked at.
 _DRAWS, _POINTS = 4000, 200
 _RESOLUTION_S = 1e-7
 """Step of the stamps: host clocks read to 100 ns or better."""
@@ -122,6 +123,7 @@ class ClockModel:
         """Half width of a band that holds the true offset at all of the device times together in 95 %."""
         at = np.asarray(device_s, np.float64)
         deviation = self._deviation(at)
+        # The same band for the same fit: the seed is part of the method.
         rng = np.random.default_rng(0)
         freedom = self.line.degrees_of_freedom
         chi2 = rng.chisquare(freedom, (_DRAWS, 1)) / freedom
@@ -136,6 +138,7 @@ class ClockModel:
         offset, uncertainty = self.offset_s([device_s]), self.uncertainty_s([device_s])
         return ClockRecord(time_ns, device, float(offset[0]), self.rate_ppm, float(uncertainty[0]))
 
+    # A step back makes the device pass some times twice; searching from the last segment takes the later.
     def _terms(self, device_s: Array) -> Array:
         """Factors of the line's coefficients at device times, shape (n, coefficients)."""
         first = np.array([segment.device_s for segment in self.segments])

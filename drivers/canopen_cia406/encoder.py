@@ -82,6 +82,7 @@ class CanopenEncoder:
     def preset(self, counts: int) -> None:
         """Let the encoder call its present position `counts`; many keep that for good."""
         self._opened()
+        # What a device makes of a preset beyond its range is not for it to choose.
         if not 0 <= counts < self.total_range:
             what = f"preset {counts} is outside 0 to {self.total_range - 1} counts; nothing was sent"
             raise InstrumentRefused(self.name, self.address, what, code="limit")
@@ -92,6 +93,7 @@ class CanopenEncoder:
         layout = self._opened()
         self._stream.begin(layout, self.total_range, self._heartbeat_s)
         self._link.command(NmtCommand.START)
+        # NMT commands are not answered: only the next heartbeat says what became of this one.
         if not self._stream.await_heartbeat(self._beat_deadline_s(), NmtState.OPERATIONAL):
             what = "it does not become operational"
             raise InstrumentRefused(self.name, self.address, what, "its error register and emergencies")
@@ -143,4 +145,4 @@ class CanopenEncoder:
             raise InstrumentSilent(self.name, self.address, f"{what}{heartbeat_ms} ms", "its firmware")
 
     def _beat_deadline_s(self) -> float:
-        return 3.0 * self._heartbeat_s + self.settings.timeout_s
+        return 3.0 * self._heartbeat_s + self.settings.timeout_s  # s

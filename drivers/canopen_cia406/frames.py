@@ -49,6 +49,7 @@ def heartbeat_state(data: bytes | bytearray) -> int:
     """Return the state in a heartbeat; ValueError unless it is one byte."""
     if len(data) != 1:
         raise ValueError(f"a heartbeat of {len(data)} bytes")
+    # Bit 7 toggles in the older node guarding and is 0 in a heartbeat.
     return data[0] & 0x7F
 
 

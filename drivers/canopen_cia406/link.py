@@ -59,6 +59,7 @@ class SocketcandBus(SocketCanDaemonBus):
 
     def __init__(self, channel: str, host: str, port: int, timeout_s: float, **keys: Any) -> None:
         self._timeout_s = timeout_s
+        # python-can would try a refused connection for 10 s: ask first, within our own deadline.
         socket.create_connection((host, port), timeout_s).close()
         try:
             _untyped(super()).__init__(channel, host, port, **{"tcp_tune": True, **keys})
@@ -129,6 +130,7 @@ class CanLink:
             what = f"nobody answers ({error})"
             raise InstrumentAbsent(settings.name, settings.address, what, check) from error
         self._network = canopen.Network(bus)  # not connected: that would start its own thread
+        # An empty dictionary: what is read and written is named by `Entry`, not by an EDS file.
         node = self._network.add_node(canopen.RemoteNode(settings.node, import_od(None)))
         self._sdo = node.sdo
         self._sdo.RESPONSE_TIMEOUT = settings.timeout_s
@@ -160,6 +162,7 @@ class CanLink:
         """Write an entry and read it back. Raises as `upload` does."""
         with self._translated(f"{entry} = {value}"):
             self._sdo.download(entry.index, entry.subindex, entry.encode(value))
+        # An acknowledged write counts once it reads back.
         kept = self.upload(entry)
         if kept != value:
             raise self._refused(f"{entry} = {value} {entry.unit} reads back {kept}")
@@ -170,6 +173,7 @@ class CanLink:
             self._network.send_message(0, [command, self._settings.node])
 
     def _run(self, bus: can.BusABC) -> None:
+        # canopen hears of its answers alone; all else goes on without passing through its queues.
         answer_id = frames.SDO_ANSWER + self._settings.node
         try:
             while not self._stop.is_set():

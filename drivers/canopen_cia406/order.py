@@ -188,11 +188,11 @@ class FrameOrder:
         self._past: list[
             PositionFrame
         ] = []  # older than what has been placed: too late, or of a clock set back
-        self._newest: PositionFrame | None = None
+        self._newest: PositionFrame | None = None  # by timestamp
         self._last: Placed | None = None
         self._stepped = False
         self._least_delay_s = math.inf
-        self._slots = Slots(period_s)
+        self._slots = Slots(period_s)  # anew after each step of the clock
         self.frames = self.missing = self.duplicates = self.reordered = self.late = self.clock_steps = 0
         self.uncertain = 0
 
@@ -211,6 +211,7 @@ class FrameOrder:
         ):
             self.duplicates += 1
             return []
+        # Its place is gone: what has been handed out cannot be taken back.
         if self._last is not None and frame.timestamp_s < self._last.frame.timestamp_s:
             return self._from_the_past(frame)
         placed: list[Placed] = []
@@ -251,6 +252,7 @@ class FrameOrder:
         self._least_delay_s = min(delay_s, before + _FOLLOW * since_s)
         if newest is None or delay_s > before - _STEP_S:
             return False
+        # A frame that only came quicker than any before is no step: its time has to have leapt as well.
         return frame.timestamp_s - newest.timestamp_s - since_s > _STEP_S
 
     def _new_line(self) -> list[Placed]:

@@ -78,11 +78,13 @@ def read(link: CanLink, settings: EncoderSettings) -> Found:
         raise InstrumentAbsent(settings.name, settings.address, what, error.check) from error
     for entry in _ALWAYS[1:]:
         reader.read(entry)
+    # Only the vendor is mandatory in 1018h; the others are asked for, and missed where the bench names them.
     for entry in _NAMING:
         reader.read(entry, needed=entry in settings.expected())
     scaled = Found(reader.values, ()).scaled
     for entry in _SCALED if scaled else _UNSCALED:
         reader.read(entry)
+    # What is mapped before the position shifts it in the frame: all of it has to be known.
     for number in range(1, min(reader.values.get(objects.TPDO1_LENGTH, 0), _MOST_MAPPED) + 1):
         reader.read(objects.tpdo1_object(number))
     return Found(reader.values, tuple(reader.refusals))

@@ -24,7 +24,7 @@ from drivers.protocols.notice import Notice
 HEARTBEATS_MISSED = 3
 _ATTENTIVE_S = 0.1
 """The link looks twice as often; what passes beyond that is a stall of this machine and no silence."""
-_MOST_NOTICES = 1000
+_MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 
 _MISSING, _UNREAD = "frames missing", "not read in time"
@@ -97,7 +97,9 @@ class PositionStream:
         self._linux = settings.interface in frames.LINUX_INTERFACES
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self._emergencies: tuple[Emergency, ...] = ()
-        self._looked_s = self._unheard_s = self._beat_s = self._beat_stamp_s = 0.0
+        self._looked_s = self._unheard_s = self._beat_s = self._beat_stamp_s = (
+            0.0  # s of the monotonic clock, but for the stamp of a beat
+        )
         self._beats = 0
         self._state = -1
         self._fault: InstrumentError | None = None
@@ -142,6 +144,7 @@ class PositionStream:
         """Expect positions from now on, and a heartbeat every `heartbeat_s` once the node is operational."""
         with self._changed:
             self._layout, self._total_range = layout, total_range
+            # A start counts from frame 0: order, gaps and counts of before would not fit.
             self._order = FrameOrder(self._settings.period_s)
             self._capacity = max(round(self._settings.buffer_s / self._settings.period_s), 10)
             self._queue: deque[Placed] = deque()
@@ -188,6 +191,7 @@ class PositionStream:
         """Wait for `count` positions for so long; see `PositionEncoder.read`."""
         with self._changed:
             self._wanted, self._capacity = count, max(self._capacity, 2 * count)
+            # The reader sleeps until there are enough, or there will be no more.
             self._changed.wait_for(lambda: len(self._queue) >= count or self._ended, seconds)
             if self._ended and not self._queue:
                 raise self._fault or self._lost_error("it was not started")

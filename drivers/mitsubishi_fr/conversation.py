@@ -63,8 +63,8 @@ class Conversation:
         self._marks = cycle(MARKS)
         self._in_doubt = True  # an earlier client may have left an answer on its way
         self._last_shape: tuple[int, int] | None = None
-        self._hushed = False
-        self.unanswered_since_s: float | None = None
+        self._hushed = False  # nothing is sent any more; for good
+        self.unanswered_since_s: float | None = None  # s of the monotonic clock; the poller gives up by it
 
     def hush(self) -> None:
         """Send nothing from now on, so that the drive's watchdog stops it."""
@@ -100,6 +100,7 @@ class Conversation:
     async def _insist(self, request: Request, what: str, attempts: int, expires_s: float) -> Answer:
         """Exchange until the answer is there, `attempts` requests or twice as many marks were in vain."""
         missing: NoAnswer | None = None
+        # Twice as many: a mark that is lost has cost nothing but time.
         marks, marks_refused = MARK_ATTEMPTS * attempts, 0
         while attempts > 0 and marks > 0:
             # A turn is one exchange, so that a stop never waits for more than that.

@@ -116,4 +116,5 @@ def _belongs(request: Request, frame: bytes) -> bool:
         return False
     if request.function == READ:
         return frame[2] == 2 * request.content
+    # A write is answered by a copy of itself: address and value.
     return frame[2:6] == request.frame()[2:6]

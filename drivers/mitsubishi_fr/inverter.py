@@ -95,7 +95,6 @@ class FrInverter:
         return per_hz * session.order(lambda until_s: session.motor.set_frequency(rpm / per_hz, until_s))
 
     def start(self) -> None:
-        """Run forward."""
         session = self._attend()
         session.order(session.motor.run_forward)
 
@@ -106,6 +105,7 @@ class FrInverter:
             return
         session, per_hz = self._open, self.settings.rpm_per_hz
         session.poller.attended_s = self._clock.monotonic_s()
+        # Asked in the loop's thread with each look: `measured_rpm` must not wait.
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
         late = "its stop, which goes on, has not ended"
         session.run(session.poller.stop(measured_hz), session.longest_stop_s, late)
@@ -155,6 +155,7 @@ class _Open:
     def __init__(self, settings: InverterSettings, clock: Clock, notices: Notices) -> None:
         self._settings, self._clock = settings, clock
         self._loop = asyncio.new_event_loop()
+        # A loop and a thread of its own: polls go on while the caller is busy elsewhere.
         self._thread = threading.Thread(target=self._loop.run_forever, name=settings.name, daemon=True)
         self.line = SerialLine(settings.name, settings.line, clock.monotonic_s)
         talk = Conversation(settings.name, settings.port, settings.station, self.line, clock.monotonic_s)
@@ -168,7 +169,6 @@ class _Open:
         return HANGS_S + self.motor.longest_stop_s(self._settings.maximum_hz)
 
     def connect(self) -> None:
-        """Open the line."""
         self.run(self.line.open())
 
     def begin(self) -> None:
@@ -211,7 +211,7 @@ class _Open:
         except InstrumentError:
             raise  # an InstrumentSilent is a TimeoutError too
         except NotDone as error:
-            future.cancel()
+            future.cancel()  # what was under way ends at its next wait; a stop is shielded
             what = f"{late} within {within_s:g} s"
             raise InstrumentSilent(name, address, what, "the load of this machine") from error
         except OvertakenOrder as error:

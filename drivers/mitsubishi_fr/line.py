@@ -192,6 +192,7 @@ class SerialLine:
 
     async def _quiet_client(self) -> AsyncModbusSerialClient:
         """Let what is still on its way come in, where nobody asked for it, and be dropped."""
+        # Frames on an RTU line end with silence: a request that comes too early is none.
         await asyncio.sleep(self._settings.gap_s)
         client = self._client
         if client is None:
@@ -210,6 +211,7 @@ class SerialLine:
         self._answer = find_answer(self._asked, data)
         if self._answer is None:
             return b""
+        # The answer was found among other bytes.
         self.health.resynchronised += len(data) > len(self._answer.frame)
         return self._answer.frame
 
@@ -232,6 +234,7 @@ def lock_port(port: str) -> socket.socket:
 
     Raises `PortTaken`. Every name of a device counts as the device: /dev/serial/by-id/... is a link.
     """
+    # A device has many names, a port on the network one.
     name = port if "://" in port else os.path.realpath(port)
     digest = hashlib.sha256(name.encode()).hexdigest()[:16]
     # A name in Linux' abstract namespace (unix(7)) is no file: nobody can plant one, or a link in its place,

@@ -107,7 +107,6 @@ class Notices:
         self._notices: deque[Notice] = deque(maxlen=MOST_NOTICES)
 
     def note(self, level: str, code: str, text: str) -> None:
-        """Keep what happens now."""
         self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
 
     def take(self) -> tuple[Notice, ...]:
@@ -167,6 +166,7 @@ class Motor:
         """Return the names of the last faults, newest first; empty for none."""
         codes: tuple[int, ...] = ()
         for first in range(0, count, 4):
+            # Four at most: longer reads of the fault history are the marks of a conversation.
             block = fr.block(fr.FAULTS[first], fr.FAULTS[min(first + 4, count) - 1])
             codes += await self._talk.read(block, self._soon())
         return tuple(fr.fault_name(code) for code in codes)
@@ -197,7 +197,6 @@ class Motor:
         return self.orders.target_hz
 
     async def run_forward(self, expires_s: float) -> None:
-        """Let the motor run."""
         with Errand(self.orders) as errand:
             await self._take_over(errand, expires_s)
             # A run command is never repeated blindly: without its answer, the status is read first.
@@ -256,6 +255,7 @@ class Motor:
         _, mode = await self._talk.read(fr.STATUS_BLOCK, self._soon())
         if mode != fr.NETWORK_MODE:
             errand.still_wanted(self._clock.monotonic_s(), expires_s)
+            # Network operation starts the drive's watchdog: from here on it wants to hear something.
             await self._talk.command(fr.OPERATION_MODE, fr.CHOOSE_NETWORK, self._soon())
             _, mode = await self._talk.read(fr.STATUS_BLOCK, self._soon())
         if mode != fr.NETWORK_MODE:
@@ -280,6 +280,7 @@ class Motor:
             self._notices.note("info", "inverter.zero", "zero speed asked for")
         began_s = self._clock.monotonic_s()
         state = await self.look()
+        # From where it is and not from where it should be: a drive may lag behind its set value.
         limit_s = self._longest_ramp_s(state.output_frequency_hz)
         while True:
             measured = measured_hz() if measured_hz else math.nan
@@ -300,12 +301,14 @@ class Motor:
         for _ in range(WITHDRAWALS):
             try:
                 await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon())
+                # Done is what is seen: the drive says that it runs no more, within one and a half ramps.
                 if await self._comes_to_rest():
                     if ran:
                         self._notices.note("info", "inverter.off", "run withdrawn")
                     return
             except InstrumentError as error:
                 why = str(error)
+        # Whatever is sent restarts the watchdog, which is all that can stop it now.
         self._talk.hush()
         raise InstrumentSilent(
             self._settings.name,

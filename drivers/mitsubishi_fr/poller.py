@@ -158,6 +158,7 @@ class Poller:
         orders = self._motor.orders
         if state.fault:
             raise self._tripped(state)
+        # Only a motor that was told to run needs somebody: one that stands may wait for its operator.
         unattended_s = state.at_s - self.attended_s
         if orders.run and unattended_s > self._settings.unattended_s:
             raise self._motor.refused(f"nobody looked after it for {unattended_s:.1f} s", "", "unattended")
@@ -166,6 +167,7 @@ class Poller:
         if not orders.taken:
             self._refuse_running(state)
             return
+        # Someone else's set value on our drive: a panel, a second master.
         set_hz = state.set_rpm / self._settings.rpm_per_hz
         if not orders.kept(set_hz):
             text = f"its set value is {set_hz:g} Hz and not {orders.target_hz:g} Hz"

@@ -61,7 +61,7 @@ class NiDaqCard:
         self._grpc_channel: Any = None
         self._analog: AnalogTask | None = None
         self._counters: list[CounterTask] = []
-        self._armed = self._stamps = False
+        self._armed = self._stamps = False  # committed but not started; whether the device stamps its start
         self._watch = QualityWatch((), 0.0)
         self._next_sample = 0
         self._status = dict(_STATUS)
@@ -141,7 +141,6 @@ class NiDaqCard:
         return (stamp_ns - wall_less_monotonic_ns(self._clock)) / NS_PER_S
 
     def stop(self) -> None:
-        """Stop the sample clock."""
         with self._translated("stopping"):
             self._opened().stop()
         for counter in self._counters:
@@ -165,8 +164,10 @@ class NiDaqCard:
         values = np.empty((len(self.channels), count))
         with self._translated(doing):
             samples = analog.read(count, count / self.sample_rate + WAIT_MARGIN_S)
+            # Before anything is made of them: this is what the card's clock is fitted to.
             arrived_s = self._clock.monotonic_s()
             reported = self._reported(analog.stream)
+        # Rows come in the order of the channels in the bench file, whatever inputs and counters they are on.
         values[self._analog_rows] = self._whole(samples, count, doing)
         for counter in self._counters:
             doing_so = f"{doing} of {_label(counter)}"
@@ -206,6 +207,7 @@ class NiDaqCard:
         what = "; ".join([text for text in (what, *seen.wrong) if text])
         check = "the physical channels and sensors in the bench file"
         if seen.absent:
+            # Absent before wrong: of what is not there nothing else can be said.
             there = ", ".join(seen.present) or "no device at all"
             raise InstrumentAbsent(self.name, self.address, f"{what}; present: {there}", check)
         if seen.wrong:
@@ -249,6 +251,7 @@ class NiDaqCard:
                     text = f"{self.name} samples at {self.sample_rate:.7g} Hz instead of {asked:.7g} Hz"
                     self.warnings += (f"{text} ({error * 1e6:+.0f} ppm)",)
                 return
+            # A divided clock has few rates; the operator is told which are near.
             near = ", ".join(f"{rate:.7g}" for rate in analog.rates_near(asked))
         raise InstrumentRefused(
             self.name,
@@ -267,6 +270,7 @@ class NiDaqCard:
             except DaqError as error:
                 if error.error_code not in session.UNSUPPORTED:
                     raise
+                # Not asked again: each question is a call, ten times a second.
                 del self._status[attribute]
                 self.warnings += (f"{self.name} does not report {attribute}",)
             else:

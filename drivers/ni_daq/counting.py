@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Decoder: TypeAlias = Callable[[NDArray[Any]], NDArray[np.float64]]
 """Takes the consecutive blocks of one task, each of shape (n,), and gives the channel's values."""
 
-COUNTER_STATES = 2**32
+COUNTER_STATES = 2**32  # 32 bits, read as unsigned; half of them stand for counts below 0
 
 
 class UnwrappedCount:

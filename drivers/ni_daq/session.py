@@ -36,6 +36,7 @@ OVERWRITTEN = {
     DAQmxErrors.INPUT_FIFO_OVERFLOW.value,
     DAQmxErrors.INPUT_FIFO_OVERFLOW_2.value,
 }
+# The device itself; a device server that is gone shows as an error of gRPC.
 GONE = {DAQmxErrors.DEV_ABSENT_OR_UNAVAILABLE.value, DAQmxErrors.DEV_CANNOT_BE_ACCESSED.value}
 UNSUPPORTED = {
     DAQmxErrors.ATTRIBUTE_NOT_SUPPORTED_IN_TASK_CONTEXT.value,
@@ -158,6 +159,7 @@ def connect(instrument: str, address: str) -> Any:
     host, port = split_address(address)
     check = "that the NI gRPC device server runs and daq_card.grpc in the bench file"
     try:
+        # gRPC would go on trying where nobody listens: a plain connection tells at once.
         socket.create_connection((host, port), CALL_DEADLINE_S).close()
     except OSError as error:
         raise InstrumentAbsent(instrument, address, f"nobody answers ({error})", check) from error
@@ -172,4 +174,5 @@ def connect(instrument: str, address: str) -> Any:
     except BaseException:
         plain.close()
         raise
+    # Closing the intercepted channel closes the plain one.
     return grpc.intercept_channel(plain, Deadline())

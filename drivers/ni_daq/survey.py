@@ -54,6 +54,7 @@ def read_sheet(device: Any, channel: CardChannel, new_task: Callable[[], Any]) -
         if not device.hwteds_supported:
             return None
         physical = device.ai_physical_chans[channel.physical]
+        # Reads the sheet over the sensor's own wire, which takes its time.
         physical.configure_teds()
         serial = int(physical.teds_serial_num)
     except DaqError as error:
@@ -78,6 +79,7 @@ def _sensitivity(channel: CardChannel, new_task: Callable[[], Any]) -> float | N
     try:
         return sheet(task, channel)
     finally:
+        # Declared only to ask for the sensitivity: it must not hold the input.
         task.close()
 
 
@@ -167,6 +169,7 @@ def _chassis(device: Any) -> str:
 def _offered(found: Survey, device: Any, channels: Sequence[CardChannel]) -> list[CardChannel]:
     there: list[CardChannel] = []
     for kind, attribute in _OFFERS.items():
+        # A module is asked only for what the bench file expects of it.
         asked = [channel for channel in channels if channel.input == kind]
         offered = set(getattr(device, attribute).channel_names) if asked else set()
         there += [channel for channel in asked if channel.physical in offered]

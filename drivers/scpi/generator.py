@@ -67,7 +67,8 @@ class ScpiGenerator:
         self._check_limits(amplitude_v, offset_v)
         self._check_range(settings.FREQUENCY, frequency_hz)
         self._link.write("*RST")
-        self._link.query("*OPC?")
+        self._link.query("*OPC?")  # answered once the reset is done
+        # The output first, so that nothing moves; load and unit before amplitudes, which depend on them.
         for choice in (settings.OUTPUT_OFF, settings.SINE, settings.OPEN_CIRCUIT, settings.PEAK_TO_PEAK):
             self._choose(choice)
         self._set(settings.FREQUENCY, frequency_hz)
@@ -80,6 +81,8 @@ class ScpiGenerator:
 
     def start(self) -> None:
         """Let the armed sine begin."""
+        # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
+        # amplitude. Turning the output on lets it begin at whatever phase it has.
         if self._triggered:
             self._link.write("*TRG")
             self._refuse_on_error("trigger")
@@ -106,6 +109,7 @@ class ScpiGenerator:
         """Turn the output off and see that it is; errors of earlier commands do not matter here."""
         if not self._link.is_open:
             return
+        # Safe state: nothing but the output is asked for, and errors of before stay in the queue.
         choice = settings.OUTPUT_OFF
         self._link.write(f"{choice.command} {choice.word}")
         answer = self._link.query(f"{choice.command}?")

@@ -48,6 +48,7 @@ class ScpiLink:
         try:
             self._visa.read_termination = self._visa.write_termination = "\n"
             self._visa.timeout = timeout_ms
+            # Only pyvisa-py shows its socket.
             stream = _socket(self._visa)
             if stream is not None:  # a short command must not wait 40 ms for the last one's acknowledgement
                 stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -29,8 +29,8 @@ _TYPES = {8: datatypes.UNSIGNED8, 16: datatypes.UNSIGNED16, 32: datatypes.UNSIGN
 _STATES = {name: number for number, name in NMT_STATES.items()}
 _RESENT_S = 130e-6  # as after a lost acknowledgement
 _BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040
-_GARBAGE = "< frame 18Z what >"
-_IDLE_S = 0.005
+_GARBAGE = "< frame 18Z what >"  # an identifier that is no number
+_IDLE_S = 0.005  # s
 
 
 class EmulatedEncoder:
@@ -39,7 +39,7 @@ class EmulatedEncoder:
     def __init__(self, shaft: Shaft, setup: EncoderSetup, clock: Clock) -> None:
         self._shaft, self._setup, self._clock = shaft, setup, clock
         self._origin_s, self._unix_s = clock.monotonic_s(), clock.unix_ns() * 1e-9
-        self._jump_s = 0.0
+        self._jump_s = 0.0  # by which the clock of the timestamps was set, s
         self._zero = setup.offset_counts
         self._bus = SocketcandBus(setup.channel, lambda: self._stamp(clock.monotonic_s()))
         self._network: Any = canopen.Network(self._bus)
@@ -48,12 +48,13 @@ class EmulatedEncoder:
         self._faults: defaultdict[int, list[EncoderFault]] = defaultdict(list)
         for fault in setup.faults:
             self._faults[fault.at_frame].append(fault)
+        # Jitter of the bus by a seed, so that a fault that a test finds comes again.
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
         self._silent = False
         self._stuck_s = math.inf
         self._frame, self._start_s = -1, 0.0
-        self._beat_s, self._beat_due_s = 0.0, math.inf
+        self._beat_s, self._beat_due_s = 0.0, math.inf  # period of the heartbeat, and when the next is due, s
         # canopen's heartbeat has a thread of its own, which on a busy machine falls behind the positions.
         nmt: Any = self._node.nmt
         nmt.start_heartbeat = self._start_heartbeat
@@ -75,7 +76,6 @@ class EmulatedEncoder:
         return (self._bus.address,)
 
     def serve(self) -> None:
-        """Answer until `stop`."""
         self._bus.serve()
 
     def stop(self) -> None:
@@ -84,7 +84,6 @@ class EmulatedEncoder:
         self._bus.stop()
 
     def close(self) -> None:
-        """Leave the bus."""
         self._stop.set()
         self._thread.join()
         self._node.nmt.stop_heartbeat()
@@ -108,6 +107,7 @@ class EmulatedEncoder:
 
     def _position(self, time_s: float) -> int:
         turned_rad = self._shaft(min(time_s, self._stuck_s) - self._setup.lag_s)
+        # Counts step where the shaft passes them, and are told of where it stood `lag_s` ago.
         turned = turned_rad / math.tau * self._setup.counts_per_revolution
         return (math.floor(turned) + self._zero) % self._setup.total_range
 
@@ -134,6 +134,7 @@ class EmulatedEncoder:
             traceback.print_exc(file=sys.stderr)
 
     def _position_due_s(self) -> float:
+        # Object 6200h: positions come by themselves while the node is operational and this is not 0.
         timer_ms = int(self._node.sdo[0x6200].raw)
         if self._node.nmt.state != "OPERATIONAL" or timer_ms == 0:
             self._frame = -1
@@ -158,6 +159,7 @@ class EmulatedEncoder:
             else bytes((mapped & 0xFF) // 8)
             for mapped in self._setup.mapped
         )
+        # A bus only ever delays: a frame is due at its beat or up to `jitter_s` later.
         late_s = self._random.uniform(0.0, self._setup.jitter_s)
         message = self._message(0x180, data[:3] if "wrong_length" in kinds else data, due_s + late_s)
         if "reorder" in kinds:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import can
 
-_LONGEST_COMMAND = 200
+_LONGEST_COMMAND = 200  # bytes
 _PENDING = 1 << 18
 """Bytes kept for a client that does not read; what comes then is lost, as on the interface itself."""
 
@@ -37,7 +37,7 @@ class SocketcandBus(can.BusABC):
         self._clients: dict[socket.socket, _Client] = {}
         self._lock = threading.Lock()
         self._listener = socket.create_server(("127.0.0.1", 0))
-        self._wake, self._woken = socket.socketpair()
+        self._wake, self._woken = socket.socketpair()  # ends `select` from another thread
         self.channel_info = f"emulated {channel}"
         super().__init__(channel)
 
@@ -81,14 +81,12 @@ class SocketcandBus(can.BusABC):
                     _write(client, text)
 
     def hang_up(self) -> None:
-        """Close every connection."""
         with self._lock:
             for connection in self._clients:
                 with suppress(OSError):
                     connection.shutdown(socket.SHUT_RDWR)
 
     def shutdown(self) -> None:
-        """Close everything."""
         super().shutdown()
         for end in (self._listener, self._wake, self._woken, *self._clients):
             end.close()
@@ -103,6 +101,7 @@ class SocketcandBus(can.BusABC):
         with suppress(OSError):  # it has hung up already
             connection, _ = self._listener.accept()
             connection.setblocking(False)
+            # Else a frame waits for the acknowledgement of the one before: python-can's tcp_tune at this end.
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             client = _Client(connection)
             with self._lock:
@@ -120,6 +119,7 @@ class SocketcandBus(can.BusABC):
             data = b""
         client.received += data
         *commands, rest = client.received.split(b">")
+        # What never ends is no command: only its end is kept.
         client.received = bytearray(rest[-_LONGEST_COMMAND:])
         for command in commands:
             self._obey(client, command.decode("ascii", "replace").strip(" <").split())

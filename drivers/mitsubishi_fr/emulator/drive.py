@@ -40,12 +40,12 @@ PARAMETERS = {
     502: 1,
     549: 1,
 }
-RUNNING_FREQUENCY_EEPROM = 40015
+RUNNING_FREQUENCY_EEPROM = 40015  # kept over power-off
 HIGHEST_SET_FREQUENCY = 40000  # 400.00 Hz
 WATCHDOG_OFF = 9999
 RAMP_ON_SILENCE = 1
-_NO_RAMP_HZ_PER_S = 1e6
-_VOLTS_PER_HZ = 200.0 / 60.0
+_NO_RAMP_HZ_PER_S = 1e6  # where Pr.7 or Pr.8 is 0
+_VOLTS_PER_HZ = 200.0 / 60.0  # constant V/f: 200 V at 60 Hz
 _MODES = {0x10: 0, fr.CHOOSE_PANEL: fr.PANEL_MODE, fr.CHOOSE_NETWORK: fr.NETWORK_MODE}
 
 
@@ -282,6 +282,7 @@ class EmulatedDrive:
     def _take_mode(self, value: int) -> ExcCodes | None:
         if value not in _MODES or self.output.at(self._now()) > 0.0:
             return ExcCodes.ILLEGAL_VALUE
+        # The watchdog counts from the first message in network operation.
         if _MODES[value] != self._mode:
             self._mode, self._last_frame_s = _MODES[value], None
         return None
@@ -304,6 +305,7 @@ class EmulatedDrive:
 
     def _put_out(self, on: bool, target_hz: float, at_s: float) -> None:
         from_hz = self.output.at(at_s) if on else 0.0
+        # Pr.7 and Pr.8 are the times from 0 to Pr.20 and back: a ramp has the slope, not the time.
         ramp = fr.ACCELERATION_TIME if target_hz > from_hz else fr.DECELERATION_TIME
         time_s = ramp.value(self._parameters[ramp.number - fr.PARAMETERS])
         reference_hz = fr.RAMP_REFERENCE.value(self._parameters[20])
@@ -321,6 +323,7 @@ class EmulatedDrive:
 
     def _indicate(self, code: int, at_s: float) -> None:
         self._run, self._tripping, self._fault = False, None, code
+        # Newest first; eight are kept.
         self._history = [code, *self._history[:-1]]
         self._put_out(False, 0.0, at_s)
 

@@ -65,7 +65,6 @@ class InverterServer:
         self._loop.call_soon_threadsafe(self._stopped.set)
 
     def close(self) -> None:
-        """Close every way in."""
         self._loop.run_until_complete(self._close())
         self._loop.close()
 
@@ -186,6 +185,7 @@ class _Wire(asyncio.Transport):
         piece = self._server.disturbance.spoil(self._request, bytes(data))
         at_s = self._loop.time() + piece.delay_s
         if self._waiting:
+            # A line keeps the order: nothing overtakes an answer that is late.
             at_s = max(at_s, self._waiting[-1][0])
         self._waiting.append((at_s, piece.data))
         self._loop.call_at(at_s, self._flush)
@@ -198,7 +198,7 @@ class _Wire(asyncio.Transport):
                 self._send(data)
 
     def close(self) -> None:
-        """Send nothing more."""
+        """Send nothing more, not even what waits."""
         self._closed = True
         self._server.forget(self)
 
@@ -211,17 +211,14 @@ class _TcpClient(asyncio.Protocol):
         self._wire: _Wire | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Give it a wire."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - a TCP server makes no other
         self._wire = self._server.new_wire(transport.write)
 
     def data_received(self, data: bytes) -> None:
-        """Hand on its bytes."""
         if self._wire is not None:
             self._wire.heard(data)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Forget it."""
         if self._wire is not None:
             self._wire.close()
 

@@ -22,7 +22,7 @@ from drivers.protocols.actuator import ActuatorOutput
 from drivers.protocols.card import Plant
 
 Output = TypeVar("Output", bound=ActuatorOutput)
-BLOCK_S = 0.025
+BLOCK_S = 0.025  # s of samples made at once
 LAG_S = 0.025  # samples are made this much after their time; news of the drive travels faster
 TRANSFER_S = 0.01  # and can be read so much later, however long it took to make them
 
@@ -71,6 +71,7 @@ class SampleBuffer:
                 lambda: self.available >= count or self._fault is not None,
                 None if timeout_s < 0 else timeout_s,
             )
+            # Overwritten while nobody read: DAQmx says so, and never hands out what is left.
             if self.available > self._ring.shape[1]:
                 text = "samples were overwritten before they were read"
                 raise DaqmxError(DAQmxErrors.SAMPLES_NO_LONGER_AVAILABLE, text)
@@ -167,6 +168,7 @@ class Acquisition:
 
     def attach(self, counter: CounterRun) -> None:
         """Let a counter follow the sample clock from its next block on."""
+        # A new tuple: the acquisition's thread may be going through the old one.
         self._counters += (counter,)
 
     @property
@@ -195,6 +197,7 @@ class Acquisition:
 
     def _run(self) -> None:
         try:
+            # What the drive did before this task began goes on, with its phase.
             self._pass_on(self._inbox.take_all())
             while not self._stop.wait(self._due_s() - self._clock.monotonic_s()):
                 self._pass_on(self._inbox.take())
@@ -202,6 +205,7 @@ class Acquisition:
                 for counter in self._counters:
                     counter.take(plant)
                 values, clipped = self._converter.convert(plant)
+                # Constant from sample to read, so that the time of arrival tells what the machine adds.
                 self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
                 with self._clipping:
                     self._clipped |= clipped

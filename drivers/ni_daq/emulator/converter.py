@@ -11,7 +11,7 @@ from scipy import signal
 
 from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, Input, Wire
 
-HALF_CODES = 2.0**23
+HALF_CODES = 2.0**23  # 24 bits, both signs
 
 
 class Converter:
@@ -49,7 +49,9 @@ class Converter:
                 codes[row] = stage(codes[row] * self._lsb[row]) / self._lsb[row]
         if self._idle.any():
             shape = (int(self._idle.sum()), plant.shape[1])
+            # A loose or shorted input still converts: its own noise, about zero.
             codes[self._idle] = self._random.normal(0.0, self._noise_v, shape) / self._lsb[self._idle]
+        # Whole codes: what two's complement of 24 bits can say, clipped at either end.
         np.rint(codes, out=codes)
         highest, lowest = codes.max(axis=1), codes.min(axis=1)
         clipped = (highest >= HALF_CODES - 1) | (lowest <= -HALF_CODES)

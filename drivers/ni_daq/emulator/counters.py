@@ -15,7 +15,7 @@ from drivers.ni_daq.emulator.wiring import CounterWire
 Measure: TypeAlias = Callable[[NDArray[np.float64]], NDArray[Any]]
 """Takes consecutive blocks of the plant's row, shape (n,), gives the counter's readings."""
 
-COUNTER_STATES = 2**32
+COUNTER_STATES = 2**32  # an NI counter has 32 bits
 _HYSTERESIS = 0.2  # of the threshold, to either side
 _COUNT_ROUNDING = 1e-6  # of a count: an angle that is a whole number of counts came from a product in floats
 
@@ -45,6 +45,7 @@ class AngleCount:
 
     def __call__(self, angle: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Return the register at each sample."""
+        # A step of the quadrature is counted where the angle passes it, in either direction.
         place = np.floor(angle * (self._per_turn / math.tau) + _COUNT_ROUNDING).astype(np.int64)
         if self._origin is None:
             self._origin = self._last = int(place[0])

@@ -1,6 +1,6 @@
 """The calls of NI's gRPC device server that continuous analog tasks and counters beside them need."""
 
-# ruff: noqa: D102, N802 - the calls are named and described by NI's nidaqmx.proto
+# ruff: noqa: N802 - the calls are named and described by NI's nidaqmx.proto
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ from drivers.ni_daq.emulator.wiring import (
 )
 from drivers.protocols.card import Plant
 
-STANDARD_GRAVITY = 9.80665
+STANDARD_GRAVITY = 9.80665  # m/s2, in which clients give sensitivities
 _DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}
-_LEAST_COUNTER_BUFFER = 10_000
+_LEAST_COUNTER_BUFFER = 10_000  # samples
 
 
 class CardServicer(DeviceCalls):
@@ -76,13 +76,13 @@ class CardServicer(DeviceCalls):
         self._lock = threading.Lock()
 
     def close(self) -> None:
-        """Stop every task."""
         with self._lock:
             for task in self._tasks.values():
                 task.stop()
 
     def CreateTask(self, request: Any, context: Any) -> Any:
         with self._lock:
+            # An empty session name asks for one that is not taken, as the real server gives.
             number = len(self._tasks)
             while (name := request.session_name or f"task{number}") in self._tasks:
                 if request.session_name:
@@ -155,6 +155,7 @@ class CardServicer(DeviceCalls):
         turn = math.tau if request.units_raw == AngleUnits.RADIANS.value else 360.0
         per_unit = request.pulses_per_rev * decoding / turn
         initial = round(request.initial_angle * per_unit)
+        # The register counts; the client's angles are turned into counts as DAQmx does.
         at_index = round(request.zidx_val * per_unit) if request.zidx_enable else None
         self._add_counter(request, lambda wire: AngleCount(wire, decoding, initial, at_index))
         return messages.CreateCIAngEncoderChanResponse()

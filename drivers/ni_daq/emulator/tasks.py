@@ -57,7 +57,6 @@ class Task:
         return [item.physical for item in self.inputs] + ([self.counter.physical] if self.counter else [])
 
     def stop(self) -> None:
-        """Stop what runs."""
         if self.acquisition is not None:
             self.acquisition.stop()
         if self.counting is not None:

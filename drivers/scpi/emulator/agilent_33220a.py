@@ -27,7 +27,7 @@ from drivers.scpi.emulator.command_tree import (
 
 IDENTITY = "Agilent Technologies,33220A,MY00000000,2.02-2.02-22-2"
 ERROR_QUEUE = 20
-SOURCE_OHM = 50.0
+SOURCE_OHM = 50.0  # of its output
 OPEN = 9.9e37
 PEAK_LIMIT_V = 10.0  # into an open circuit
 AMPLITUDE_LIMITS_VPP = (0.02, 20.0)  # into an open circuit
@@ -191,6 +191,7 @@ class Emulated33220A:
             value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._state.load_ohm)
         volts = value if self._state.unit == "VPP" else value * math.sqrt(8.0)
         vpp = volts / self._state.load_factor
+        # The amplitude wins over the offset, which moves towards 0 and is told (-221).
         room = PEAK_LIMIT_V - vpp / 2.0
         offset = min(max(self._state.offset_v, -room), room)
         moved = offset != self._state.offset_v
@@ -235,6 +236,7 @@ class Emulated33220A:
         if text not in ("INF", "INFINITY"):
             self._change(burst_count=round(self._quantity([text], {}, 1.0, 5e4, 1.0)))
             return
+        # An infinite burst cannot trigger itself; the change of source is told as -221.
         if self._state.trigger_source == "IMM":
             self._change(trigger_source="BUS")
             self.report(CommandError(-221, "infinite burst changed trigger source to BUS"))
@@ -286,6 +288,7 @@ class Emulated33220A:
             started_s=now,
             phase_rad=phase % math.tau,
         )
+        # While the output is off nobody hears of settings, and a plant is told nothing twice.
         silent = not (before.on or self._output.on)
         same = replace(before, started_s=now, phase_rad=self._output.phase_rad) == self._output
         if silent or (phase_rad is None and same):

@@ -81,7 +81,6 @@ class ScpiServer:
         os.write(self._wake_write, b"x")
 
     def close(self) -> None:
-        """Close every port."""
         for key in list(self._selector.get_map().values()):
             if key.data is not None and key.data.hang_up is not None:
                 key.data.hang_up()
