@@ -10,14 +10,14 @@ import jinja2
 from plotly.offline import get_plotlyjs
 
 from rig.report.content import Part
-from rig.report.record import RunRecord, read_run
+from rig.report.record import RunRecord
 from rig.report.scenario_facts import scenario_facts
 from rig.report.sections import SECTIONS
 
 
-def write_report(log: Path, html: Path) -> None:
-    """Write the report of the run in `log`; raises LogError, and OSError where `html` cannot be written."""
-    html.write_text(render(read_run(log)), encoding="utf-8")
+def write_report(run: RunRecord, html: Path) -> None:
+    """Write the report of a run that has been read; raises OSError where `html` cannot be written."""
+    html.write_text(render(run), encoding="utf-8")
 
 
 def render(run: RunRecord) -> str:

@@ -7,7 +7,7 @@ from math import ceil, log10
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
+from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
 from rig.report.content import Part, Sentence, Table
 from rig.report.plot import PlotGrid
 from rig.report.record import ORIGINS, RunRecord

@@ -15,6 +15,7 @@ from rerun.experimental import ViewerClient
 from daq.log.records import Event
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.view import LiveView
+from rig.stream import Block, Shape
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.live.native_viewer import needs_vulkan, shows_both, viewer
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
@@ -30,10 +31,10 @@ def live() -> Iterator[LiveView]:
     with LiveView("synthetic beam", CHANNELS, CHANNELS, BEAM) as view:
         measured, predicted = (blocks(CHANNELS, origin, 2.0) for origin in ("measured", "predicted"))
         for index, (first, second) in enumerate(zip(measured, predicted, strict=True)):
-            view.offer("measured", first)
-            view.offer("predicted", second)
-            view.offer_shape(index * 0.02, 1e-4 * np.sin(index) * np.linspace(0.0, 1.0, 20))
-        view.offer_event(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
+            view.offer(Block("measured", first))
+            view.offer(Block("predicted", second))
+            view.offer(Shape(index * 0.02, 1e-4 * np.sin(index) * np.linspace(0.0, 1.0, 20)))
+        view.offer(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
         yield view
 
 

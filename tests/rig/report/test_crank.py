@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
-from rig.crank.order_lines import TURNS
+from rig.derived.order_lines import TURNS
 from rig.derived.settings import RECORD
 from rig.files.rigs import RIGS
 from rig.report import record
@@ -31,8 +31,9 @@ from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.speed import speed_figures, speeds
 from rig.report.turning import order_lines, turns_of
+from rig.stream import Block
 from tests.rig.browser import needs_chromium
-from tests.rig.crank.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
+from tests.rig.derived.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
 from tests.rig.report import crank_run
 from tests.rig.report.test_page_in_browser import opened
 
@@ -391,9 +392,9 @@ def test_what_a_replay_hands_on_is_what_a_log_holds(run: RunRecord) -> None:
     with LogReader(run.path) as log:
         collector = RunCollector(log)
         for origin, block in log.blocks():
-            collector.block(origin, block)
+            collector(Block(origin, block))
         for impact in log.impacts():
-            collector.impact(impact)
+            collector(impact)
         again = collector.record()
     assert again.impacts == run.impacts
     assert np.array_equal(again.speeds["measured"].values, run.speeds["measured"].values, equal_nan=True)

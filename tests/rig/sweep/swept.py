@@ -16,8 +16,9 @@ from rig.files.model_file import ModelFile
 from rig.files.sweep import Sweep, parse_sweep
 from rig.session.progress import Screen
 from rig.session.run import RunRequest
-from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
-from rig.session.sweep.state import SweepState
+from rig.stream import Block
+from rig.sweep.execute import Centre, SweepRequest, begun, run_sweep
+from rig.sweep.state import SweepState
 from tests.rig.session.fakes import silent_screen
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
@@ -72,8 +73,8 @@ def write(log: Path, code: str, request: RunRequest) -> None:
         writer.add_event(Event(START_NS + NS_PER_S, "info", "rig", code, "drive as it was"))
         for block in blocks(CHANNELS, "measured", 0.1):
             writer.add_block("measured", block, block.time_ns)
-            if request.enough is not None and block.channel == CHANNELS[-1].name:
-                request.enough(dict.fromkeys((c.name for c in CHANNELS), block.values))
+            for consume in request.consumers:
+                consume(Block("measured", block))
 
 
 @dataclasses.dataclass

@@ -12,7 +12,7 @@ _FEWEST, _MOST = 800, 2_500
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class DisplayedChannels:
     """Channels of all origins, drawn in their order.
 
     `units` has the unit of every channel, in the order of the views. `window_s` is how much of the newest

@@ -1,59 +1,38 @@
-"""The sink that derives: it takes what was measured and predicted and hands on what follows from it."""
+"""What follows from the records of a stream, and which channels that makes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Protocol
+from collections.abc import Iterable, Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
-from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.derived_names import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, derived_name
 from daq.log.reader import Origin
-from daq.log.records import Event, Impact
-from rig.derived.origin import OriginDeriver
+from rig.derived.per_source import OriginDeriver
 from rig.derived.reference import nominal_of
 from rig.derived.roles import DRIVE, reference_of, role_of
 from rig.derived.settings import RECORD, Settings, as_record
 from rig.files.scenario import Scenario
+from rig.stream import Block, Consumer, Metadata, Record
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 
 
-class Onward(Protocol):
-    """Who gets what is derived: a hub of the other sinks."""
-
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Take a block."""
-        ...
-
-    def impact(self, impact: Impact) -> None:
-        """Take an impact."""
-        ...
-
-
-Note = Callable[[str, Mapping[str, str]], None]
-
-
-class DerivedSink:
+class Derivation:
     """Derives each origin by itself, in the thread that brings the blocks; one thread at a time.
 
     `channels` are those of each origin. `known` is what a log says was settled when it was recorded; what it
-    does not say is settled by the rule, and told by `note` as a metadata record.
+    does not say is settled by the rule, and published as a metadata record.
     """
 
     def __init__(
         self,
-        onward: Onward,
+        publish: Consumer,
         channels: Mapping[Origin, Iterable[str]],
         scenario: Scenario | None,
         known: Mapping[str, Settings] | None = None,
-        note: Note = lambda name, record: None,
     ) -> None:
         nominal = None if scenario is None else nominal_of(scenario)
-        self._onward, self._note = onward, note
+        self._publish = publish
         self._known = dict(known or {})
         self._derivers = {
             origin: OriginDeriver(origin, channels[origin], nominal, self._known.get(origin))
@@ -61,38 +40,23 @@ class DerivedSink:
             if origin in channels
         }
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Derive from a block."""
-        deriver = self._derivers.get(origin)
-        if deriver is not None:
-            deriver.add(block, self._emit)
-            self._tell(origin, deriver)
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block(origin, samples) if origin in self._derivers:
+                self._derivers[origin].add(samples, self._publish)
+                self._tell(origin)
 
     def finish(self) -> None:
-        """Hand on what waits for more: no more will come."""
+        """Publish what waits for more: no more will come."""
         for origin, deriver in self._derivers.items():
-            deriver.finish(self._emit)
-            self._tell(origin, deriver)
+            deriver.finish(self._publish)
+            self._tell(origin)
 
-    def event(self, event: Event) -> None:
-        """Nothing follows from an event."""
-
-    def impact(self, impact: Impact) -> None:
-        """Nothing follows from an impact."""
-
-    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
-        """Nothing follows from a shape."""
-
-    def _tell(self, origin: Origin, deriver: OriginDeriver) -> None:
-        if deriver.settings is not None and origin not in self._known:
-            self._known[origin] = deriver.settings
-            self._note(RECORD, as_record(self._known))
-
-    def _emit(self, found: SampleBlock | Impact) -> None:
-        if isinstance(found, SampleBlock):
-            self._onward.block("derived", found)
-        else:
-            self._onward.impact(found)
+    def _tell(self, origin: Origin) -> None:
+        settings = self._derivers[origin].settings
+        if settings is not None and origin not in self._known:
+            self._known[origin] = settings
+            self._publish(Metadata(RECORD, as_record(self._known)))
 
 
 def derived_channels(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.angle.marker import Marks, MarkTracker, crank_angle
 from daq.block import SampleBlock
 from daq.signals.even_angles import angle_turns, smooth_turns
-from rig.crank.recent import Recent
+from rig.derived.last_seconds import LastSeconds
 
 KEPT_S = 6.0
 """Turns reach so far back; three revolutions, which a marker takes to be believed, at 30 rpm."""
@@ -54,8 +54,8 @@ class EncoderTurns:
     def __init__(self, channel: str) -> None:
         self.channel = channel
         self.known_until = 0
-        self._raw = Recent(KEPT_S)
-        self._turns = Recent(KEPT_S)
+        self._raw = LastSeconds(KEPT_S)
+        self._turns = LastSeconds(KEPT_S)
         self._begin = 0  # of the samples without a hole
 
     def add(self, block: SampleBlock) -> None:
@@ -64,7 +64,7 @@ class EncoderTurns:
             return
         if block.first_sample != self._raw.end_sample:
             self._begin = self.known_until = block.first_sample
-            self._raw = Recent(KEPT_S)
+            self._raw = LastSeconds(KEPT_S)
         self._raw.add(block)
         half = max(round(_SMOOTHED_S * block.sample_rate / 2), 2)
         end = block.end_sample - half

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.crank.turns import EncoderTurns, MarkerTurns, Turns, turns_from
-from tests.rig.crank.turning import COUNTS, RATE, encoder_rad, in_blocks, marker_v, turns
+from rig.derived.turns import EncoderTurns, MarkerTurns, Turns, turns_from
+from tests.rig.derived.turning import COUNTS, RATE, encoder_rad, in_blocks, marker_v, turns
 
 
 def followed(follower: Turns, values: NDArray[np.floating], length: int = 2560) -> Turns:

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from daq.signals.even_angles import EvenAngles
 from daq.signals.orders import order_map
-from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
+from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
 from tests.daq.signals.cuts import to_even_angles
-from tests.rig.crank.turning import RATE, turns
+from tests.rig.derived.turning import RATE, turns
 
 FAST_HZ = 20.0
 """At 1200 rpm a second has the turns that a spectrum needs."""

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.session.sweep.impact_count import ImpactCount
+from daq.block import SampleBlock
+from rig.stream import Block
+from rig.sweep.execute import ImpactCount
 
 RATE = 51_200.0
 CYCLE_S = 0.05
@@ -30,11 +32,18 @@ def forces(
     return {name: values.astype(np.float32) for name, values in found.items()}
 
 
+def take(count: ImpactCount, values: dict[str, NDArray[np.float32]]) -> bool:
+    """Whether there are enough after the next samples of each channel."""
+    for name, row in values.items():
+        count(Block("measured", SampleBlock(name, 0, 0, RATE, row)))
+    return count.enough()
+
+
 def ends_at(count: ImpactCount, record: dict[str, NDArray[np.float32]], block: int) -> int | None:
     """The sample at whose block's end there were enough; None if never."""
     length = len(record[UPPER])
     for first in range(0, length, block):
-        if count({name: values[first : first + block] for name, values in record.items()}):
+        if take(count, {name: values[first : first + block] for name, values in record.items()}):
             return min(first + block, length)
     return None
 
@@ -77,4 +86,4 @@ def test_noise_holds_no_impact() -> None:
     count = ImpactCount((UPPER,), 1, RATE, CYCLE_S)
     rng = np.random.default_rng(8)
     for _ in range(60):
-        assert not count({UPPER: (0.05 * rng.standard_normal(51_200)).astype(np.float32)})
+        assert not take(count, {UPPER: (0.05 * rng.standard_normal(51_200)).astype(np.float32)})

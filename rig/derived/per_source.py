@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,15 @@ from daq.angle.crank_cycles import MarkerCycles
 from daq.block import BLIND, SampleBlock, sample_time_ns
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
-from daq.log.records import Impact
-from rig.derived.figures import CycleFigures
 from rig.derived.impacts import ImpactWatch
 from rig.derived.reference import Nominal, cycles_of, first_look
 from rig.derived.roles import DRIVE, reference_of, role_of
+from rig.derived.series import CrankSpeed, CycleFigures
 from rig.derived.settings import Settings, settled
-from rig.derived.speed import CrankSpeed
+from rig.stream import Consumer
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
-
-Emit = Callable[[SampleBlock | Impact], None]
 
 
 class OriginDeriver:
@@ -54,31 +51,31 @@ class OriginDeriver:
         self._next: dict[str, int] = {}
         self._ready = False
 
-    def add(self, block: SampleBlock, emit: Emit) -> None:
+    def add(self, block: SampleBlock, publish: Consumer) -> None:
         """Take the next block of a channel; one that nothing is derived from may lie on another grid."""
         if block.channel not in self._ends and not role_of(block.channel).has_figures:
             return
         if self._ready:
-            self._derive(block, emit)
+            self._derive(block, publish)
             return
         self._waiting.append(block)
         if block.channel in self._ends:
             self._ends[block.channel] = block.end_sample
         if self.settings is not None or self._seen_enough(block):
-            self._set_up(emit)
+            self._set_up(publish)
 
-    def finish(self, emit: Emit) -> None:
+    def finish(self, publish: Consumer) -> None:
         """No more blocks will come."""
         if not self._ready and self._waiting:
-            self._set_up(emit)
+            self._set_up(publish)
         if self._cycles is not None:
             self._cycles.finish()
         if self._speed is not None:
-            self._speed.finish(emit)
+            self._speed.finish(publish)
         for figures in self._figures.values():
-            figures.finish(emit)
+            figures.finish(publish)
         for impacts in self._impacts.values():
-            impacts.finish(emit)
+            impacts.finish(publish)
 
     def _seen_enough(self, block: SampleBlock) -> bool:
         needed = round(self._settle_s * block.sample_rate)
@@ -88,13 +85,13 @@ class OriginDeriver:
     def _settle_s(self) -> float:
         return self._nominal.settle_s if self._nominal is not None else 1.0
 
-    def _set_up(self, emit: Emit) -> None:
+    def _set_up(self, publish: Consumer) -> None:
         if self.settings is None:
             self.settings = self._settle()
         self._ready = True
         waiting, self._waiting = self._waiting, []
         for block in waiting:
-            self._derive(block, emit)
+            self._derive(block, publish)
 
     def _settle(self) -> Settings:
         seen = {name: self._first_seconds(name) for name in self._watched}
@@ -113,7 +110,7 @@ class OriginDeriver:
             values[block.first_sample : block.end_sample] = block.values[: end - block.first_sample]
         return values
 
-    def _derive(self, block: SampleBlock, emit: Emit) -> None:
+    def _derive(self, block: SampleBlock, publish: Consumer) -> None:
         name = block.channel
         expected = self._next.get(name)
         if expected is None:
@@ -125,11 +122,11 @@ class OriginDeriver:
         if name == self._reference and self._cycles is not None:
             self._cycles.add(block.first_sample, block.values, not block.flags & BLIND)
             if self._speed is not None:
-                self._speed.add(block, emit)
+                self._speed.add(block, publish)
         if name in self._figures:
-            self._figures[name].add(block, emit)
+            self._figures[name].add(block, publish)
         if name in self._impacts:
-            self._impacts[name].add(block, emit)
+            self._impacts[name].add(block, publish)
 
     def _begin(self, name: str, block: SampleBlock) -> None:
         """Set up what is derived from a channel, of which this is the first block."""

@@ -14,13 +14,15 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S
+from daq.log.reader import LogReader
 from daq.log.records import Impact
 from daq.log.writer import LogWriter
+from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
-from rig.session.sweep.page import headings_of, rows_of, write_page
-from rig.session.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, figures_of, write_results
-from rig.session.sweep.state import SCHEMA, PointState, SweepState
-from tests.rig.session.sweep.swept import parsed
+from rig.sweep.page import headings_of, rows_of, write_page
+from rig.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, outcome_of, write_results
+from rig.sweep.state import SCHEMA, PointState, SweepState
+from tests.rig.sweep.swept import parsed
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
 FREQUENCIES = '"drive.frequency" = ["9 Hz", "10 Hz", "11 Hz"]'
@@ -66,6 +68,10 @@ def unpacked(array: dict[str, str]) -> list[float]:
     return [float(each) for each in np.frombuffer(base64.b64decode(array["bdata"]), "<f4")]
 
 
+def figures_of(log: Path, scenario: Scenario) -> dict[str, float]:
+    return outcome_of(log, scenario)[1]
+
+
 def test_a_record_comes_to_its_impacts_and_to_what_its_drive_was_held_to(tmp_path: Path) -> None:
     seen = [impact("contact.force_upper", 30.0), impact("contact.force_lower", 34.0)]
     other = [impact("yoke.force", 90.0), impact("contact.force_upper", 70.0, "predicted")]
@@ -76,6 +82,14 @@ def test_a_record_comes_to_its_impacts_and_to_what_its_drive_was_held_to(tmp_pat
     assert (figures[PEAK_MEAN], figures[PEAK_SD]) == (32.0, 2.0)
     # the made-up drive has 8 N in noise of 0.02 N
     assert figures[HELD[0]] == pytest.approx(20.0, rel=1e-5)
+
+
+def test_a_log_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, read = record(tmp_path / "run.mcap", [impact("contact.force_upper", 30.0)]), list[LogReader]()
+    enter = LogReader.__enter__
+    monkeypatch.setattr(LogReader, "__enter__", lambda reader: (read.append(reader), enter(reader))[1])
+    outcome_of(log, parsed().points[1].scenario)
+    assert len(read) == 1
 
 
 def test_a_record_in_which_nobody_looked_for_impacts_has_none_and_no_number_of_them(tmp_path: Path) -> None:

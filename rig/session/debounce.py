@@ -8,7 +8,7 @@ BACK_S = 0.15
 """How long it must be gone to count as over: more than two of a card's readings, which come every 0.1 s."""
 
 
-class Held:
+class Debounced:
     """Tells whether something has held for `hold_s`.
 
     It is over once it has been gone for 0.15 s, or once readings of which none showed it have lasted for

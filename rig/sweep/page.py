@@ -16,8 +16,8 @@ from rig.files.sweep_axes import Axis, numbers_of
 from rig.report.content import Figure, Part, Sentence, Table
 from rig.report.page import page
 from rig.report.plot import PlotGrid
-from rig.session.sweep.results import A_CYCLE, HELD, PEAK_MEAN, PEAK_SD, impacts_recorded
-from rig.session.sweep.state import PointState, SweepState, write_whole
+from rig.sweep.results import A_CYCLE, HELD, PEAK_MEAN, PEAK_SD, impacts_recorded
+from rig.sweep.state import PointState, SweepState, write_whole
 
 PAGE: Final = "sweep.html"
 _ROW_PX: Final = 240

@@ -12,7 +12,7 @@ from rig.files.bench import embedded_bench, parse_bench
 from rig.files.rigs import RIGS
 from rig.files.sweep import Sweep
 from rig.session.drive import RAMP_S
-from rig.session.sweep.plan import (
+from rig.sweep.plan import (
     AROUND_S,
     bytes_of,
     check_points,
@@ -22,7 +22,7 @@ from rig.session.sweep.plan import (
     steps_of,
 )
 from tests.rig.files.faulty import only_problem, problems_of
-from tests.rig.session.sweep.swept import AXES, SCENARIO, parsed
+from tests.rig.sweep.swept import AXES, SCENARIO, parsed
 
 EMBEDDED_BENCH = RIGS["impact_beam"].bench
 

@@ -12,15 +12,14 @@ from typing import Final
 
 import numpy as np
 
-from daq.derived_names import CRANK_SPEED
-from daq.log.reader import LogReader
 from rig.derived.settings import RECORD
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
-from rig.report.summary import summarise
-from rig.session.frequency import FrequencySink
-from rig.session.sweep.state import PointState, SweepState, write_whole
+from rig.report.record import RunRecord, read_run
+from rig.report.summary import summary_of
+from rig.session.frequency import OFF, UNKNOWN, FrequencyCheck
+from rig.sweep.state import PointState, SweepState, write_whole
 
 TABLE: Final = "points.csv"
 
@@ -29,18 +28,24 @@ HELD: Final = ("drive held [Hz]", "speed held [rpm]")
 IMPACTS: Final = "impacts recorded"
 A_CYCLE: Final = "impacts a cycle"
 PEAK_MEAN, PEAK_SD = "impact peak mean", "impact peak sd"
+_FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
+"""Codes of events that say of a complete record that its drive was not as asked for."""
 
 
-def figures_of(log: Path, scenario: Scenario) -> dict[str, float]:
-    """Figures of a point's record by names that hold the unit; none that is not finite.
+def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
+    """Read a point's complete log once: why it is not what the sweep asked for, or nothing, and its figures.
 
-    What the drive was held to, impacts on the rig's contact forces (elsewhere on the channel that shows most
-    of them) and their peaks in its unit, statistics of the peaks of half cycles where it has contact forces,
-    then rms and peak of each channel.
+    Those by names that hold the unit, none that is not finite: what the drive was held to, impacts on the
+    rig's contact forces (elsewhere on the channel that shows most of them) and their peaks in its unit,
+    statistics of the peaks of half cycles where it has contact forces, then rms and peak of each channel.
     """
-    summary = summarise(log)
-    with LogReader(log) as reader:
-        figures = _held(reader, scenario) | _impacts(reader, scenario, summary.duration_s)
+    sine = RIGS[scenario.rig].sine
+    hertz = None if sine is None else sine.hertz(scenario.drive)
+    check = None if sine is None or hertz is None else FrequencyCheck(sine.channel, hertz)
+    run = read_run(log, [] if check is None else [check])
+    summary = summary_of(run)
+    figures = {HELD[0]: check.result().measured} if check is not None else _speed_held(run)
+    figures |= _impacts(run, scenario, summary.duration_s)
     if summary.measured_peaks is not None:
         peaks = dataclasses.asdict(summary.measured_peaks)
         figures |= {"half_cycles": peaks.pop("count"), **peaks}
@@ -48,33 +53,23 @@ def figures_of(log: Path, scenario: Scenario) -> dict[str, float]:
         if channel.measured is not None:
             figures[f"{channel.name} rms [{channel.unit}]"] = channel.measured.rms
             figures[f"{channel.name} peak [{channel.unit}]"] = channel.measured.peak
-    return {name: float(value) for name, value in figures.items() if math.isfinite(value)}
+    why = "; ".join(event.text for event in run.events if event.code in _FAILS)
+    return why, {name: float(value) for name, value in figures.items() if math.isfinite(value)}
 
 
-def _held(log: LogReader, scenario: Scenario) -> dict[str, float]:
-    """Frequency of the whole recorded drive, or mean speed of the recorded crank."""
-    kind = RIGS[scenario.rig]
-    hertz = None if kind.sine is None else kind.sine.hertz(scenario.drive)
-    if kind.sine is not None and hertz is not None:
-        drive = [block for _, block in log.blocks("measured", [kind.sine.channel])]
-        if not drive:
-            return {}
-        seen = FrequencySink(kind.sine.channel, hertz, drive[0].sample_rate)
-        for block in drive:
-            seen.block("measured", block)
-        return {HELD[0]: seen.result().measured}
-    speeds = [block.values for _, block in log.blocks("derived", [CRANK_SPEED])]
-    rpm = np.concatenate(speeds, dtype=np.float64) if speeds else np.empty(0)
-    rpm = rpm[np.isfinite(rpm)]
+def _speed_held(run: RunRecord) -> dict[str, float]:
+    """Mean speed of the recorded crank."""
+    speed = run.speeds.get("measured")
+    rpm = np.empty(0) if speed is None else speed.values[np.isfinite(speed.values)].astype(np.float64)
     return {HELD[1]: float(rpm.mean())} if len(rpm) else {}
 
 
-def _impacts(log: LogReader, scenario: Scenario, duration_s: float) -> dict[str, float]:
+def _impacts(run: RunRecord, scenario: Scenario, duration_s: float) -> dict[str, float]:
     """Nothing where the log does not say that impacts were looked for."""
-    if RECORD not in log.metadata:
+    if RECORD not in run.metadata:
         return {}
     kind = RIGS[scenario.rig]
-    seen = [impact for impact in log.impacts() if impact.origin == "measured"]
+    seen = [impact for impact in run.impacts if impact.origin == "measured"]
     on = kind.contacts
     if not on:
         on = tuple(channel for channel, _ in Counter(impact.channel for impact in seen).most_common(1))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock
 
 
-class Recent:
+class LastSeconds:
     """Blocks of one channel that reach back `seconds`; samples that never came are NaN."""
 
     def __init__(self, seconds: float) -> None:

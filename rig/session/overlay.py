@@ -5,44 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from daq.block import SampleBlock, sample_time_ns
+from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log.codec import decode_block
 from daq.log.reader import LogReader, Origin
 from daq.log.records import Gap, Impact
 from daq.log.writer import LogWriter
+from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
-from rig.derived.sink import DerivedSink, derived_channels
-from rig.files.model_file import load_model, parse_model
-from rig.files.scenario import Scenario, parse_scenario
-from rig.twin.alignment import Alignment
+from rig.files.model_file import load_model
+from rig.files.scenario import Scenario
+from rig.stream import Block, Consumer, Metadata, Record
+from rig.twin.logged import align_to, followed_scenario
 from rig.twin.matched_twin import with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import removed_if_it_fails, twin_record
-from rig.twin.rigs import kind_of
-from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects, with_effects_of
+from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
 from sim_twin.twin import AnyTwin
-
-DWELLS = "dwells"
-"""Key of the `run` record under which a log says that it has several speeds, and which."""
-
-
-def scenario_of(log: LogReader) -> Scenario:
-    """The scenario that a log holds; raises LogError where there is none."""
-    if not log.scenario:
-        raise LogError(f"{log.path}: no scenario in it; rattle cannot know what was run")
-    return parse_scenario(log.scenario, f"scenario in {log.path}")
-
-
-def followed_scenario(log: LogReader) -> Scenario:
-    """The scenario that a twin can follow; raises LogError also where the log has several speeds."""
-    dwells = log.metadata.get("run", {}).get(DWELLS)
-    if dwells:
-        raise LogError(
-            f"{log.path}: recorded at several speeds ({dwells}), which no twin follows; see rattle skew"
-        )
-    return scenario_of(log)
 
 
 def overlay_run(
@@ -81,43 +61,25 @@ def overlay_run(
             derived.finish()
 
 
-def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
-    """The twin that made the log's predictions: with the effects and the model that its record names."""
-    twin, record = twin_of(scenario, log.channels("measured")), log.metadata.get("twin", {})
-    if "model" in record:
-        fitted = parse_model(record["model"], f"model in {log.path}", scenario.rig)
-        twin = with_model(twin, fitted, lambda _: None)  # it was told when the prediction was made
-    return with_effects_of(twin, record.get("effects", "[]"), f"effects in {log.path}")
+def _copied_to(copy: LogWriter) -> Consumer:
+    """Writes what is derived; a block is in the log as if the host had it when it ends."""
 
+    def write(record: Record) -> None:
+        match record:
+            case Block(origin, samples):
+                end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
+                copy.add_block(origin, samples, end_ns)
+            case Impact():
+                copy.add_impact(record, record.time_ns)
+            case Metadata(name, values):
+                copy.add_metadata(name, values)
 
-def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
-    """Phase and mean frequency that the log's reference channel shows (within its first `until_s`)."""
-    measured = log.channels("measured")
-    reference = kind_of(twin).reference(measured)
-    if reference.channel not in measured:
-        return kind_of(twin).untouched(twin.drive)
-    if until_s is not None:
-        until_s = max(until_s, reference.cycles / kind_of(twin).untouched(twin.drive).frequency)
-    seen = log.series("measured", reference.channel, end_s=until_s)
-    return reference.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)
-
-
-class _Derived:
-    """Writes what is derived."""
-
-    def __init__(self, copy: LogWriter) -> None:
-        self._copy = copy
-
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        self._copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), block.sample_rate))
-
-    def impact(self, impact: Impact) -> None:
-        self._copy.add_impact(impact, impact.time_ns)
+    return write
 
 
 def _derivation(
     log: LogReader, copy: LogWriter, scenario: Scenario, twins: Mapping[Origin, AnyTwin]
-) -> DerivedSink:
+) -> Derivation:
     """What follows from samples in `copy`, by what the run settled of the measured; declares its channels."""
     measured = log.channels("measured")
     channels: dict[Origin, list[Channel]] = {"measured": list(measured.values())}
@@ -130,14 +92,14 @@ def _derivation(
         if origin == "measured"
     }
     names = {origin: [channel.name for channel in each] for origin, each in channels.items()}
-    return DerivedSink(_Derived(copy), names, scenario, known, copy.add_metadata)
+    return Derivation(_copied_to(copy), names, scenario, known)
 
 
 def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:
     return [channel for channel in predicted_channels(twin) if channel.name in measured]
 
 
-def _copy(log: LogReader, copy: LogWriter, derived: DerivedSink) -> None:
+def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
     """Everything but an earlier prediction and what was derived, message by message as it was."""
     for name, record in log.metadata.items():
         if name not in ("twin", "derived"):
@@ -148,7 +110,7 @@ def _copy(log: LogReader, copy: LogWriter, derived: DerivedSink) -> None:
     for message in log.messages({f"/measured/{name}" for name in log.channels("measured")}):
         block = decode_block(message.topic.removeprefix("/measured/"), message.data)
         copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
-        derived.block("measured", block)
+        derived(Block("measured", block))
     for gap in ledger:
         copy.add_gap(gap, gap.time_ns)
     for event in log.events():
@@ -172,7 +134,7 @@ def _nominal_record(log: LogReader, twins: Mapping[Origin, AnyTwin]) -> dict[str
 
 
 def _predict(
-    log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin, derived: DerivedSink
+    log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin, derived: Derivation
 ) -> None:
     measured = log.channels("measured")
     wanted = _predicted_of(twin, measured)
@@ -187,4 +149,4 @@ def _predict(
     for block in aligned.blocks(reference.end_sample, start_ns):
         if block.channel in names:
             copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), rate))
-            derived.block(origin, block)
+            derived(Block(origin, block))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import secrets
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
-from daq.log.reader import LogReader
+from daq.signals.impact_events import BounceGrouper, ImpactDetector
+from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
 from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.model_file import ModelFile
@@ -21,15 +21,14 @@ from rig.files.scenario import Scenario, parse_scenario
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import with_values
 from rig.files.toml_text import toml_of
-from rig.session.devices import Devices
-from rig.session.frequency import OFF, UNKNOWN
+from rig.session.devices import Connect
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
-from rig.session.sweep.impact_count import ImpactCount
-from rig.session.sweep.plan import Move, Step, lasting, steps_of
-from rig.session.sweep.results import figures_of, write_results
-from rig.session.sweep.state import (
+from rig.stream import Block, Record
+from rig.sweep.plan import Move, Step, lasting, steps_of
+from rig.sweep.results import outcome_of, write_results
+from rig.sweep.state import (
     SCHEMA,
     CentreState,
     PointState,
@@ -40,11 +39,12 @@ from rig.session.sweep.state import (
     save_state,
 )
 
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 Run = Callable[[RunRequest, Screen, Clock], Path]
 Centre = Callable[[Scenario, Bench, Screen], CentreState]
-_FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
-"""Codes of events that say of a complete record that its drive was not as asked for."""
+
+
+BOUNCES_WITHIN = 0.25
+"""Of a cycle of the drive: what touches the same side again so soon is a bounce of the same impact."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -148,22 +148,23 @@ class _Sweeping:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
             come_to = self._centred(point)
             scenario = come_to.scenario
-            enough = self._enough(scenario)
+            counted = self._counted(scenario)
             folder = self._request.folder / f"point-{point.number:04d}"
             asked = RunRequest(
                 scenario,
                 self._bench,
-                lambda stack, to: self._request.connect(scenario, self._bench, stack, to),
+                self._request.connect,
                 folder,
                 self._request.live,
                 self._request.model,
-                enough,
+                () if counted is None else (counted,),
+                (lambda: False) if counted is None else counted.enough,
                 view_stays=last,
                 path=come_to.path,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)
-            impacts = None if enough is None else enough.count
+            impacts = None if counted is None else counted.count
             self._record(point, log, impacts)
             stop.check()
 
@@ -171,9 +172,13 @@ class _Sweeping:
         return _Told(lambda ended: self._keep(self._state.with_point(number, ended)), number)
 
     def _record(self, point: Point, log: Path, impacts: int | None) -> None:
-        number, until, why = point.number, self._request.sweep.until, "; ".join(_failures(log))
+        number, until, (why, figures) = (
+            point.number,
+            self._request.sweep.until,
+            outcome_of(log, point.scenario),
+        )
         name = str(log.relative_to(self._request.folder))
-        ended = PointState("failed" if why else "done", name, why, impacts, figures_of(log, point.scenario))
+        ended = PointState("failed" if why else "done", name, why, impacts, figures)
         self._keep(self._state.with_point(number, ended))
         write_results(self._request.folder, self._request.sweep, self._state)
         if why:
@@ -192,7 +197,7 @@ class _Sweeping:
         path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)
         return dataclasses.replace(point, scenario=centred(point.scenario, found), path=path)
 
-    def _enough(self, scenario: Scenario) -> ImpactCount | None:
+    def _counted(self, scenario: Scenario) -> ImpactCount | None:
         until = self._request.sweep.until
         if until is None:
             return None
@@ -234,7 +239,46 @@ def centred(scenario: Scenario, found: CentreState) -> Scenario:
     return parse_scenario(toml_of(table), f"{scenario.name}, centred")
 
 
-def _failures(log: Path) -> Iterator[str]:
-    """What in a complete log says that its point was not what the sweep asked for."""
-    with LogReader(log) as reader:
-        yield from (event.text for event in reader.events() if event.code in _FAILS)
+class ImpactCount:
+    """A consumer that counts impacts on several measured forces together, each with its bounces.
+
+    An impact counts if its largest peak passes `above` (in the channels' unit) or, where that is None, a
+    tenth of the largest so far, at least 0.5 N. `cycle_s` is a cycle of the drive.
+    """
+
+    def __init__(
+        self,
+        channels: Sequence[str],
+        enough: int,
+        sample_rate: float,
+        cycle_s: float,
+        above: float | None = None,
+    ) -> None:
+        self._enough, self._above = enough, above
+        level = FAINTEST_N if above is None else above
+        within_s = BOUNCES_WITHIN * cycle_s
+        self._sides = {
+            channel: (
+                ImpactDetector(Levels(level, level / 2), sample_rate),
+                BounceGrouper(sample_rate, within_s),
+            )
+            for channel in channels
+        }
+        self._peaks: list[float] = []
+
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("measured", samples) if samples.channel in self._sides:
+                detector, grouper = self._sides[samples.channel]
+                found = detector.add(samples.values)
+                self._peaks += grouper.add(found, detector.settled).peak_n.tolist()
+
+    def enough(self) -> bool:
+        """Whether there are enough; an impact counts once no bounce of it can follow."""
+        return self.count >= self._enough
+
+    @property
+    def count(self) -> int:
+        """Impacts that are over."""
+        least = self._above if self._above is not None else COUNTS_FROM * max(self._peaks, default=0.0)
+        return sum(peak > least for peak in self._peaks)
