@@ -4,7 +4,7 @@ OpenBLAS has kernels for many processors and numba can compile for older ones, s
 others would: `OPENBLAS_CORETYPE`, `NUMBA_CPU_NAME`, numpy's own vector code, one BLAS thread or two.
 Structures and first peaks are compared under every combination, modes relative to the largest entry of each
 row; diagnoses under three that share nothing. `--tests` runs the numerical tests under six that pair every
-kernel with two codes.
+kernel with two codes, and twice with the last bits of every motion moved.
 
 Usage: python -m benchmarks.processors [--samples FOLDER] [--tests]
 """
@@ -30,6 +30,11 @@ from sim_twin.diagnosis.draw import Draw, Observed
 BARS = {"structures": 1e-10, "first_peaks": 1e-6}
 PROBABILITY_BAR = 0.05
 _TOGETHER = 8  # rigs simulated at once
+_PYTEST = (sys.executable, "-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile")
+_OF_TWO_PROCESSES = (
+    "tests/sim_twin/ensembles/test_simulate.py::test_a_worker_process_gives_the_bits_of_this_one"
+)
+"""Last bits are moved in one of them."""
 _NUMERICAL = ("tests/sim_twin", "tests/daq", "tests/rig")
 _NEWER_THAN = {
     "Nehalem": ("X86_V3", "X86_V4", "AVX512_ICL", "AVX512_SPR"),
@@ -116,7 +121,7 @@ def structures() -> dict[str, list[float]]:
 
 
 def first_peaks() -> dict[str, list[float]]:
-    """Time (s) and force (N) of the very first contacts of the reference values, of all three rigs."""
+    """Time (s) and force (N) of the very first contacts, before chaos acts, of all three rigs."""
     from benchmarks.reference_values import RATE, TABLE, first_contact
     from sim_twin.rigs.crank_drive import SpeedDrive
     from sim_twin.rigs.planar_slider_crank import model as planar
@@ -127,11 +132,14 @@ def first_peaks() -> dict[str, list[float]]:
     found = {f"beam, {row.frequency} Hz, {row.g_mm} mm": list(first_contact(row, RATE)) for row in TABLE}
     crank = of_planar(planar.nominal(), SpeedDrive(200 * np.pi / 30), 0.0, 0.01)
     spatial = of_spatial(SpatialSliderCrank(), SpeedDrive(230 * np.pi / 30), 0.0, 0.03)
-    for name, motion in (("planar crank", crank), ("spatial crank", spatial)):
+    for name, motion, contacts in (
+        ("planar crank, joint", crank, (0, 1)),
+        ("spatial crank, socket", spatial, (8,)),
+    ):
         episodes = motion.advance(2).episodes
-        for contact in np.unique(episodes[:, 1]):
+        for contact in contacts:
             first = episodes[episodes[:, 1] == contact][0]
-            found[f"{name}, contact {contact:.0f}"] = [first[0], first[3]]
+            found[f"{name} {contact + 1}"] = [first[0], first[3]]
     return found
 
 
@@ -207,20 +215,13 @@ def _run_tests() -> bool:
     holds = True
     for processor in PAIRS:
         print(f"tests as on {processor}", flush=True)
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-n",
-            "auto",
-            "--dist",
-            "loadfile",
-            "-m",
-            "not alone",
-            *_NUMERICAL,
-        ]
+        command = [*_PYTEST, "-m", "not alone", *_NUMERICAL]
         holds &= subprocess.run(command, env=processor.environment(), check=False).returncode == 0  # noqa: S603
+    for seed in ("1", "2"):
+        print(f"tests with last bits moved, seed {seed}", flush=True)
+        moved = [*_PYTEST, "-p", "tests.last_bits", f"--deselect={_OF_TWO_PROCESSES}", "tests/sim_twin"]
+        given = {**os.environ, "LAST_BITS": seed}
+        holds &= subprocess.run(moved, env=given, check=False).returncode == 0  # noqa: S603
     return holds
 
 
