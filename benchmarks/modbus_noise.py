@@ -21,9 +21,8 @@ from functools import partial
 from multiprocessing.connection import Connection
 
 from daq.errors import InstrumentError
-from drivers.mitsubishi_fr.emulator.drive import InverterSetup
+from drivers.mitsubishi_fr.emulator.drive import NO_LOAD_A, InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
-from drivers.mitsubishi_fr.emulator.load import NO_LOAD_A
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
 from drivers.mitsubishi_fr.inverter import FrInverter
 from drivers.mitsubishi_fr.settings import InverterSettings

@@ -6,6 +6,7 @@ import time
 from typing import Protocol
 
 _LOOKS = 5
+"""At both clocks: a thread that lost the processor between two readings shows in how long its look took."""
 
 
 class Clock(Protocol):
@@ -19,29 +20,28 @@ class Clock(Protocol):
         """Seconds that never step back; the same zero for all processes of the machine."""
         ...
 
-    def sleep(self, seconds: float) -> None:
-        """Wait."""
-        ...
+    def sleep(self, seconds: float) -> None: ...
 
 
 class SystemClock:
     """The machine's own clocks."""
 
     def unix_ns(self) -> int:
-        """Nanoseconds since the Unix epoch."""
         return time.time_ns()
 
     def monotonic_s(self) -> float:
-        """Seconds of the monotonic clock."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
         time.sleep(seconds)
 
 
 def wall_less_monotonic_ns(clock: Clock) -> int:
-    """What the wall clock is ahead of the monotonic one now, by the quickest of some looks at both."""
+    """What the wall clock is ahead of the monotonic one now, by the quickest of some looks at both.
+
+    Turns a stamp of a device that knows the wall clock into the time in which everything else is measured; to
+    be asked for anew each time, for a time service slews and an operator steps the wall clock.
+    """
 
     def look() -> tuple[float, int]:
         before_s, wall_ns, after_s = clock.monotonic_s(), clock.unix_ns(), clock.monotonic_s()

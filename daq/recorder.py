@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import TracebackType
 
 from daq.block import SampleBlock
@@ -16,8 +17,8 @@ from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 8192
 """About 20 s of 16 channels, measured and predicted, in blocks of 0.1 s: longer than a stalled disk lasts."""
-_IDLE_S = 0.1
-_HUNG_DISK_S = 30.0
+_IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
+_HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
 
 class Recorder:
@@ -50,7 +51,6 @@ class Recorder:
         self._put(lambda: self._writer.declare(origin, channel))
 
     def metadata(self, name: str, record: Mapping[str, str]) -> None:
-        """Add a metadata record."""
         self._put(lambda: self._writer.add_metadata(name, record))
 
     def block(self, origin: str, block: SampleBlock) -> None:
@@ -60,7 +60,6 @@ class Recorder:
         self._put(lambda: self._writer.add_block(origin, block, host_ns))
 
     def event(self, event: Event) -> None:
-        """Record an event."""
         self._put(lambda: self._writer.add_event(event))
 
     def gap(self, gap: Gap) -> None:
@@ -107,19 +106,14 @@ class Recorder:
             try:
                 write = self._queue.get(timeout=_IDLE_S)
             except queue.Empty:
-                write = self._idle
+                write = partial(self._writer.flush_if_older, self._clock.unix_ns())
             if write is None:
                 return
-            if self._failure is None:
-                self._attempt(write)
-
-    def _attempt(self, write: Callable[[], None]) -> None:
-        try:
-            write()
-        except RecorderFailed as error:
-            self._failure = error
-        except Exception as error:
-            self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
-
-    def _idle(self) -> None:
-        self._writer.flush_if_older(self._clock.unix_ns())
+            if self._failure is not None:
+                continue
+            try:
+                write()
+            except RecorderFailed as error:
+                self._failure = error
+            except Exception as error:  # top of a thread: whatever it was, the next hand-over tells the rig
+                self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")

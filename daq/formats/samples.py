@@ -58,25 +58,6 @@ def chunks(samples: Samples) -> Iterator[NDArray[np.floating]]:
 
 
 @dataclass(frozen=True, slots=True)
-class InMemory:
-    """Samples in an array of shape (n,)."""
-
-    values: NDArray[np.floating]
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Precision of the array."""
-        return self.values.dtype
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def read(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Part of the array."""
-        return self.values[start:stop]
-
-
-@dataclass(frozen=True, slots=True)
 class Spooled:
     """`count` samples at byte `offset` of an open file."""
 
@@ -146,7 +127,6 @@ class Scaled:
         return len(self.samples)
 
     def read(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Read and scale."""
         values = self.samples.read(start, stop)
         with np.errstate(over="ignore", invalid="ignore"):
             return (values.astype(np.float64) * self.factor).astype(values.dtype)
@@ -226,7 +206,6 @@ class ScratchColumn:
         self._kept_count += count
 
     def samples(self) -> Samples:
-        """All of them."""
         self._flush()
         return Pieces(self._pieces)
 

@@ -2,6 +2,6 @@
 
 What makes sense while a rig runs has an object beside the function, which takes the same samples in blocks
 of any size and finds the same, to the bit: `SpectrumAverage`, `FrfAverage`, `AngleSampler`, `CycleAverage`,
-`CycleMeter`, `ImpactDetector` and `BounceGrouper`. Samples that are missing are NaN, samples that must not
+`ImpactDetector` and `BounceGrouper`. Samples that are missing are NaN, samples that must not
 count are flagged.
 """

@@ -15,6 +15,7 @@ from daq.time_base.line import Line
 Array = NDArray[np.float64]
 
 _COVERED = 0.95
+# Of the simultaneous band: lines that are drawn, and times at which each is looked at.
 _DRAWS, _POINTS = 4000, 200
 _RESOLUTION_S = 1e-7
 """Step of the stamps: host clocks read to 100 ns or better."""
@@ -122,6 +123,7 @@ class ClockModel:
         """Half width of a band that holds the true offset at all of the device times together in 95 %."""
         at = np.asarray(device_s, np.float64)
         deviation = self._deviation(at)
+        # The same band for the same fit: the seed is part of the method.
         rng = np.random.default_rng(0)
         freedom = self.line.degrees_of_freedom
         chi2 = rng.chisquare(freedom, (_DRAWS, 1)) / freedom
@@ -136,6 +138,7 @@ class ClockModel:
         offset, uncertainty = self.offset_s([device_s]), self.uncertainty_s([device_s])
         return ClockRecord(time_ns, device, float(offset[0]), self.rate_ppm, float(uncertainty[0]))
 
+    # A step back makes the device pass some times twice; searching from the last segment takes the later.
     def _terms(self, device_s: Array) -> Array:
         """Factors of the line's coefficients at device times, shape (n, coefficients)."""
         first = np.array([segment.device_s for segment in self.segments])
@@ -160,3 +163,18 @@ def _last_from(first: Array, at: Array) -> NDArray[np.intp]:
     """For each of `at` the last segment that begins no later; the first where none does."""
     begun = first <= at[:, None]
     return np.where(begun.any(axis=1), len(first) - 1 - np.argmax(begun[:, ::-1], axis=1), 0)
+
+
+_COVERED = 0.95
+
+
+def polled_clock(device: str, request_s: ArrayLike, reply_s: ArrayLike, time_ns: int) -> ClockRecord:
+    """How the replies of a polled device lie against the time base, as of `time_ns`.
+
+    `request_s`, `reply_s`: times on the time base, shape (n,), n at least 1. The offset leads from a reply
+    to the middle of a usual poll. The uncertainty needs no assumption on where in between the value was
+    taken: it is a bound for 95 % of the polls. A device without a clock has no rate: 0.
+    """
+    taken = np.asarray(reply_s, np.float64) - np.asarray(request_s, np.float64)
+    half = float(np.median(taken)) / 2
+    return ClockRecord(time_ns, device, -half, 0.0, max(half, float(np.quantile(taken, _COVERED)) - half))

@@ -38,11 +38,9 @@ class RunClock:
         return self._start_ns + round((monotonic_s - self._start_s) * NS_PER_S)
 
     def monotonic_s(self) -> float:
-        """Seconds of the monotonic clock."""
         return self._clock.monotonic_s()
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
         self._clock.sleep(seconds)
 
     def look(self) -> Event | None:

@@ -27,7 +27,7 @@ HEARTBEAT_S = 0.2
 """Three of these are longer than a busy machine stalls, and well within a second."""
 _SLOWEST_HEARTBEAT_S = 0.3
 """Three of these are 0.9 s: a lost encoder is to be noticed within a second."""
-_ANSWER_MARGIN_S = 0.2
+_ANSWER_MARGIN_S = 0.2  # by which a lost heartbeat is told before a read gives up
 
 
 class CanopenEncoder:
@@ -59,6 +59,7 @@ class CanopenEncoder:
         found = problems(self.settings)
         if found:
             raise ConfigurationError(self.name, found)
+        # No silent resume: whatever was known of it before is read and compared once more.
         self.close()  # one that was lost may still be heard, and two threads would hear everything twice
         self._stream.connected()
         self._link.open()
@@ -81,6 +82,7 @@ class CanopenEncoder:
     def preset(self, counts: int) -> None:
         """Let the encoder call its present position `counts`; many keep that for good."""
         self._opened()
+        # What a device makes of a preset beyond its range is not for it to choose.
         if not 0 <= counts < self.total_range:
             what = f"preset {counts} is outside 0 to {self.total_range - 1} counts; nothing was sent"
             raise InstrumentRefused(self.name, self.address, what, code="limit")
@@ -91,6 +93,7 @@ class CanopenEncoder:
         layout = self._opened()
         self._stream.begin(layout, self.total_range, self._heartbeat_s)
         self._link.command(NmtCommand.START)
+        # NMT commands are not answered: only the next heartbeat says what became of this one.
         if not self._stream.await_heartbeat(self._beat_deadline_s(), NmtState.OPERATIONAL):
             what = "it does not become operational"
             raise InstrumentRefused(self.name, self.address, what, "its error register and emergencies")
@@ -142,4 +145,4 @@ class CanopenEncoder:
             raise InstrumentSilent(self.name, self.address, f"{what}{heartbeat_ms} ms", "its firmware")
 
     def _beat_deadline_s(self) -> float:
-        return 3.0 * self._heartbeat_s + self.settings.timeout_s
+        return 3.0 * self._heartbeat_s + self.settings.timeout_s  # s

@@ -12,7 +12,6 @@ from drivers.protocols.encoder import Emergency
 TPDO1 = 0x180
 EMCY = 0x080
 SDO_ANSWER = 0x580
-SDO_REQUEST = 0x600
 HEARTBEAT = 0x700
 """Function codes of the predefined connection set; the node's number is added (CiA 301, 7.3.5)."""
 
@@ -50,6 +49,7 @@ def heartbeat_state(data: bytes | bytearray) -> int:
     """Return the state in a heartbeat; ValueError unless it is one byte."""
     if len(data) != 1:
         raise ValueError(f"a heartbeat of {len(data)} bytes")
+    # Bit 7 toggles in the older node guarding and is 0 in a heartbeat.
     return data[0] & 0x7F
 
 

@@ -89,6 +89,7 @@ class PositionLayout:
         if mapped(POSITION) not in objects:
             there = ", ".join(f"{value:08X}h" for value in objects) or "nothing"
             raise ValueError(f"TPDO 1 holds {there}, not the position value ({mapped(POSITION):08X}h)")
+        # The lowest byte of a mapping is the object's length in bits (CiA 301, 7.5.2.38).
         before = sum(value & 0xFF for value in objects[: objects.index(mapped(POSITION))])
         total = sum(value & 0xFF for value in objects)
         if before % 8 or total % 8 or total > 64:

@@ -15,8 +15,8 @@ from drivers.protocols.card import Finding
 
 FULL_SCALE = 0.99999  # a 24-bit code at full scale reads a little below the range
 NEAR_FULL_SCALE = 0.98  # an amplifier's stop lies as far from what its data sheet says
-EQUAL_SAMPLES = 3
-STUCK_S = 0.1
+EQUAL_SAMPLES = 3  # in a row, at full scale
+STUCK_S = 0.1  # noise of 24 bits never shows one code for so long
 OFFSET_S = 1.0  # what a mean is taken over: longer than a period of what an AC-coupled chain passes
 OFFSET = 0.1  # of the range
 
@@ -47,6 +47,7 @@ class QualityWatch:
     def flags(self, values: NDArray[np.float64]) -> list[Flag]:
         """Return what the log's flags can say of a block, one entry a channel."""
         finite = np.all(np.isfinite(values), axis=1).tolist()
+        # NaN compares false: what is not finite has a flag of its own.
         beyond = np.any(np.abs(values) >= self._limits, axis=1).tolist()
         for row in self._analog:
             beyond[row] |= _flattened(values[row], float(self._limits[row, 0]) * NEAR_FULL_SCALE)
@@ -59,6 +60,7 @@ class QualityWatch:
         """Return what has come up since the block before, with `faults` that the device told of."""
         found = [*faults, *self._stuck(values), *self._off_zero(values)]
         new = tuple(finding for finding in found if (finding.channel, finding.code) not in self._raised)
+        # One that lasts is told once; one that went away and came back, again.
         self._raised = {(finding.channel, finding.code) for finding in found}
         return new
 
@@ -66,7 +68,11 @@ class QualityWatch:
         found = []
         for row in self._analog:
             seen, block = self._rows[row], values[row]
-            _follow(seen, block)
+            if len(block):  # how many of the last samples were equal
+                differing = np.flatnonzero(block != block[-1])
+                before = seen.equal if seen.value == block[-1] else 0
+                seen.equal = len(block) - 1 - int(differing[-1]) if len(differing) else len(block) + before
+                seen.value = float(block[-1])
             if seen.equal >= STUCK_S * self._rate:
                 channel = self._channels[row]
                 text = f"the same value, {seen.value:g} {channel.unit}, for {STUCK_S:g} s and longer"
@@ -79,6 +85,7 @@ class QualityWatch:
         found = []
         for row in self._coupled:
             seen, channel = self._rows[row], self._channels[row]
+            # Over whole seconds, block by block: a slow period must not look like an offset.
             seen.total += float(values[row].sum())
             seen.count += values.shape[1]
             mean = seen.total / max(seen.count, 1)
@@ -89,19 +96,6 @@ class QualityWatch:
                 text = f"off zero by more than {OFFSET:.0%} of its range, which its chain does not pass"
                 found.append(Finding(channel.name, "offset", f"{text}: bias, cable or amplifier drift"))
         return found
-
-
-def _follow(seen: _Row, block: NDArray[np.float64]) -> None:
-    """Count how many of the last samples were equal."""
-    if not len(block):
-        return
-    last = block[-1]
-    differing = np.flatnonzero(block != last)
-    if len(differing):
-        seen.equal = len(block) - 1 - int(differing[-1])
-    else:
-        seen.equal = len(block) + (seen.equal if seen.value == last else 0)
-    seen.value = float(last)
 
 
 def _flattened(values: NDArray[np.float64], level: float) -> bool:

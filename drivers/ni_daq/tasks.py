@@ -39,6 +39,8 @@ class AnalogTask:
     def set_rate(self, rate_hz: float) -> float:
         """Ask for a rate and return that which the device takes instead, in Hz."""
         timing = self._task.timing
+        # DAQmx stops a task rather than overwrite what nobody has read. Its own choice from 10 kHz on is
+        # 100,000 samples for each channel: 1.95 s at 51.2 kHz.
         buffer = max(round(rate_hz * self._buffer_s), 2)
         timing.cfg_samp_clk_timing(rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=buffer)
         return float(timing.samp_clk_rate)
@@ -76,6 +78,7 @@ class AnalogTask:
         """The stamp of the first sample, Unix epoch, ns; a warning that it is inaccurate is raised too."""
         with warnings.catch_warnings():
             warnings.simplefilter("error", DaqWarning)
+            # A late or inaccurate stamp comes with a DaqWarning, which by default would only be printed.
             stamp = self._task.wait_for_valid_timestamp(TimestampEvent.FIRST_SAMPLE, _STAMP_WAIT_S)
         return round(float(stamp.timestamp()) * NS_PER_S)
 
@@ -84,7 +87,6 @@ class AnalogTask:
         self._task.start()
 
     def stop(self) -> None:
-        """Stop the sample clock."""
         self._task.stop()
 
     def close(self) -> None:
@@ -94,6 +96,7 @@ class AnalogTask:
     def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
         """Return the next samples in the channels' units, shape (channels, n); n < `count` if fewer came."""
         if self._raw.shape[1] != count:
+            # Kept from read to read: a block is as long as the one before.
             self._raw = np.empty((len(self._raw), count))
         came = self._reader.read_many_sample(self._raw, count, timeout_s)
         values: NDArray[np.float64] = self._raw[:, :came] * self._scales
@@ -119,6 +122,7 @@ class CounterTask:
         """Be sampled by the terminal `clock`, which runs at `rate_hz`."""
         self._task.timing.cfg_samp_clk_timing(
             rate_hz,
+            # The analog task's clock: counts and voltages of one instant have one index.
             source=clock,
             sample_mode=AcquisitionType.CONTINUOUS,
             samps_per_chan=max(round(rate_hz * buffer_s), 2),
@@ -130,7 +134,6 @@ class CounterTask:
         self._task.start()
 
     def stop(self) -> None:
-        """Stop counting."""
         self._task.stop()
 
     def close(self) -> None:

@@ -28,7 +28,10 @@ class GeneratorSettings:
 
 
 class ScpiGenerator:
-    """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it."""
+    """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it.
+
+    For one thread at a time; a supervisor that turns the output off has one of its own.
+    """
 
     def __init__(self, config: GeneratorSettings) -> None:
         self.config = config
@@ -42,7 +45,15 @@ class ScpiGenerator:
         """Connect, discard stale answers and errors, and check the model."""
         self._link.open()
         try:
-            self._identify()
+            self.identity = self._link.query("*IDN?")
+            if not KNOWN_MODELS.fullmatch(answers.model(self.identity)):
+                raise InstrumentAbsent(
+                    self.name,
+                    self.address,
+                    f"{self.identity[:200]!r} answers, which is no 33210A, 33220A, 33500 or 33600",
+                    "the resource string in the bench file",
+                )
+            self._errors()
         except BaseException:
             self.close()
             raise
@@ -56,7 +67,8 @@ class ScpiGenerator:
         self._check_limits(amplitude_v, offset_v)
         self._check_range(settings.FREQUENCY, frequency_hz)
         self._link.write("*RST")
-        self._link.query("*OPC?")
+        self._link.query("*OPC?")  # answered once the reset is done
+        # The output first, so that nothing moves; load and unit before amplitudes, which depend on them.
         for choice in (settings.OUTPUT_OFF, settings.SINE, settings.OPEN_CIRCUIT, settings.PEAK_TO_PEAK):
             self._choose(choice)
         self._set(settings.FREQUENCY, frequency_hz)
@@ -69,6 +81,8 @@ class ScpiGenerator:
 
     def start(self) -> None:
         """Let the armed sine begin."""
+        # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
+        # amplitude. Turning the output on lets it begin at whatever phase it has.
         if self._triggered:
             self._link.write("*TRG")
             self._refuse_on_error("trigger")
@@ -95,22 +109,12 @@ class ScpiGenerator:
         """Turn the output off and see that it is; errors of earlier commands do not matter here."""
         if not self._link.is_open:
             return
+        # Safe state: nothing but the output is asked for, and errors of before stay in the queue.
         choice = settings.OUTPUT_OFF
         self._link.write(f"{choice.command} {choice.word}")
         answer = self._link.query(f"{choice.command}?")
         if not choice.agrees(answer):
             raise self._refused(f"the output does not go off, it answers {answer!r}")
-
-    def _identify(self) -> None:
-        self.identity = self._link.query("*IDN?")
-        if not KNOWN_MODELS.fullmatch(answers.model(self.identity)):
-            raise InstrumentAbsent(
-                self.name,
-                self.address,
-                f"{self.identity[:200]!r} answers, which is no 33210A, 33220A, 33500 or 33600",
-                "the resource string in the bench file",
-            )
-        self._errors()
 
     def _set(self, quantity: Quantity, value: float) -> None:
         self._check_range(quantity, value)

@@ -22,7 +22,7 @@ from daq.errors import (
 )
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup, FaultKind, random_faults
 from drivers.canopen_cia406.encoder import CanopenEncoder
-from drivers.canopen_cia406.socketcand import SocketcandBus
+from drivers.canopen_cia406.link import SocketcandBus
 from drivers.protocols.encoder import PositionBlock, PositionStatistics
 from tests.drivers.encoders import PATIENCE_S, emulated, opened, slow_shaft, socketcand, turning
 

@@ -14,18 +14,23 @@ import can
 import canopen
 import numpy as np
 from canopen.nmt import NMT_STATES
+from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, datatypes, import_od
 
 from daq.clock import Clock
-from drivers.canopen_cia406.emulator.dictionary import dictionary
+from drivers.canopen_cia406 import objects
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
+from drivers.canopen_cia406.objects import Entry
 from drivers.protocols.encoder import Shaft
 
+ERROR_REGISTER = Entry(0x1001, 0, "error register", 8, "", "CiA 301")
+OFFSET = Entry(0x6509, 0, "offset value", 32, "counts", "CiA 406")
+_TYPES = {8: datatypes.UNSIGNED8, 16: datatypes.UNSIGNED16, 32: datatypes.UNSIGNED32}
 _STATES = {name: number for number, name in NMT_STATES.items()}
-_RESENT_S = 130e-6
+_RESENT_S = 130e-6  # as after a lost acknowledgement
 _BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040
-_GARBAGE = "< frame 18Z what >"
-_IDLE_S = 0.005
+_GARBAGE = "< frame 18Z what >"  # an identifier that is no number
+_IDLE_S = 0.005  # s
 
 
 class EmulatedEncoder:
@@ -34,7 +39,7 @@ class EmulatedEncoder:
     def __init__(self, shaft: Shaft, setup: EncoderSetup, clock: Clock) -> None:
         self._shaft, self._setup, self._clock = shaft, setup, clock
         self._origin_s, self._unix_s = clock.monotonic_s(), clock.unix_ns() * 1e-9
-        self._jump_s = 0.0
+        self._jump_s = 0.0  # by which the clock of the timestamps was set, s
         self._zero = setup.offset_counts
         self._bus = SocketcandBus(setup.channel, lambda: self._stamp(clock.monotonic_s()))
         self._network: Any = canopen.Network(self._bus)
@@ -43,12 +48,13 @@ class EmulatedEncoder:
         self._faults: defaultdict[int, list[EncoderFault]] = defaultdict(list)
         for fault in setup.faults:
             self._faults[fault.at_frame].append(fault)
+        # Jitter of the bus by a seed, so that a fault that a test finds comes again.
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
         self._silent = False
         self._stuck_s = math.inf
         self._frame, self._start_s = -1, 0.0
-        self._beat_s, self._beat_due_s = 0.0, math.inf
+        self._beat_s, self._beat_due_s = 0.0, math.inf  # period of the heartbeat, and when the next is due, s
         # canopen's heartbeat has a thread of its own, which on a busy machine falls behind the positions.
         nmt: Any = self._node.nmt
         nmt.start_heartbeat = self._start_heartbeat
@@ -60,7 +66,9 @@ class EmulatedEncoder:
         """Boot; return where its socketcand server listens, `host:port`."""
         self._network.connect()
         self._network.add_node(self._node)
-        self._node.add_read_callback(self._on_read)
+        self._node.add_read_callback(
+            lambda index, **_: self._position(self._clock.monotonic_s()) if index == 0x6004 else None
+        )
         self._node.add_write_callback(self._on_write)
         self._network.subscribe(0x80, self._on_sync)
         self._boot()
@@ -68,7 +76,6 @@ class EmulatedEncoder:
         return (self._bus.address,)
 
     def serve(self) -> None:
-        """Answer until `stop`."""
         self._bus.serve()
 
     def stop(self) -> None:
@@ -77,7 +84,6 @@ class EmulatedEncoder:
         self._bus.stop()
 
     def close(self) -> None:
-        """Leave the bus."""
         self._stop.set()
         self._thread.join()
         self._node.nmt.stop_heartbeat()
@@ -87,21 +93,21 @@ class EmulatedEncoder:
         self._node.nmt.state = "INITIALISING"
         self._node.nmt.state = "PRE-OPERATIONAL"
 
-    def _on_read(self, index: int, **_: object) -> int | None:
-        return self._position(self._clock.monotonic_s()) if index == 0x6004 else None
-
     def _on_write(self, index: int, data: bytes, **_: object) -> None:
+        # CiA 406: a preset is the value of the position where the shaft stands as it is written
         if index == 0x6003:
             here = self._position(self._clock.monotonic_s())
             self._zero += int.from_bytes(data, "little") - here
 
     def _on_sync(self, *_: object) -> None:
+        # TPDO 2, of transmission type 1: one position with every SYNC
         if self._node.nmt.state == "OPERATIONAL":
             now_s = self._clock.monotonic_s()
             self._send(0x280, self._position(now_s).to_bytes(4, "little"), now_s)
 
     def _position(self, time_s: float) -> int:
         turned_rad = self._shaft(min(time_s, self._stuck_s) - self._setup.lag_s)
+        # Counts step where the shaft passes them, and are told of where it stood `lag_s` ago.
         turned = turned_rad / math.tau * self._setup.counts_per_revolution
         return (math.floor(turned) + self._zero) % self._setup.total_range
 
@@ -128,6 +134,7 @@ class EmulatedEncoder:
             traceback.print_exc(file=sys.stderr)
 
     def _position_due_s(self) -> float:
+        # Object 6200h: positions come by themselves while the node is operational and this is not 0.
         timer_ms = int(self._node.sdo[0x6200].raw)
         if self._node.nmt.state != "OPERATIONAL" or timer_ms == 0:
             self._frame = -1
@@ -152,6 +159,7 @@ class EmulatedEncoder:
             else bytes((mapped & 0xFF) // 8)
             for mapped in self._setup.mapped
         )
+        # A bus only ever delays: a frame is due at its beat or up to `jitter_s` later.
         late_s = self._random.uniform(0.0, self._setup.jitter_s)
         message = self._message(0x180, data[:3] if "wrong_length" in kinds else data, due_s + late_s)
         if "reorder" in kinds:
@@ -179,7 +187,6 @@ class EmulatedEncoder:
         acts: dict[str, Callable[[], None]] = {
             "error_frame": lambda: self._report(_BUS_ERROR),
             "receive_overrun": lambda: self._report(_CONTROLLER),
-            "bus_off": self._leave_bus,
             "hang_up": self._bus.hang_up,
             "garbage": lambda: self._bus.say(_GARBAGE),
             "heartbeat_stops": self._node.nmt.stop_heartbeat,
@@ -190,13 +197,81 @@ class EmulatedEncoder:
             "restart": self._boot,
             "clock_jump": lambda: setattr(self, "_jump_s", self._jump_s + value),
         }
-        if kind in acts:
+        if kind == "bus_off":
+            self._report(_BUS_OFF)
+            self._silent = True
+            self._node.nmt.stop_heartbeat()
+        elif kind in acts:
             acts[kind]()
-
-    def _leave_bus(self) -> None:
-        self._report(_BUS_OFF)
-        self._silent = True
-        self._node.nmt.stop_heartbeat()
 
     def _report(self, error_class: int) -> None:
         self._bus.send(can.Message(arbitration_id=error_class, is_error_frame=True))
+
+
+def dictionary(setup: EncoderSetup) -> ObjectDictionary:
+    """Return a dictionary with everything that profile 406 makes mandatory for positions."""
+    od = import_od(None)
+    od.node_id = setup.node
+    values = {
+        objects.DEVICE_TYPE: setup.device_type,
+        ERROR_REGISTER: 0,
+        objects.HEARTBEAT_TIME: setup.heartbeat_ms,
+        objects.OPERATING_PARAMETERS: objects.SCALING if setup.scaling else 0,
+        objects.COUNTS_PER_REVOLUTION: setup.counts_per_revolution,
+        objects.TOTAL_RANGE: setup.total_range,
+        objects.PRESET: 0,
+        objects.POSITION: 0,
+        objects.CYCLIC_TIMER: 0,
+        objects.SINGLE_TURN_RESOLUTION: setup.counts_per_revolution,
+        objects.REVOLUTIONS: setup.revolutions,
+        OFFSET: 0,
+    }
+    for entry, value in values.items():
+        od.add_object(_variable(entry, value))
+    identity = (setup.vendor, setup.product, setup.revision, setup.serial)
+    entries = (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL)
+    od.add_object(_record("identity", 0x1018, dict(zip(entries, identity, strict=True))))
+    for number, kind in ((0, setup.transmission_type), (1, 1)):
+        _add_tpdo(od, setup, number, kind)
+    return od
+
+
+def _add_tpdo(od: ObjectDictionary, setup: EncoderSetup, number: int, kind: int) -> None:
+    cob_id = 0x180 + 0x100 * number + setup.node
+    communication, mapping = 0x1800 + number, 0x1A00 + number
+    od.add_object(
+        _record(
+            f"TPDO {number + 1} communication parameter",
+            communication,
+            {
+                Entry(communication, 1, "COB-ID", 32, "", "CiA 301", writable=True): cob_id,
+                Entry(communication, 2, "transmission type", 8, "", "CiA 301", writable=True): kind,
+            },
+        )
+    )
+    od.add_object(
+        _record(
+            f"TPDO {number + 1} mapping parameter",
+            mapping,
+            {
+                Entry(mapping, place, f"object {place}", 32, "", "CiA 301"): value
+                for place, value in enumerate(setup.mapped, 1)
+            },
+        )
+    )
+
+
+def _record(name: str, index: int, members: dict[Entry, int]) -> ODRecord:
+    record = ODRecord(name, index)
+    record.add_member(_variable(Entry(index, 0, "number of entries", 8, "", "CiA 301"), len(members)))
+    for entry, value in members.items():
+        record.add_member(_variable(entry, value))
+    return record
+
+
+def _variable(entry: Entry, value: int) -> ODVariable:
+    variable = ODVariable(entry.name, entry.index, entry.subindex)
+    variable.data_type = _TYPES[entry.bits]
+    variable.access_type = "rw" if entry.writable else "ro"
+    variable.default = value
+    return variable

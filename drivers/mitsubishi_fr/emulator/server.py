@@ -24,9 +24,9 @@ from drivers.mitsubishi_fr.frames import WRITE, intact
 from drivers.mitsubishi_fr.registers import FIRST_NUMBER
 
 REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
-SETTLE_S = 0.01
+SETTLE_S = 0.01  # what was due happens at its own time, however late it is looked at
 TIMER_RESOLUTION_S = 1e-6
-_REQUEST_LENGTH = 8
+_REQUEST_LENGTH = 8  # both of a read and of a write of one register
 
 
 class InverterServer:
@@ -65,12 +65,12 @@ class InverterServer:
         self._loop.call_soon_threadsafe(self._stopped.set)
 
     def close(self) -> None:
-        """Close every way in."""
         self._loop.run_until_complete(self._close())
         self._loop.close()
 
     async def _open(self) -> tuple[str, str]:
         drive = SimDevice(self._station, _registers(), action=self._access)
+        # Without this one pymodbus 3.16 answers for every unknown station with exception 4.
         others = SimDevice(0, _registers(), action=_nobody)
         # It never listens itself: the wires feed its request handlers.
         self._modbus = ModbusTcpServer(
@@ -185,6 +185,7 @@ class _Wire(asyncio.Transport):
         piece = self._server.disturbance.spoil(self._request, bytes(data))
         at_s = self._loop.time() + piece.delay_s
         if self._waiting:
+            # A line keeps the order: nothing overtakes an answer that is late.
             at_s = max(at_s, self._waiting[-1][0])
         self._waiting.append((at_s, piece.data))
         self._loop.call_at(at_s, self._flush)
@@ -197,7 +198,7 @@ class _Wire(asyncio.Transport):
                 self._send(data)
 
     def close(self) -> None:
-        """Send nothing more."""
+        """Send nothing more, not even what waits."""
         self._closed = True
         self._server.forget(self)
 
@@ -210,17 +211,14 @@ class _TcpClient(asyncio.Protocol):
         self._wire: _Wire | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Give it a wire."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - a TCP server makes no other
         self._wire = self._server.new_wire(transport.write)
 
     def data_received(self, data: bytes) -> None:
-        """Hand on its bytes."""
         if self._wire is not None:
             self._wire.heard(data)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Forget it."""
         if self._wire is not None:
             self._wire.close()
 

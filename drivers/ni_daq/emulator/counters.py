@@ -15,7 +15,7 @@ from drivers.ni_daq.emulator.wiring import CounterWire
 Measure: TypeAlias = Callable[[NDArray[np.float64]], NDArray[Any]]
 """Takes consecutive blocks of the plant's row, shape (n,), gives the counter's readings."""
 
-COUNTER_STATES = 2**32
+COUNTER_STATES = 2**32  # an NI counter has 32 bits
 _HYSTERESIS = 0.2  # of the threshold, to either side
 _COUNT_ROUNDING = 1e-6  # of a count: an angle that is a whole number of counts came from a product in floats
 
@@ -45,6 +45,7 @@ class AngleCount:
 
     def __call__(self, angle: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Return the register at each sample."""
+        # A step of the quadrature is counted where the angle passes it, in either direction.
         place = np.floor(angle * (self._per_turn / math.tau) + _COUNT_ROUNDING).astype(np.int64)
         if self._origin is None:
             self._origin = self._last = int(place[0])
@@ -80,17 +81,14 @@ class EdgeCount:
 
     def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Return the register at each sample."""
-        up = self._levels(volts)
+        # The comparator's output: in between it stays as it was.
+        decided = np.where(volts >= self._high, 1, np.where(volts <= self._low, 0, -1))
+        where = np.maximum.accumulate(np.where(decided >= 0, np.arange(len(volts)), -1))
+        up = np.where(where >= 0, decided[where] == 1, bool(self._up))
         edges = np.diff(up.astype(np.int8), prepend=np.int8(up[0] if self._up is None else self._up)) > 0
         counts = self._count + np.cumsum(edges)
         self._up, self._count = bool(up[-1]), int(counts[-1])
         return (counts % COUNTER_STATES).astype(np.uint32)
-
-    def _levels(self, volts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """The comparator's output: in between it stays as it was."""
-        decided = np.where(volts >= self._high, 1, np.where(volts <= self._low, 0, -1))
-        where = np.maximum.accumulate(np.where(decided >= 0, np.arange(len(volts)), -1))
-        return np.where(where >= 0, decided[where] == 1, bool(self._up))
 
 
 def pulse_frequency(wire: CounterWire) -> Measure:

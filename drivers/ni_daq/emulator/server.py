@@ -12,7 +12,7 @@ from nidaqmx._stubs import nidaqmx_pb2_grpc
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import DaqmxError
 
-CALLS_AT_ONCE = 8
+CALLS_AT_ONCE = 8  # a read waits in its call; others must get through
 
 
 class _DaqmxErrors(grpc.ServerInterceptor):
@@ -27,6 +27,7 @@ class _DaqmxErrors(grpc.ServerInterceptor):
             try:
                 return handler.unary_unary(request, context)
             except DaqmxError as error:
+                # From here nidaqmx takes the code of its DaqError.
                 context.set_trailing_metadata((("ni-error", str(error.code)),))
                 context.abort(grpc.StatusCode.UNKNOWN, str(error))
 

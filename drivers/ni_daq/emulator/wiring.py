@@ -14,9 +14,9 @@ from nidaqmx.error_codes import DAQmxErrors
 
 from daq.errors import ConfigurationError, Problem
 
-FASTEST_HZ = 51200.0
-DIVISORS = range(1, 32)
-EXCITATION_A = 0.002
+FASTEST_HZ = 51200.0  # 13.1072 MHz / 256
+DIVISORS = range(1, 32)  # n of 51.2 kHz / n
+EXCITATION_A = 0.002  # A; the NI 9234 has this and no other
 _INPUT = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ai[0-9]{1,3}")
 _COUNTER = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ctr[0-9]{1,3}")
 _MODULE = re.compile(r"(.+)Mod[0-9]+")

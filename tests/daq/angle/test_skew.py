@@ -88,7 +88,6 @@ def test_the_stated_uncertainty_holds_the_skew() -> None:
 
 def test_one_speed_only_tells_angle_less_speed_times_skew() -> None:
     skew = found(recording(150, 2e-3, 1), recording(152, 2e-3, 2))
-    assert not skew.separable
     assert skew.skew_s is skew.angle_rad is skew.skew_uncertainty_s is None
     omega = 2 * np.pi * 151 / 60
     assert skew.at_mark_rad == pytest.approx(MOUNTED_RAD - 2e-3 * omega, abs=2e-3)

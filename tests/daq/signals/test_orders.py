@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from daq.signals.even_angles import EvenAngles, to_even_angles
+from daq.signals.even_angles import EvenAngles, smooth_turns, turns_at
 from daq.signals.orders import order_map, order_tracks
-from daq.signals.turns import smooth_turns, turns_at
+from tests.daq.signals.cuts import to_even_angles
 
 RATE = 2048.0
 TIMES = np.arange(round(10 * RATE)) / RATE

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.signals.even_angles import EvenAngles, to_even_angles
+from daq.signals.even_angles import EvenAngles
 from daq.signals.orders import order_map
 from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
+from tests.daq.signals.cuts import to_even_angles
 from tests.rig.derived.turning import RATE, turns
 
 FAST_HZ = 20.0
