@@ -86,7 +86,7 @@ class CrankPicture(ABC):
         return tuple(name for name in self.channels.ordered if name in shown.units)
 
     def heard(self, shown: DisplayedChannels) -> dict[str, tuple[str, ...]]:
-        """Those of the channels whose blows are shown, in their groups."""
+        """Those of the channels whose impacts are shown, in their groups."""
         return self.channels.heard(shown.units)
 
     def _mechanism_view(self, shown: DisplayedChannels) -> rrb.Spatial3DView:
