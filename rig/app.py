@@ -16,8 +16,8 @@ from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.motor import Motor, MotorActuator

@@ -15,8 +15,8 @@ from drivers.mitsubishi_fr.emulator import InverterWiring, start_inverter
 from drivers.protocols import ActuatorOutput, DriveSettings, InverterOutput, Plant
 from drivers.scpi.emulator import start_function_generator
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.shaft_wiring import inverter_setup
 from rig.twin.plant import BeamPlantFactory, resting_at
 from rig.twin.plant_crank import CrankPlantFactory

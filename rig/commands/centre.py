@@ -17,8 +17,7 @@ from rig.commands.arguments import RUNS, BenchFile, Json, ScenarioFile, load_pai
 from rig.files.bench import Bench
 from rig.files.faults import read_toml
 from rig.files.pairing import check_pair
-from rig.files.scenario import Scenario
-from rig.files.sweep_axes import with_values
+from rig.files.scenario import Scenario, with_values
 from rig.files.toml_text import toml_of
 from rig.session.centring.probe import CentringPlan, plan_of
 from rig.session.centring.rig import find_centre

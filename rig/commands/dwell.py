@@ -15,20 +15,18 @@ from rich.console import Console
 from daq.angle import fastest_rad_s
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem
+from daq.quantity import Quantity
 from rig.commands.arguments import BenchFile, ScenarioFile, load_pair
 from rig.files.bench import Bench
-from rig.files.faults import read_toml
-from rig.files.fields import FieldError, Measured
 from rig.files.pairing import check_pair
-from rig.files.scenario import Scenario, parse_scenario
-from rig.files.sweep_axes import with_values
-from rig.files.toml_text import toml_of
+from rig.files.scenario import Scenario, edited
+from rig.files.table import FieldError, quantity_field
 from rig.session.devices import Devices
 from rig.session.dwells import DwellRequest, record_dwells
 from rig.session.progress import Screen
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
-_SECONDS = Measured("s", 1.0, 600.0)
+_SECONDS = quantity_field(Quantity("s", 1.0, 600.0))
 _MOST = 50
 
 
@@ -67,11 +65,7 @@ def at_speeds(scenario: Scenario, speeds: str) -> list[Scenario]:
     if not 1 <= len(named) <= _MOST:
         allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'
         raise ConfigurationError("rattle dwell", [Problem("--speeds", speeds, allowed)])
-    table = read_toml(scenario.text, scenario.name)
-    return [
-        parse_scenario(toml_of(with_values(table, {"drive.speed": speed})), f"--speeds {speed}")
-        for speed in named
-    ]
+    return [edited(scenario, {"drive.speed": speed}, f"--speeds {speed}") for speed in named]
 
 
 def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:

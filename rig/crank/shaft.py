@@ -5,36 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Protocol, TypeVar
 
+from rig.rigs import declared
+from sim_twin.rigs.channel_table import Role
+
 
 class NamedChannel(Protocol):
-    """A channel, of a bench file, a card or a log: its name and its unit."""
+    """A channel, of a bench file, a card or a log."""
 
     @property
     def name(self) -> str:
-        """Where it is and what it shows: `crank.angle`."""
-        ...
-
-    @property
-    def unit(self) -> str:
-        """Unit of its samples."""
+        """As its rig declares it."""
         ...
 
 
 _C = TypeVar("_C", bound=NamedChannel)
 
 
-def shows_angle(channel: NamedChannel) -> bool:
-    """Whether it is an angle on a counter."""
-    return channel.name.endswith(".angle") and channel.unit == "rad"
-
-
 def shows_marks(channel: NamedChannel) -> bool:
     """Whether it is a once-per-revolution marker."""
-    return channel.name.endswith(".marker") and channel.unit == "V"
+    return _role(channel) is Role.MARKER
 
 
 def shaft_channel(channels: Iterable[_C]) -> _C | None:
     """The channel that shows the shaft best, an angle before a marker; None where none does."""
-    channels = list(channels)
-    candidates = [*filter(shows_angle, channels), *filter(shows_marks, channels)]
-    return next(iter(candidates), None)
+    by_role = {_role(channel): channel for channel in reversed(list(channels))}
+    return by_role.get(Role.ANGLE) or by_role.get(Role.MARKER)
+
+
+def _role(channel: NamedChannel) -> Role | None:
+    known = declared(channel.name)
+    return None if known is None else known.role

@@ -16,9 +16,9 @@ from drivers.protocols import CardReading
 from rig.derived import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.live import LiveView
+from rig.rigs import RIGS
 from rig.session.acquisition import Recorded
 from rig.session.deriving import derive_live
 from rig.session.driven_rig import Connect, DrivenRig, connected

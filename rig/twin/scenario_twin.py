@@ -10,7 +10,7 @@ from daq.errors import ConfigurationError, Problem, UnphysicalParameter
 from rig.files.effects_file import Catalogue, ParameterRange, parse_effects
 from rig.files.faults import read_text
 from rig.files.scenario import Scenario
-from rig.twin.rigs import KINDS
+from rig.rigs import RIGS
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.rig_model import RigModel
 from sim_twin.twin import AnyTwin
@@ -22,7 +22,7 @@ def twin_of(scenario: Scenario, channels: Iterable[str] = ()) -> AnyTwin:
     Raises ConfigurationError for parameters that no rig can have.
     """
     try:
-        return KINDS[scenario.rig].build(scenario.model, scenario.drive, tuple(channels))
+        return RIGS[scenario.rig].twin(scenario.model, scenario.drive, tuple(channels))
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
 
@@ -43,13 +43,8 @@ def _as_fault(error: UnphysicalParameter, scenario: Scenario) -> ConfigurationEr
 
 def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:
     """What the twin's rows are, as a log describes them."""
-    unit = model_of(twin).channel_unit
-    return tuple(_described(name, unit(name)) for name in twin.channels)
-
-
-def _described(name: str, unit: str) -> Channel:
-    location, _, quantity = name.partition(".")
-    return Channel(name, unit, quantity.split("_")[0], location)
+    declared = twin.model.channels
+    return tuple(declared[name].described for name in twin.channels)
 
 
 def catalogue_of(model: RigModel) -> Catalogue:

@@ -16,4 +16,4 @@ RIGS: Mapping[str, RigModel] = {model.name: model for model in _MODELS}
 
 def model_of(twin: AnyTwin) -> RigModel:
     """The rig that `twin` is of."""
-    return next(model for model in RIGS.values() if isinstance(twin.rig, model.parameters))
+    return twin.model

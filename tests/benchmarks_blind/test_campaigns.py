@@ -121,7 +121,7 @@ def test_scenario_and_engine_are_given_the_same_numbers() -> None:
         names = ("frequency", "amplitude") if "beam" in point else ("speed",)
         held |= {name: getattr(scenario.drive, name) for name in names}
         gaps = ("clearance",) if "beam" in point else ("clearance_1", "clearance_2")
-        held |= {name: getattr(scenario.model, name) for name in gaps}
+        held |= {name: scenario.model[name] for name in gaps}
         # Texts have three decimals of rpm; all else is exact but for rounding.
         assert held == pytest.approx({name: point[name] for name in held}, rel=1e-6)
 

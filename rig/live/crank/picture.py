@@ -9,7 +9,6 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.crank.channels import CrankChannels
 from rig.live.crank import mechanism
 from rig.live.crank.impact_picture import impact_view
 from rig.live.crank.joints import Joint, joints_view
@@ -19,6 +18,7 @@ from rig.live.crank.play import CrankPlay
 from rig.live.crank.speed_plot import speed_view
 from rig.live.picture import OwnViews, Stage
 from rig.live.shown import Shown
+from sim_twin.rigs.channel_table import ChannelTable
 
 
 class CrankPicture(ABC):
@@ -26,7 +26,7 @@ class CrankPicture(ABC):
 
     rig: ClassVar[str]
     __dataclass_fields__: ClassVar[dict[str, Any]]
-    channels: ClassVar[CrankChannels]
+    channels: ClassVar[ChannelTable]
 
     @property
     @abstractmethod

@@ -15,10 +15,10 @@ import numpy as np
 from daq.derived_names import CRANK_SPEED
 from daq.log import LogReader
 from rig.derived import RECORD
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.report import summarise
+from rig.rigs import RIGS
 from rig.session.frequency import FrequencySink
 from rig.session.sweep.state import PointState, SweepState, write_whole
 
@@ -79,7 +79,7 @@ def _impacts(log: LogReader, scenario: Scenario, duration_s: float) -> dict[str,
     if not on:
         on = tuple(channel for channel, _ in Counter(impact.channel for impact in seen).most_common(1))
     peaks = np.array([impact.peak for impact in seen if impact.channel in on])
-    cycle_hz = kind.drive_frequency(dataclasses.asdict(scenario.drive)) or math.nan
+    cycle_hz = scenario.drive.cycle_hz
     found: dict[str, float] = {IMPACTS: len(peaks), A_CYCLE: len(peaks) / (duration_s * cycle_hz or math.nan)}
     if len(peaks):
         found |= {PEAK_MEAN: float(peaks.mean()), PEAK_SD: float(peaks.std())}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim_twin.rigs.cycles import angle_cycles
-from sim_twin.rigs.planar_slider_crank.channels import channel_unit
+from sim_twin.rigs.planar_slider_crank.channels import CHANNELS
 from sim_twin.rigs.planar_slider_crank.effects import EFFECTS
 from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy, nominal_sensors, tolerances
 from sim_twin.rigs.planar_slider_crank.joint_record import joint_records
@@ -13,16 +13,15 @@ from sim_twin.rigs.planar_slider_crank.truth import CrankTruth
 from sim_twin.rigs.rig_model import RigModel
 
 MODEL = RigModel(
-    name="planar_slider_crank",
     parameters=PlanarSliderCrank,
     effects=EFFECTS,
-    channel_unit=channel_unit,
+    channels=CHANNELS,
     nominal_sensors=nominal_sensors,
     draw_healthy=draw_healthy,
     tolerances=tolerances,
     truth=CrankTruth,
     solver_values=solver_values,
-    reference="crank.angle",
+    reference=CHANNELS.angle,
     follow=angle_cycles,
     fine_rate=51_200.0,
     speed=55.0,

@@ -17,7 +17,6 @@ from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.crank.order_lines import TURNS
 from rig.derived import RECORD
-from rig.files.rigs import RIGS
 from rig.report import RunCollector, record
 from rig.report.blows import blows
 from rig.report.content import BigNumbers, Figure, Part, Sentence, Table
@@ -31,6 +30,7 @@ from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.speed import speed_figures, speeds
 from rig.report.turning import order_lines, turns_of
+from rig.rigs import RIGS
 from tests.rig.browser import needs_chromium
 from tests.rig.crank.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
 from tests.rig.report import crank_run
