@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from daq.channel import Channel
 from daq.errors import ConfigurationError, Problem, UnphysicalParameter
-from rig.files.effects_file import Catalogue, ParameterRange, parse_effects
+from rig.files.effects_file import parse_effects
 from rig.files.faults import read_text
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
-from sim_twin.rigs.catalogue import model_of
-from sim_twin.rigs.rig_model import RigModel
 from sim_twin.twin import AnyTwin
 
 
@@ -31,7 +29,7 @@ def check_twin(scenario: Scenario) -> None:
     """Raise ConfigurationError for a scenario that no twin can be set up for."""
     twin = twin_of(scenario)
     try:
-        model_of(twin).stream(twin, scenario.acquisition.sample_rate)
+        twin.model.stream(twin, scenario.acquisition.sample_rate)
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
 
@@ -47,17 +45,6 @@ def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:
     return tuple(declared[name].described for name in twin.channels)
 
 
-def catalogue_of(model: RigModel) -> Catalogue:
-    """The effects that a file may name for a rig, with the ranges of their parameters."""
-    table: dict[str, Mapping[str, ParameterRange]] = {}
-    for effect in model.effects.values():
-        ranges = {p.name: ParameterRange(p.intervals, p.unit) for p in effect.parameters}
-        if effect.channels:
-            ranges["channel"] = ParameterRange((), words=effect.channels)
-        table[effect.name] = ranges
-    return table
-
-
 def with_effects(twin: AnyTwin, path: Path) -> AnyTwin:
     """Return `twin` with the effects of a file in; raises ConfigurationError with every fault of the file."""
     return with_effects_of(twin, read_text(path), str(path))
@@ -65,9 +52,8 @@ def with_effects(twin: AnyTwin, path: Path) -> AnyTwin:
 
 def with_effects_of(twin: AnyTwin, text: str, source: str) -> AnyTwin:
     """Return `twin` with the effects of an effects file's `text` in; raises like `with_effects`."""
-    model = model_of(twin)
-    effects = parse_effects(text, source, catalogue_of(model))
+    effects = parse_effects(text, source, twin.model.effects)
     try:
-        return model.with_effects(twin, effects)
+        return twin.model.with_effects(twin, effects)
     except ValueError as error:
         raise ConfigurationError(source, [Problem("effects", "(together)", str(error))]) from error

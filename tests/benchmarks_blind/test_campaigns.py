@@ -19,7 +19,7 @@ from benchmarks.blind.operating_points import scenario_text
 from benchmarks.blind.recording import Recording
 from daq.log import LogReader, verify_log
 from rig.files.scenario import parse_scenario
-from rig.twin.scenario_twin import catalogue_of, twin_of
+from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.catalogue import RIGS
 
 
@@ -111,7 +111,7 @@ def test_the_twin_takes_every_scenario_and_effect(campaign: Campaign) -> None:
         if campaign.kind != "outside":
             values: Any = [(each["name"], each["parameters"]) for each in campaign.effects]
             RIGS[campaign.rig].with_effects(twin, values)
-            assert all(name in catalogue_of(RIGS[campaign.rig]) for name, _ in values)
+            assert all(name in RIGS[campaign.rig].effects for name, _ in values)
 
 
 def test_scenario_and_engine_are_given_the_same_numbers() -> None:

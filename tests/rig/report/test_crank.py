@@ -91,7 +91,7 @@ def test_a_crank_speaks_of_channels_that_its_rig_has(kind: Any) -> None:
         crank.marker,
         *crank.plain,
         *crank.ordered,
-        *(name for each in crank.impacts.values() for name in each),
+        *(name for each in crank.heard(kind.channels).values() for name in each),
     }
     beside = {"crank.angle", "encoder.angle"}  # an encoder may be there beside a marker
     assert named - beside <= set(kind.channels)
