@@ -10,7 +10,6 @@
     |   +-- InstrumentSilent  it did not answer in time         (TimeoutError)
     |   +-- DeviceLost        it went away during the run       (ConnectionError)
     +-- InterlockTripped      a limit was passed; rig is safe   (RuntimeError)
-    +-- AmbiguousAngle        turn slower or read more often   (ArithmeticError)
     +-- LogError              the file cannot be trusted        (ValueError)
     +-- RecorderFailed        stop the rig: samples are lost    (OSError)
 
@@ -104,23 +103,6 @@ class DeviceLost(InstrumentError, ConnectionError):
 
 class InterlockTripped(RattleError, RuntimeError):
     """A channel passed its abort limit; the rig was brought to its safe state."""
-
-
-class AmbiguousAngle(RattleError, ArithmeticError):
-    """A counter moved so far between two readings that it may have gone either way.
-
-    `index` of the reading, its `step` in counts the shorter way, and the counter's range.
-    """
-
-    def __init__(self, index: int, step: int, counter_range: int) -> None:
-        self.index, self.step, self.counter_range = index, step, counter_range
-        super().__init__(index, step, counter_range)
-
-    def __str__(self) -> str:
-        return (
-            f"reading {self.index}: {self.step:+d} counts of {self.counter_range} since the one before "
-            "could have gone either way: turn slower or read more often"
-        )
 
 
 class LogError(RattleError, ValueError):

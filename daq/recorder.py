@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import TracebackType
 
 from daq.block import SampleBlock
@@ -107,19 +108,14 @@ class Recorder:
             try:
                 write = self._queue.get(timeout=_IDLE_S)
             except queue.Empty:
-                write = self._idle
+                write = partial(self._writer.flush_if_older, self._clock.unix_ns())
             if write is None:
                 return
-            if self._failure is None:
-                self._attempt(write)
-
-    def _attempt(self, write: Callable[[], None]) -> None:
-        try:
-            write()
-        except RecorderFailed as error:
-            self._failure = error
-        except Exception as error:
-            self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
-
-    def _idle(self) -> None:
-        self._writer.flush_if_older(self._clock.unix_ns())
+            if self._failure is not None:
+                continue
+            try:
+                write()
+            except RecorderFailed as error:
+                self._failure = error
+            except Exception as error:  # top of a thread: whatever it was, the next hand-over tells the rig
+                self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")

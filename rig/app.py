@@ -7,11 +7,13 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Final
 
-from drivers.canopen_cia406 import CanopenEncoder
-from drivers.mitsubishi_fr import FrInverter
-from drivers.ni_daq import CardSettings, NiDaqCard
-from drivers.protocols import AcquisitionCard, PositionEncoder
-from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.canopen_cia406.encoder import CanopenEncoder
+from drivers.mitsubishi_fr.inverter import FrInverter
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.channels import CardSettings
+from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting

@@ -63,7 +63,13 @@ class RisingEdges:
         values = np.asarray(values_v, np.float64)
         values = np.where(np.isfinite(values), values, np.nan)
         confirmed = self._confirmed(values)
-        crossings, positions = self._crossings(values)
+        # where the signal rises through the middle: the sample after it, and its place between the two
+        known = np.concatenate([[self._passage.last_v], values])
+        below, above = known[:-1], known[1:]
+        crossings = np.flatnonzero((below < self._middle_v) & (above >= self._middle_v))
+        share = (self._middle_v - below[crossings]) / (above[crossings] - below[crossings])
+        crossings = self._passage.count + crossings
+        positions = crossings - 1 + share
         found = []
         for at, low in confirmed:
             latest = np.searchsorted(crossings, at, side="right") - 1
@@ -92,12 +98,3 @@ class RisingEdges:
         if not high.all():
             passage.last_low = passage.count + int(decided[np.flatnonzero(~high)[-1]])
         return found
-
-    def _crossings(self, values: Array) -> tuple[NDArray[np.intp], Array]:
-        """Rising passages of the middle: index of the sample after each, and where it lies; from the
-        start."""
-        known = np.concatenate([[self._passage.last_v], values])
-        below, above = known[:-1], known[1:]
-        at = np.flatnonzero((below < self._middle_v) & (above >= self._middle_v))
-        share = (self._middle_v - below[at]) / (above[at] - below[at])
-        return self._passage.count + at, self._passage.count + at - 1 + share

@@ -15,7 +15,7 @@ rest, the last revolution takes 2.4 times the one before and is taken for two, o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, log
+from math import inf, log, tau
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,11 +79,6 @@ class MarkTracker:
         self.extra = self.missing = self.lost = 0
 
     @property
-    def speed_valid(self) -> bool:
-        """Whether the speed can be acted on as of the latest sample."""
-        return self._interval is not None
-
-    @property
     def samples_per_turn(self) -> float | None:
         """Samples of the last revolution; None while the speed is not valid."""
         return self._interval
@@ -96,21 +91,22 @@ class MarkTracker:
         edges = self._edges.find(values_v)
         for edge, confirmed in zip(edges.position.tolist(), edges.confirmed.tolist(), strict=True):
             self._wait_until(confirmed)
-            self._take(edge)
+            self._recent = [*self._recent, edge][-_TO_RELOCK - 1 :]
+            if self._interval is None:
+                self._lock(_TO_LOCK)
+                continue
+            self._judge(edge, self._interval)
+            if self._interval is None or len(self._recent) <= _TO_RELOCK or not _agree(self._recent):
+                continue
+            # The latest edges are evenly spaced; are they as they are tracked?
+            ratio = (self._recent[-1] - self._recent[0]) / _TO_RELOCK / self._interval
+            if not SHORTEST <= ratio <= LONGEST:
+                self._lose(edge)
+                self._lock(_TO_RELOCK)
         self._wait_until(self._edges.count)
         marks, self._marks = self._marks, []
         changes, self._changes = self._changes, []
         return _marks(marks), changes
-
-    def _take(self, edge: float) -> None:
-        self._recent = [*self._recent, edge][-_TO_RELOCK - 1 :]
-        if self._interval is None:
-            self._lock(_TO_LOCK)
-        else:
-            self._judge(edge, self._interval)
-            if self._disagrees():
-                self._lose(edge)
-                self._lock(_TO_RELOCK)
 
     def _wait_until(self, now: int) -> None:
         """Accept the candidate once no nearer edge can come; give up once too many marks are missing."""
@@ -160,13 +156,6 @@ class MarkTracker:
         self._last, self._interval, self._candidate = edges[-1], edges[-1] - edges[-2], None
         self._changes.append(SpeedChange(edges[-1], valid=True))
 
-    def _disagrees(self) -> bool:
-        """Whether the latest edges are evenly spaced, but not as they are tracked."""
-        if len(self._recent) <= _TO_RELOCK or self._interval is None or not _agree(self._recent):
-            return False
-        ratio = (self._recent[-1] - self._recent[0]) / _TO_RELOCK / self._interval
-        return not SHORTEST <= ratio <= LONGEST
-
     def _lose(self, position: float) -> None:
         self._interval = self._candidate = None
         self._fresh = True
@@ -205,3 +194,27 @@ def _marks(rows: list[tuple[float, int, bool, bool]]) -> Marks:
         np.array(interpolated, np.bool_),
         np.array(restart, np.bool_),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class CrankAngle:
+    """Crank angle in rad, unwrapped, NaN where no revolution was seen whole; shape (n,).
+
+    `certain` is False there and in revolutions that begin or end with a mark that was put in.
+    """
+
+    angle_rad: NDArray[np.float64]
+    certain: NDArray[np.bool_]
+
+
+def crank_angle(marks: Marks, samples: ArrayLike) -> CrankAngle:
+    """Angle at sample indices of shape (n,) (whole or not, on the marks' count), even within a revolution."""
+    at = np.asarray(samples, np.float64)
+    if len(marks) < 2:
+        return CrankAngle(np.full(at.shape, np.nan), np.zeros(at.shape, np.bool_))
+    turn = np.clip(np.searchsorted(marks.position, at, side="right") - 1, 0, len(marks) - 2)
+    start, end = marks.position[turn], marks.position[turn + 1]
+    seen = (at >= marks.position[0]) & (at <= marks.position[-1]) & ~marks.restart[turn + 1]
+    angle = tau * (marks.turn[turn] + (at - start) / (end - start))
+    put_in = marks.interpolated[turn] | marks.interpolated[turn + 1]
+    return CrankAngle(np.where(seen, angle, np.nan), seen & ~put_in)

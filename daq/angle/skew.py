@@ -95,11 +95,6 @@ class Skew:
     revolutions: int
     recordings: tuple[RecordingSkew, ...]
 
-    @property
-    def separable(self) -> bool:
-        """Whether the speeds told skew and angle apart."""
-        return self.skew_s is not None
-
     def __str__(self) -> str:
         if self.skew_s is None or self.skew_uncertainty_s is None:
             return (
@@ -138,7 +133,9 @@ def angles_at_marks(
     """
     found: list[tuple[float, float, float]] = []
     readings = []
-    for at, turn_s in zip(mark_s, _turns_s(mark_s), strict=True):
+    gaps = np.diff(mark_s, prepend=-inf, append=inf)
+    shorter = np.minimum(gaps[:-1], gaps[1:])  # of the intervals before and after each mark
+    for at, turn_s in zip(mark_s, np.where(np.isfinite(shorter), shorter, 0.0), strict=True):
         low, high = np.searchsorted(encoder_s, [at - _HALF_WINDOW * turn_s, at + _HALF_WINDOW * turn_s])
         if high - low < _FEWEST_READINGS or low == 0 or high == len(encoder_s):
             continue
@@ -162,25 +159,19 @@ def find_skew(recordings: Sequence[AtMark]) -> Skew | None:
     model = _Model(recordings, dwells)
     at_mark = _wrapped(model.told(model.angle_at(float(every.mean()))))
     told_apart = np.max(np.abs(every)) >= _SPEEDS_APART * np.min(np.abs(every))
-    each = tuple(
-        _of_recording(model if told_apart else None, recording, at, [d for d in dwells if d.recording == at])
-        for at, recording in enumerate(recordings)
-    )
+    each = []
+    for at, recording in enumerate(recordings):
+        own = [dwell.speed_rad_s for dwell in dwells if dwell.recording == at]
+        told: tuple[float | None, float | None] = None, None
+        rate = None
+        if told_apart and own:
+            told, rate = model.told(model.skew_of(at)), model.told(model.rate_of(at))[0]
+        speeds = tuple(float(speed.mean()) for speed in own)
+        each.append(RecordingSkew(*told, rate, recording.middle_s, speeds, sum(map(len, own))))
     if not told_apart:
-        return Skew(None, None, None, None, *at_mark, float(every.mean()), len(every), each)
-    own, angle = model.told(model.own_skew), _wrapped(model.told(model.angle_at(0.0)))
-    return Skew(*own, *angle, *at_mark, float(every.mean()), len(every), each)
-
-
-def _of_recording(
-    model: _Model | None, recording: AtMark, number: int, dwells: Sequence[_Dwell]
-) -> RecordingSkew:
-    speeds = tuple(float(dwell.speed_rad_s.mean()) for dwell in dwells)
-    revolutions = sum(len(dwell.speed_rad_s) for dwell in dwells)
-    if model is None or not dwells:
-        return RecordingSkew(None, None, None, recording.middle_s, speeds, revolutions)
-    rate, _ = model.told(model.rate_of(number))
-    return RecordingSkew(*model.told(model.skew_of(number)), rate, recording.middle_s, speeds, revolutions)
+        return Skew(None, None, None, None, *at_mark, float(every.mean()), len(every), tuple(each))
+    angle = _wrapped(model.told(model.angle_at(0.0)))
+    return Skew(*model.told(model.own_skew), *angle, *at_mark, float(every.mean()), len(every), tuple(each))
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +219,13 @@ class _Model:
     def _solve(self, angle: Array, known: Array) -> None:
         """Least squares with what is known beforehand; columns of nothing unknown drop out."""
         scaled = self._design * known
-        scatter = _scatter(scaled, angle)
+        freedom = max(len(angle) - int(np.linalg.matrix_rank(scaled)), 1)
+        # of a mark's angle about the best fit, rad
+        left = angle - scaled @ (np.linalg.pinv(scaled, rcond=1e-12) @ angle)
+        scatter = max(float(np.sqrt(left @ left / freedom)), _LEAST_SCATTER)
         inverse = np.linalg.pinv(np.vstack([scaled / scatter, np.eye(len(known))]))
         self._values = known * (inverse[:, : len(angle)] @ angle) / scatter
         self._covariance = inverse @ inverse.T * known[:, None] * known
-        freedom = max(len(angle) - int(np.linalg.matrix_rank(scaled)), 1)
         self._quantile = float(stats.t.ppf((1 + _COVERED) / 2, freedom))
 
     def told(self, combination: Array) -> tuple[float, float]:
@@ -259,20 +252,6 @@ class _Model:
         combination = np.zeros(self._design.shape[1])
         combination[list(places)] = 1.0
         return combination
-
-
-def _scatter(scaled: Array, angle: Array) -> float:
-    """Standard deviation of a mark's angle about the best fit, rad."""
-    left = angle - scaled @ (np.linalg.pinv(scaled, rcond=1e-12) @ angle)
-    freedom = max(len(angle) - int(np.linalg.matrix_rank(scaled)), 1)
-    return max(float(np.sqrt(left @ left / freedom)), _LEAST_SCATTER)
-
-
-def _turns_s(mark_s: Array) -> Array:
-    """The shorter of the intervals before and after each mark, shape (m,)."""
-    gaps = np.diff(mark_s, prepend=-inf, append=inf)
-    shorter = np.minimum(gaps[:-1], gaps[1:])
-    return np.where(np.isfinite(shorter), shorter, 0.0)
 
 
 def _dwells(marks: AtMark, recording: int) -> Iterator[_Dwell]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.errors import AmbiguousAngle, UnphysicalParameter
+from daq.errors import UnphysicalParameter
 
 Counts = NDArray[np.int64]
 
@@ -71,34 +71,12 @@ class Unwrapper:
         before = int(values[0]) if self._last_raw is None else self._last_raw
         if self._last_raw is None:
             self._last_count = before
-        steps = self._shorter_way(np.diff(np.concatenate([[before], values])))
+        half = self._range // 2
+        steps = (np.diff(values, prepend=before) + half) % self._range - half  # the shorter way
         most = np.full(len(values), self._most)
-        most[0] = self._most_over(missing_before)
+        over_missing = (missing_before + 1) * self._most if self._last_raw is not None else 0
+        most[0] = over_missing if over_missing <= (self._range - 1) // 2 else -1  # every step is ambiguous
         ambiguous = (np.abs(steps) > most) | (values < -(self._range // 2)) | (values >= self._range)
         counts = self._last_count + np.cumsum(steps)
         self._last_raw, self._last_count = int(values[-1]), int(counts[-1])
         return Unwrapped(counts, ambiguous)
-
-    def _most_over(self, missing: int) -> int:
-        """Largest step over lost readings that has but one reading; -1 where every step is ambiguous."""
-        if self._last_raw is None:
-            return 0
-        most = (missing + 1) * self._most
-        return most if most <= (self._range - 1) // 2 else -1
-
-    def _shorter_way(self, difference: Counts) -> Counts:
-        half = self._range // 2
-        return (difference + half) % self._range - half
-
-
-def unwrap_counts(raw: ArrayLike, counter_range: int, largest_step: int | None = None) -> Counts:
-    """Unwrap all readings of a recording, shape (n,).
-
-    Raises AmbiguousAngle at the first step that could have gone either way.
-    """
-    unwrapped = Unwrapper(counter_range, largest_step).unwrap(raw)
-    if unwrapped.ambiguous.any():
-        at = int(np.argmax(unwrapped.ambiguous))
-        step = int(unwrapped.counts[at] - unwrapped.counts[max(at - 1, 0)])
-        raise AmbiguousAngle(at, step, counter_range)
-    return unwrapped.counts

@@ -1,16 +1,18 @@
-"""Other programs' file formats; a new one is a file here and one line in the table."""
+"""Other programs' file formats; a new one is a file here and one line in the table, or an entry point of
+another package in the group `rattle.formats` (an object of `daq.formats.contents.FileFormat`)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
 from daq.errors import LogError
-from daq.formats import comma_separated, mat, numpy_files, parquet, tdms, uff
-from daq.formats.file_format import FileFormat
+from daq.formats import arrays, comma_separated, mat, parquet, tdms, uff
+from daq.formats.contents import FileFormat
+from daq.plugins import Plugins, plugins
 
-FORMATS: Mapping[str, FileFormat] = MappingProxyType(
+FORMATS = MappingProxyType(
     {
         each.name: each
         for each in (
@@ -19,16 +21,24 @@ FORMATS: Mapping[str, FileFormat] = MappingProxyType(
             mat.FORMAT,
             comma_separated.FORMAT,
             parquet.FORMAT,
-            numpy_files.FORMAT,
+            arrays.FORMAT,
         )
     }
 )
 
 
+@cache
+def all_formats() -> Plugins[FileFormat]:
+    """Those of the table and of other packages, with what is wrong with the latter."""
+    added = plugins("rattle.formats", FileFormat, FORMATS)
+    return Plugins(FORMATS | added.found, added.faults)
+
+
 def format_of(path: Path) -> FileFormat:
     """The format of a file by its ending; raises LogError if no format has it."""
-    for each in FORMATS.values():
+    formats = all_formats().found
+    for each in formats.values():
         if path.suffix.lower() in each.suffixes:
             return each
-    known = ", ".join(suffix for each in FORMATS.values() for suffix in each.suffixes)
+    known = ", ".join(suffix for each in formats.values() for suffix in each.suffixes)
     raise LogError(f"{path}: which format this is cannot be told from its ending; known are {known}")

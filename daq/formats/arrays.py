@@ -1,14 +1,28 @@
-"""Named arrays of any program (MAT, NumPy): vectors are channels, `sample_rate` or `time` says when."""
+"""Named arrays of any program (MAT, NumPy): vectors are channels, `sample_rate` or `time` says when.
+
+NumPy's .npz and .npy are read here as they are; MAT files of other programs hand their arrays over.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import LogError
-from daq.formats.contents import RATE_NAMES, TIME_NAMES, Column, Contents, StatedRate, TimeAxis, time_axis
+from daq.formats.boundary import opened
+from daq.formats.contents import (
+    RATE_NAMES,
+    TIME_NAMES,
+    Column,
+    Contents,
+    FileFormat,
+    StatedRate,
+    TimeAxis,
+    time_axis,
+)
 from daq.formats.samples import Scratch, Spooled, precision
 
 _START_NAME = "start_unix_ns"
@@ -31,7 +45,11 @@ class Arrays:
         """Add an array under the name that it has in its file; raises LogError if it makes no sense there."""
         known = name.lower()
         if array.dtype.kind == "U" and array.size == 1:
-            self._add_text(name, str(array.item()))
+            ending = next((each for each in _UNIT_ENDINGS if name.endswith(each)), None)
+            if ending is None:
+                self.notes.append(f"left out: {name}, which is a text")
+            else:
+                self._units[name.removesuffix(ending)] = str(array.item())
         elif array.dtype.kind not in "fiub":
             self.notes.append(f"left out: {name}, which holds no real numbers")
         elif known in RATE_NAMES and array.size == 1:
@@ -41,28 +59,17 @@ class Arrays:
         elif known in TIME_NAMES:
             self._times = self._scratch.keep(vector(array, name))
         elif array.ndim == 2 and min(array.shape) > 1:
-            self._add_table(name, array)
+            rows = array if array.shape[0] <= array.shape[1] else array.T  # the longer side is time
+            self.notes.append(
+                f"{name}: {array.shape[0]} x {array.shape[1]} numbers are {len(rows)} channels of"
+                f" {rows.shape[1]} samples, named {name}.1 to {name}.{len(rows)}"
+            )
+            for number, row in enumerate(rows, start=1):
+                self._vectors[f"{name}.{number}"] = self._scratch.keep(row)
         elif array.size > 1:
             self._vectors[name] = self._scratch.keep(vector(array, name))
         else:
             self.notes.append(f"left out: {name}, which holds {array.size} number{'s' * (array.size != 1)}")
-
-    def _add_text(self, name: str, text: str) -> None:
-        for ending in _UNIT_ENDINGS:
-            if name.endswith(ending):
-                self._units[name.removesuffix(ending)] = text
-                return
-        self.notes.append(f"left out: {name}, which is a text")
-
-    def _add_table(self, name: str, array: NDArray[Any]) -> None:
-        """A matrix: the longer side is time."""
-        rows = array if array.shape[0] <= array.shape[1] else array.T
-        self.notes.append(
-            f"{name}: {array.shape[0]} x {array.shape[1]} numbers are {len(rows)} channels of"
-            f" {rows.shape[1]} samples, named {name}.1 to {name}.{len(rows)}"
-        )
-        for number, row in enumerate(rows, start=1):
-            self._vectors[f"{name}.{number}"] = self._scratch.keep(row)
 
     def contents(self) -> Contents:
         """All columns; raises LogError where time and samples do not go together."""
@@ -95,3 +102,28 @@ def vector(array: NDArray[Any], name: str) -> NDArray[Any]:
     if array.size != max(array.shape, default=1):
         raise LogError(f"{name} is {' x '.join(map(str, array.shape))} numbers, no row of samples")
     return np.ravel(array)
+
+
+def read(path: Path, scratch: Scratch) -> Contents:
+    """Read the arrays of a file, or the fields of a structured array; raises LogError.
+
+    Nothing in the file is run: pickled objects are refused.
+    """
+    arrays = Arrays(scratch)
+    with opened(path) as file:
+        loaded = np.load(file, allow_pickle=False)
+        if not isinstance(loaded, np.ndarray):
+            with loaded:
+                for name in loaded.files:
+                    arrays.add(name, loaded[name])
+        elif loaded.dtype.names is None:
+            arrays.add("array", loaded)
+        elif loaded.ndim != 1:
+            raise LogError(f"a structured array of {loaded.ndim} dimensions")
+        else:
+            for name in loaded.dtype.names:
+                arrays.add(name, loaded[name])
+        return arrays.contents()
+
+
+FORMAT = FileFormat("numpy", (".npz", ".npy"), read)

@@ -21,9 +21,8 @@ from pyarrow import csv as arrow
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.boundary import opened
-from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, time_axis
+from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, Warn, time_axis
 from daq.formats.description import Description
-from daq.formats.file_format import FileFormat, Warn
 from daq.formats.impact_table import as_csv, from_csv, impact_path
 from daq.formats.recording import Recording
 from daq.formats.samples import Samples, Scratch
@@ -98,7 +97,8 @@ def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file:
         if file.read(len(_IMPACTS_MARK)) == _IMPACTS_MARK.encode():
-            return _impacts(file)
+            text, _, table = file.read().decode().partition("\n")
+            return Contents((), replace(description.decode(text).rest, impacts=from_csv(table)))
         file.seek(0)
         head = _head(file)
         described = description.decode(head.own) if head.own else None
@@ -108,20 +108,11 @@ def read(path: Path, scratch: Scratch) -> Contents:
         if described is not None:
             starts = [track.stretches[0].first_sample for track in described.tracks if track.stretches]
             return described_table(described, found, min(starts, default=0))
-        axis = None if times is None else time_axis(times, _seconds(head.units.get(str(time), "s")))
+        unit = head.units.get(str(time), "s")
+        if times is not None and unit not in TIME_UNITS:
+            raise LogError(f"its time column is in {unit!r}, not one of {', '.join(TIME_UNITS)}")
+        axis = None if times is None else time_axis(times, TIME_UNITS[unit])
         return foreign_table(found, head.units, axis)
-
-
-def _impacts(file: BinaryIO) -> Contents:
-    described, _, table = file.read().decode().partition("\n")
-    rest = description.decode(described).rest
-    return Contents((), replace(rest, impacts=from_csv(table)))
-
-
-def _seconds(unit: str) -> float:
-    if unit not in TIME_UNITS:
-        raise LogError(f"its time column is in {unit!r}, not one of {', '.join(TIME_UNITS)}")
-    return TIME_UNITS[unit]
 
 
 def _columns(
@@ -156,7 +147,10 @@ def _head(file: BinaryIO) -> _Head:
     names, units = _names_and_units(_cells(line, delimiter))
     below, below_at = next(_lines(file), ("", 0))
     if not all(_is_number(cell) for cell in _cells(below, delimiter)):
-        units = _units_of(names, _cells(below, delimiter))
+        cells = _cells(below, delimiter)
+        if len(cells) != len(names):
+            raise LogError(f"{len(names)} names and {len(cells)} units")
+        units = {name: unit for name, unit in zip(names, cells, strict=True) if unit}
         below, below_at = next(_lines(file), ("", 0))
     if not below.strip():
         raise LogError("it holds no row of numbers")
@@ -202,12 +196,6 @@ def _names_and_units(cells: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     if "" in names:
         raise LogError(f"column {names.index('') + 1} has no name")
     return names, units
-
-
-def _units_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, str]:
-    if len(cells) != len(names):
-        raise LogError(f"{len(names)} names and {len(cells)} units")
-    return {name: unit for name, unit in zip(names, cells, strict=True) if unit}
 
 
 FORMAT = FileFormat("csv", (".csv", ".txt", ".tsv"), read, write)

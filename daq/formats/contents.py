@@ -1,19 +1,22 @@
-"""What a file of any program holds: columns that say what they know of themselves, and not more."""
+"""What a file of any program holds: columns that say what they know of themselves, and not more; and what a
+format is to the rest of rattle."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from daq.errors import LogError
 from daq.formats.description import Described, Description
 from daq.formats.recording import Recording, Stretch
-from daq.formats.samples import CHUNK, InMemory, Samples
+from daq.formats.samples import CHUNK, Pieces, Samples, Scratch
 from daq.log.reader import Origin
 
+Warn = Callable[[str], None]
 _LARGEST_DEVIATION = 0.1
 """Of a sample interval; a time column that a program rounded stays within, a lost sample does not."""
 RATE_NAMES = ("sample_rate", "samplerate", "fs")
@@ -99,15 +102,12 @@ def described_column(described: Described, samples: Samples) -> Column:
     )
 
 
-NO_SAMPLES = InMemory(np.empty(0, np.float32))
-
-
 def described_contents(description: Description, found: Mapping[str, Samples]) -> Contents:
     """Columns of a file that rattle wrote, `found` by `Track.name`; raises LogError if one is not there."""
     missing = [track.name for track in description.tracks if track.stretches and track.name not in found]
     if missing:
         raise LogError(f"its description names {', '.join(missing)}, which it does not hold")
-    columns = [described_column(track, found.get(track.name) or NO_SAMPLES) for track in description.tracks]
+    columns = [described_column(track, found.get(track.name) or Pieces(())) for track in description.tracks]
     return Contents(tuple(columns), description.rest)
 
 
@@ -135,7 +135,8 @@ def time_axis(times: Samples, seconds: float = 1.0) -> TimeAxis:
     if last <= first:
         raise LogError(f"its time column runs from {first:g} s to {last:g} s: not forward")
     interval = (last - first) / (count - 1)
-    for start, values in _parts(times):
+    for start in range(0, count, CHUNK):
+        values = times.read(start, min(start + CHUNK, count))
         steps = (values.astype(np.float64) * seconds - first) / interval - np.arange(
             start, start + len(values)
         )
@@ -149,6 +150,16 @@ def time_axis(times: Samples, seconds: float = 1.0) -> TimeAxis:
     return TimeAxis(StatedRate.of_increment(interval, uncertain), first)
 
 
-def _parts(samples: Samples) -> Iterator[tuple[int, np.ndarray]]:
-    for start in range(0, len(samples), CHUNK):
-        yield start, samples.read(start, min(start + CHUNK, len(samples)))
+@dataclass(frozen=True, slots=True)
+class FileFormat:
+    """A format: the name that `--to` takes, the endings of its files, how to read one and how to write.
+
+    `read` raises LogError for what it cannot read; its samples may stay in the file, which `Scratch` then
+    holds open. `write` makes the file, or several beside it where one cannot hold several rates, never over
+    another, says through `warn` what the format cannot hold, and raises RattleError; None: rattle only reads.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Path, Scratch], Contents]
+    write: Callable[[Recording, Path, Warn], tuple[Path, ...]] | None = None

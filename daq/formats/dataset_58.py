@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -121,7 +121,9 @@ def functions(file: BinaryIO, scratch: Scratch) -> Iterator[FoundFunction | int]
         line = file.readline(_LONGEST_LINE)
         number = _integer(line[:6], "the number of a dataset")
         if number != 58:
-            _skip_dataset(file)
+            while (line := file.readline(_LONGEST_LINE)).rstrip() != _SEPARATOR:
+                if not line:
+                    raise LogError("a dataset has no end")
             yield number
         else:
             yield _function(file, line.decode("ascii", "replace"), scratch)
@@ -134,13 +136,6 @@ def _find_separator(file: BinaryIO) -> bool:
         if line.strip():
             raise LogError(f"no dataset begins at byte {file.tell() - len(line)}")
     return False
-
-
-def _skip_dataset(file: BinaryIO) -> None:
-    while line := file.readline(_LONGEST_LINE):
-        if line.rstrip() == _SEPARATOR:
-            return
-    raise LogError("a dataset has no end")
 
 
 def _function(file: BinaryIO, first: str, scratch: Scratch) -> FoundFunction:
@@ -167,7 +162,11 @@ def _function(file: BinaryIO, first: str, scratch: Scratch) -> FoundFunction:
     if first[6:7].lower() == "b":
         values = _binary(file, first, count * width, is_double)
     else:
-        values = _text(file, count * width, _field_widths(is_double, is_complex, spacing == _EVEN), scratch)
+        # record 12: the fields of a line; an abscissa of its own has 13 characters
+        fields: tuple[int, ...] = (13,) * 6 if not is_double else (20,) * 4
+        if is_double and spacing != _EVEN:
+            fields = (13, 20, 20) if is_complex else (13, 20) * 2
+        values = _text(file, count * width, fields, scratch)
     if is_complex:
         return FoundFunction(function, False, values)
     if spacing == _EVEN:
@@ -195,32 +194,17 @@ def _binary(file: BinaryIO, first: str, count: int, is_double: bool) -> Samples:
     return Spooled(file.fileno(), offset, count, dtype)
 
 
-def _field_widths(is_double: bool, is_complex: bool, is_even: bool) -> tuple[int, ...]:
-    """Widths of the fields of a line of text, as the table of record 12 has them."""
-    ordinate = 20 if is_double else 13
-    if not is_double:
-        return (13,) * 6
-    if is_even:
-        return (20,) * 4
-    return (13, ordinate, ordinate) if is_complex else (13, ordinate) * 2
-
-
 def _text(file: BinaryIO, count: int, widths: tuple[int, ...], scratch: Scratch) -> Samples:
-    column = scratch.column()
+    column, edges = scratch.column(), list(itertools.accumulate(widths, initial=0))
     lines = iter(lambda: file.readline(_LONGEST_LINE), b"")
     data = itertools.takewhile(lambda line: line.rstrip() != _SEPARATOR, lines)
     while batch := list(itertools.islice(data, _BATCH_LINES)):
-        column.add(_numbers(batch, widths))
+        fields = (line[low:high] for line in batch for low, high in itertools.pairwise(edges))
+        texts = [field.replace(b"D", b"E") for field in fields if field.strip()]  # FORTRAN's exponent
+        column.add(np.array(texts, "S20").astype(np.float64))
     if len(column) != count:
         raise LogError(f"a dataset of {count} values holds {len(column)}")
     return column.samples()
-
-
-def _numbers(lines: Iterable[bytes], widths: tuple[int, ...]) -> NDArray[np.float64]:
-    edges = list(itertools.accumulate(widths, initial=0))
-    fields = [line[low:high] for line in lines for low, high in itertools.pairwise(edges)]
-    texts = [field for field in fields if field.strip()]
-    return np.array([field.replace(b"D", b"E") for field in texts], "S20").astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True)

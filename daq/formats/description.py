@@ -6,11 +6,11 @@ numbers stay whole (nanoseconds), and a float is written so that it reads back a
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
+from math import isfinite
+from typing import Any, TypeVar, get_args
 
 from daq.block import Flag
 from daq.channel import Channel
@@ -19,12 +19,13 @@ from daq.formats.recording import Recording, Stretch, TimeBase, Track
 from daq.log.reader import Origin
 from daq.log.records import ClockRecord, Event, Gap
 
+_Record = TypeVar("_Record", Event, Gap, ClockRecord)
 _VERSION = 1
 _WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 """What taking a damaged text apart raises."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Described:
     """A channel as the description has it: what a `Track` is, without its samples."""
 
@@ -40,7 +41,7 @@ class Described:
         return f"{self.origin}/{self.channel.name}"
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Description:
     """A recording without its samples."""
 
@@ -55,9 +56,13 @@ def encode(recording: Recording, tracks: Sequence[Track] | None = None) -> str:
         "rattle": _VERSION,
         "tracks": [_track(track) for track in (recording.tracks if tracks is None else tracks)],
         "metadata": {name: dict(record) for name, record in recording.metadata.items()},
-        "events": [dataclasses.astuple(event) for event in recording.events],
-        "gaps": None if recording.gaps is None else [dataclasses.astuple(gap) for gap in recording.gaps],
-        "clocks": [[_number(value) for value in dataclasses.astuple(clock)] for clock in recording.clocks],
+        "events": [astuple(event) for event in recording.events],
+        "gaps": None if recording.gaps is None else [astuple(gap) for gap in recording.gaps],
+        # JSON has no NaN; `float` reads its name
+        "clocks": [
+            [value if isinstance(value, int | str) or isfinite(value) else repr(value) for value in row]
+            for row in map(astuple, recording.clocks)
+        ],
     }
     return json.dumps(document, allow_nan=False, separators=(",", ":"))
 
@@ -72,9 +77,9 @@ def decode(text: str) -> Description:
         rest = Recording(
             (),
             {str(name): _texts(record) for name, record in document["metadata"].items()},
-            [_event(row) for row in document["events"]],
-            None if gaps is None else [_gap(row) for row in gaps],
-            [_clock(row) for row in document["clocks"]],
+            [_record(Event, row) for row in document["events"]],
+            None if gaps is None else [_record(Gap, row) for row in gaps],
+            [_record(ClockRecord, row) for row in document["clocks"]],
         )
         return Description(tuple(_described(each) for each in document["tracks"]), rest)
     except _WRONG as error:
@@ -114,24 +119,13 @@ def _described(track: Mapping[str, Any]) -> Described:
     return Described(track["origin"], channel, stretches, bool(track["wide"]))
 
 
-def _event(row: Sequence[Any]) -> Event:
-    time_ns, *texts = row
-    return Event(_time(time_ns), *(_text(each) for each in texts))
-
-
-def _gap(row: Sequence[Any]) -> Gap:
-    time_ns, channel, first, count, cause = row
-    return Gap(_time(time_ns), _text(channel), _whole(first), _whole(count), _text(cause))
-
-
-def _clock(row: Sequence[Any]) -> ClockRecord:
-    time_ns, device, *numbers = row
-    return ClockRecord(_time(time_ns), _text(device), *(float(each) for each in numbers))
-
-
-def _number(value: Any) -> Any:
-    """JSON has no NaN; `float` reads its name."""
-    return repr(value) if isinstance(value, float) and not math.isfinite(value) else value
+def _record(kind: type[_Record], row: Sequence[Any]) -> _Record:
+    """A record of the log from the list of its fields, each as its annotation wants it."""
+    reads: dict[str, Callable[[Any], Any]] = {"int": _whole, "str": _text, "float": float}
+    record = kind(*(reads[str(field.type)](value) for field, value in zip(fields(kind), row, strict=True)))
+    if record.time_ns >= 1 << 63:
+        raise ValueError(f"{record.time_ns} ns is no time that a log holds")
+    return record
 
 
 def _texts(record: Mapping[str, Any]) -> dict[str, str]:
@@ -148,9 +142,3 @@ def _whole(value: Any) -> int:
     if not isinstance(value, int) or not 0 <= value < 1 << 64:
         raise ValueError(f"{value!r} is no whole number that a log holds")
     return value
-
-
-def _time(value: Any) -> int:
-    if _whole(value) >= 1 << 63:
-        raise ValueError(f"{value} ns is no time that a log holds")
-    return int(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import get_args
 
@@ -59,11 +59,13 @@ class _Collector:
         if last is not None:
             if block.first_sample < last.end_sample:
                 raise LogError(f"/{self._origin}/{block.channel}: sample {block.first_sample} comes twice")
-            if base.sample_rate == last.base.sample_rate and _is_on(last.base, block):
+            strays_ns = abs(last.base.at(block.first_sample) - block.time_ns)
+            if base.sample_rate == last.base.sample_rate and strays_ns <= _ROUNDING_NS:
                 base = last.base
             self._column.skip(block.first_sample - last.end_sample)
         new = Stretch(block.first_sample, len(block), base, block.flags)
-        if last is not None and _continues(last, new):
+        follows = (new.first_sample, new.base, new.flags)
+        if last is not None and (last.end_sample, last.base, last.flags) == follows:
             self._stretches[-1] = Stretch(last.first_sample, last.count + new.count, base, last.flags)
         else:
             self._stretches.append(new)
@@ -73,48 +75,34 @@ class _Collector:
         return Track(self._origin, self._channel, tuple(self._stretches), self._column.samples())
 
 
-def _is_on(base: TimeBase, block: SampleBlock) -> bool:
-    return abs(base.at(block.first_sample) - block.time_ns) <= _ROUNDING_NS
-
-
-def _continues(last: Stretch, new: Stretch) -> bool:
-    return (last.end_sample, last.base, last.flags) == (new.first_sample, new.base, new.flags)
-
-
 def write_log(recording: Recording, writer: LogWriter) -> None:
     """Write a recording as a log in the order of time; raises LogError, RecorderFailed."""
     for name, record in recording.metadata.items():
         writer.add_metadata(name, record)
     for track in recording.tracks:
         writer.declare(track.origin, track.channel)
-    streams = [_sample_entries(track, writer, recording.gaps is None) for track in recording.tracks]
-    for _, write in heapq.merge(*streams, _record_entries(recording, writer), key=lambda entry: entry[0]):
+    record_gaps = recording.gaps is None
+    streams: list[Iterable[_Entry]] = [_blocks(track, writer, record_gaps) for track in recording.tracks]
+    records: list[_Entry] = []
+    for event in recording.events:
+        records.append((event.time_ns, partial(writer.add_event, event)))
+    for gap in recording.gaps or ():
+        records.append((gap.time_ns, partial(writer.add_gap, gap, gap.time_ns)))
+    for clock in recording.clocks:
+        records.append((clock.time_ns, partial(writer.add_clock, clock)))
+    for impact in recording.impacts:
+        records.append((impact.time_ns, partial(writer.add_impact, impact, impact.time_ns)))
+    streams.append(sorted(records, key=lambda entry: entry[0]))
+    for _, write in heapq.merge(*streams, key=lambda entry: entry[0]):
         write()
 
 
-def _sample_entries(track: Track, writer: LogWriter, record_gaps: bool) -> Iterator[_Entry]:
+def _blocks(track: Track, writer: LogWriter, record_gaps: bool) -> Iterator[_Entry]:
     for block in blocks_of(track):
         host_ns = sample_time_ns(block.time_ns, len(block), block.sample_rate)
-        yield host_ns, partial(_add, writer, track.origin, block, host_ns, record_gaps)
-
-
-def _add(writer: LogWriter, origin: Origin, block: SampleBlock, host_ns: int, record_gaps: bool) -> None:
-    with np.errstate(all="ignore"):  # samples that are no numbers have no rms
-        data = encode_block(block)
-    writer.add_encoded_block(origin, block, data, host_ns, record_gaps)
-
-
-def _record_entries(recording: Recording, writer: LogWriter) -> Iterator[_Entry]:
-    entries: list[_Entry] = []
-    for event in recording.events:
-        entries.append((event.time_ns, partial(writer.add_event, event)))
-    for gap in recording.gaps or ():
-        entries.append((gap.time_ns, partial(writer.add_gap, gap, gap.time_ns)))
-    for clock in recording.clocks:
-        entries.append((clock.time_ns, partial(writer.add_clock, clock)))
-    for impact in recording.impacts:
-        entries.append((impact.time_ns, partial(writer.add_impact, impact, impact.time_ns)))
-    return iter(sorted(entries, key=lambda entry: entry[0]))
+        with np.errstate(all="ignore"):  # samples that are no numbers have no rms
+            data = encode_block(block)
+        yield host_ns, partial(writer.add_encoded_block, track.origin, block, data, host_ns, record_gaps)
 
 
 def blocks_of(track: Track) -> Iterator[SampleBlock]:

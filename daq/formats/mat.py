@@ -21,8 +21,7 @@ from daq.errors import LogError, RattleError
 from daq.formats import description
 from daq.formats.arrays import Arrays, vector
 from daq.formats.boundary import new_file, opened
-from daq.formats.contents import Contents, described_contents
-from daq.formats.file_format import FileFormat, Warn
+from daq.formats.contents import Contents, FileFormat, Warn, described_contents
 from daq.formats.impact_table import KINDS, TABLE, columns_of, impacts_of
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch
@@ -60,7 +59,10 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
         for name, track in zip(names, recording.tracks, strict=True):
             _append(file, name, _struct(track))
         if recording.impacts:
-            _append(file, TABLE, _impacts(recording))
+            kinds: dict[type, Any] = {int: np.int64, float: np.float64, str: object}  # texts: a cell array
+            columns = columns_of(recording.impacts)
+            impacts = {name: np.array(columns[name], kinds[kind]) for name, kind in KINDS.items()}
+            _append(file, TABLE, impacts)
     return (path,)
 
 
@@ -100,39 +102,23 @@ def _struct(track: Track) -> dict[str, Any]:
     return fields
 
 
-def _impacts(recording: Recording) -> dict[str, Any]:
-    """A struct of columns; texts are a cell array."""
-    kinds: dict[type, Any] = {int: np.int64, float: np.float64, str: object}
-    columns = columns_of(recording.impacts)
-    return {name: np.array(columns[name], kinds[kind]) for name, kind in KINDS.items()}
-
-
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read structs that rattle wrote, or the vectors of any program; raises LogError."""
     with opened(path) as file:
-        return _contents(file, scratch)
-
-
-def _contents(file: BinaryIO, scratch: Scratch) -> Contents:
-    if _is_hdf5(file):
-        raise LogError("a MAT file of version 7.3 is not read; save it with -v7")
-    variables = scipy.io.whosmat(_rewound(file))
-    names = [name for name, _, _ in variables]
-    if _MARK in names:
-        return _described(file, [name for name in names if name != _MARK], scratch)
-    arrays = Arrays(scratch)
-    for name, shape, kind in variables:
-        if kind in _NUMBERS or kind == "char":
-            arrays.add(name, _load(file, name))
-        else:
-            arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
-    return arrays.contents()
-
-
-def _is_hdf5(file: BinaryIO) -> bool:
-    """MATLAB puts 512 bytes of its own before an HDF5 file."""
-    start = file.read(_HDF5_AT + len(_HDF5_MAGIC))
-    return start.startswith(_HDF5_MAGIC) or start.endswith(_HDF5_MAGIC)
+        start = file.read(_HDF5_AT + len(_HDF5_MAGIC))  # MATLAB puts 512 bytes of its own before an HDF5 file
+        if start.startswith(_HDF5_MAGIC) or start.endswith(_HDF5_MAGIC):
+            raise LogError("a MAT file of version 7.3 is not read; save it with -v7")
+        variables = scipy.io.whosmat(_rewound(file))
+        names = [name for name, _, _ in variables]
+        if _MARK in names:
+            return _described(file, [name for name in names if name != _MARK], scratch)
+        arrays = Arrays(scratch)
+        for name, shape, kind in variables:
+            if kind in _NUMBERS or kind == "char":
+                arrays.add(name, _load(file, name))
+            else:
+                arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
+        return arrays.contents()
 
 
 def _rewound(file: Any) -> Any:
@@ -163,10 +149,9 @@ def _described(file: BinaryIO, names: Iterable[str], scratch: Scratch) -> Conten
         track = f"{_text(fields['origin'])}/{_text(fields['name'])}"
         found[track] = scratch.keep(vector(fields["values"], name))
     contents = described_contents(description.decode(text), found)
-    return contents if TABLE not in names else _with_impacts(contents, _load(file, TABLE))
-
-
-def _with_impacts(contents: Contents, struct: NDArray[Any]) -> Contents:
+    if TABLE not in names:
+        return contents
+    struct = _load(file, TABLE)
     columns = {
         name: [
             str(cell.item()) if struct[0, 0][name].dtype == object else cell

@@ -18,8 +18,7 @@ from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.boundary import opened
-from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, TimeAxis, time_axis
-from daq.formats.file_format import FileFormat, Warn
+from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, TimeAxis, Warn, time_axis
 from daq.formats.impact_table import KINDS, columns_of, impact_path, impacts_of
 from daq.formats.recording import Recording
 from daq.formats.samples import Scratch
@@ -52,18 +51,13 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
         for file, table in zip(files, tables, strict=False):
             _write_table(file, table, recording)
         if recording.impacts:
-            _write_impacts(files[-1], recording)
+            kinds = {int: pa.int64(), float: pa.float64(), str: pa.string()}
+            schema = pa.schema(
+                [pa.field(name, kinds[kind], nullable=False) for name, kind in KINDS.items()],
+                metadata={_IMPACTS_MARK: description.encode(recording, ())},
+            )
+            pq.write_table(pa.table(columns_of(recording.impacts), schema=schema), files[-1])
     return paths
-
-
-def _write_impacts(file: IO[bytes], recording: Recording) -> None:
-    kinds = {int: pa.int64(), float: pa.float64(), str: pa.string()}
-    columns = columns_of(recording.impacts)
-    schema = pa.schema(
-        [pa.field(name, kinds[kind], nullable=False) for name, kind in KINDS.items()],
-        metadata={_IMPACTS_MARK: description.encode(recording, ())},
-    )
-    pq.write_table(pa.table(columns, schema=schema), file)
 
 
 def _write_table(file: IO[bytes], table: TrackTable, recording: Recording) -> None:
@@ -130,7 +124,9 @@ def _read_columns(table: pq.ParquetFile, names: list[str], columns: TableColumns
 def _foreign(table: pq.ParquetFile, scratch: Scratch) -> Contents:
     fields = list(table.schema_arrow)
     time = next((field for field in fields if field.name.lower() in TIME_NAMES), None)
-    names = [field.name for field in fields if field is not time and _is_number(field.type)]
+    are = pa.types
+    numbers = (are.is_floating, are.is_integer, are.is_boolean)
+    names = [each.name for each in fields if each is not time and any(kind(each.type) for kind in numbers)]
     columns = TableColumns(names, scratch, may_be_empty=False)
     _read_columns(table, names, columns)
     axis, start_ns = (None, None) if time is None else _times(table, time, scratch)
@@ -138,10 +134,6 @@ def _foreign(table: pq.ParquetFile, scratch: Scratch) -> Contents:
     left = [field.name for field in fields if field is not time and field.name not in names]
     notes = [f"left out: {name}, which holds no numbers" for name in left]
     return foreign_table(columns.samples(), units, axis, start_ns, notes)
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind))
 
 
 def _unit(field: pa.Field) -> str:

@@ -58,25 +58,6 @@ def chunks(samples: Samples) -> Iterator[NDArray[np.floating]]:
 
 
 @dataclass(frozen=True, slots=True)
-class InMemory:
-    """Samples in an array of shape (n,)."""
-
-    values: NDArray[np.floating]
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Precision of the array."""
-        return self.values.dtype
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def read(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Part of the array."""
-        return self.values[start:stop]
-
-
-@dataclass(frozen=True, slots=True)
 class Spooled:
     """`count` samples at byte `offset` of an open file."""
 

@@ -17,9 +17,8 @@ import pyarrow as pa
 
 from daq.errors import LogError, RattleError
 from daq.formats.boundary import new_file
-from daq.formats.contents import Column, Contents, TimeAxis, described_contents
+from daq.formats.contents import Column, Contents, TimeAxis, Warn, described_contents
 from daq.formats.description import Description
-from daq.formats.file_format import Warn
 from daq.formats.recording import Recording, TimeBase, Track
 from daq.formats.samples import Samples, Scratch, ScratchColumn
 from daq.log.reader import Origin
@@ -74,15 +73,12 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
     if not groups:
         raise RattleError("there is no sample in it to export")
     groups[0].extend(track for track in recording.tracks if not track.stretches)
-    return [_table(group) for group in groups]
-
-
-def _table(group: Sequence[Track]) -> TrackTable:
-    filled = [track for track in group if track.stretches]
-    first = min(track.first_sample for track in filled)
-    return TrackTable(
-        filled[0].stretches[0].base, tuple(group), first, max(each.end_sample for each in filled)
-    )
+    tables = []
+    for group in groups:
+        filled = [track for track in group if track.stretches]
+        first, end = min(each.first_sample for each in filled), max(each.end_sample for each in filled)
+        tables.append(TrackTable(filled[0].stretches[0].base, tuple(group), first, end))
+    return tables
 
 
 def table_paths(path: Path, tables: Sequence[TrackTable]) -> tuple[Path, ...]:
@@ -172,14 +168,8 @@ def foreign_table(
     """Columns of a table that another program wrote, or that has lost its description on the way."""
     found = []
     for name, samples in columns.items():
-        origin, short = _origin_and_name(name)
+        origin = next((each for each in get_args(Origin) if name.startswith(f"{each}/")), None)
+        short = name.removeprefix(f"{origin}/")
         rate, start_s = (axis.rate, axis.start_s) if axis else (None, 0.0)
-        found.append(Column(short, samples, origin, units.get(name), rate, start_ns, start_s))
+        found.append(Column(short, samples, origin or "measured", units.get(name), rate, start_ns, start_s))
     return Contents(tuple(found), notes=notes)
-
-
-def _origin_and_name(name: str) -> tuple[Origin, str]:
-    for origin in get_args(Origin):
-        if name.startswith(f"{origin}/"):
-            return origin, name.removeprefix(f"{origin}/")
-    return "measured", name

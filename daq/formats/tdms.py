@@ -20,8 +20,7 @@ from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.boundary import new_file, readable
-from daq.formats.contents import Column, Contents, StatedRate, described_contents
-from daq.formats.file_format import FileFormat, Warn
+from daq.formats.contents import Column, Contents, FileFormat, StatedRate, Warn, described_contents
 from daq.formats.impact_table import KINDS, TABLE, columns_of, impacts_of
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch, precision
@@ -55,15 +54,11 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
                 tdms.write_segment([ChannelObject(track.origin, track.channel.name, values, properties)])
                 properties = None
         if recording.impacts:
-            tdms.write_segment(_impacts(recording))
+            columns = columns_of(recording.impacts)
+            kinds: dict[type, Any] = {int: np.int64, float: np.float64, str: str}
+            typed = {name: np.array(columns[name], kinds[kind]) for name, kind in KINDS.items()}
+            tdms.write_segment([ChannelObject(TABLE, name, values) for name, values in typed.items()])
     return (path,)
-
-
-def _impacts(recording: Recording) -> list[ChannelObject]:
-    """A group with a channel for each column."""
-    columns = columns_of(recording.impacts)
-    kinds: dict[type, Any] = {int: np.int64, float: np.float64, str: str}
-    return [ChannelObject(TABLE, name, np.array(columns[name], kinds[kind])) for name, kind in KINDS.items()]
 
 
 def _properties(track: Track) -> dict[str, Any]:

@@ -13,14 +13,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO, get_args
+from typing import get_args
 from urllib.parse import parse_qsl, urlencode
 
 from daq.block import NS_PER_S, Flag
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.boundary import new_file, readable
-from daq.formats.contents import Column, Contents, StatedRate, described_column, time_axis
+from daq.formats.contents import Column, Contents, FileFormat, StatedRate, described_column, time_axis
 from daq.formats.dataset_58 import (
     HEADER,
     ID_WIDTH,
@@ -34,7 +34,6 @@ from daq.formats.dataset_58 import (
     run_header,
 )
 from daq.formats.description import Described
-from daq.formats.file_format import FileFormat
 from daq.formats.recording import Recording, Stretch, TimeBase, Track
 from daq.formats.samples import CHUNK, Pieces, Samples, Scratch
 from daq.log.reader import Origin
@@ -51,7 +50,8 @@ def write(recording: Recording, path: Path, warn: Callable[[str], None]) -> tupl
     """Write the file; warns of what it cannot hold. Raises RattleError."""
     _warn(recording, warn)
     with new_file(path) as file:
-        file.write(run_header(_plain(recording.run_id, ID_WIDTH), _date(_start_ns(recording))))
+        starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
+        file.write(run_header(_plain(recording.run_id, ID_WIDTH), _date(min(starts, default=0))))
         for node, track in enumerate(recording.tracks, start=1):
             said: set[str] = set()
             for part in unbroken(track):
@@ -143,10 +143,6 @@ def _plain(text: str, width: int) -> str:
     return "".join(printable)[:width]
 
 
-def _start_ns(recording: Recording) -> int:
-    return min((track.stretches[0].time_ns for track in recording.tracks if track.stretches), default=0)
-
-
 def _date(time_ns: int) -> str:
     moment = datetime.datetime.fromtimestamp(time_ns // NS_PER_S, datetime.UTC)
     # not %b, which speaks the language of the machine
@@ -155,28 +151,30 @@ def _date(time_ns: int) -> str:
 
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read the time records of a universal file; raises LogError."""
-    with readable(path):
-        return _contents(scratch.hold(path.open("rb")), scratch)
-
-
-def _contents(file: BinaryIO, scratch: Scratch) -> Contents:
     parts: dict[tuple[str, str], list[_Part]] = {}
     columns: list[Column] = []
     notes: list[str] = []
-    for found in functions(file, scratch):
-        if isinstance(found, int):
-            if found != HEADER:
-                notes.append(f"left out: a dataset {found}, which is no time record")
-        elif found.function.kind not in _TIME_KINDS or not found.is_real:
-            notes.append(f"left out: {found.function.id_lines[0]}, which is no real function of time")
-        elif fields := _own_fields(found.function):
-            part = _part(found, fields)
-            parts.setdefault((part.origin, part.channel.name), []).append(part)
-        else:
-            columns.append(_foreign(found))
-    columns = [*_named_apart(columns), *(_joined(each) for each in parts.values())]
-    if not columns and not notes:
-        raise LogError("it holds no dataset")
+    with readable(path):
+        for found in functions(scratch.hold(path.open("rb")), scratch):
+            if isinstance(found, int):
+                if found != HEADER:
+                    notes.append(f"left out: a dataset {found}, which is no time record")
+            elif found.function.kind not in _TIME_KINDS or not found.is_real:
+                notes.append(f"left out: {found.function.id_lines[0]}, which is no real function of time")
+            elif fields := _own_fields(found.function):
+                part = _part(found, fields)
+                parts.setdefault((part.origin, part.channel.name), []).append(part)
+            else:
+                columns.append(_foreign(found))
+        columns = _named_apart(columns)
+        for each in parts.values():
+            each.sort(key=lambda part: part.stretch.first_sample)
+            stretches = tuple(part.stretch for part in each)
+            start = stretches[0].first_sample
+            samples = Pieces([(part.stretch.first_sample - start, part.samples) for part in each])
+            columns.append(described_column(Described(each[0].origin, each[0].channel, stretches), samples))
+        if not columns and not notes:
+            raise LogError("it holds no dataset")
     return Contents(tuple(columns), notes=notes)
 
 
@@ -208,18 +206,14 @@ def _part(found: FoundFunction, fields: Mapping[str, str]) -> _Part:
     return _Part(origin, channel, stretch, found.values)
 
 
-def _joined(parts: Sequence[_Part]) -> Column:
-    ordered = sorted(parts, key=lambda part: part.stretch.first_sample)
-    start = ordered[0].stretch.first_sample
-    samples = Pieces([(part.stretch.first_sample - start, part.samples) for part in ordered])
-    described = Described(ordered[0].origin, ordered[0].channel, tuple(part.stretch for part in ordered))
-    return described_column(described, samples)
-
-
 def _foreign(found: FoundFunction) -> Column:
     function = found.function
     if found.abscissa is None:
-        rate, start_s = _stated(function.abscissa_increment), function.abscissa_min
+        # Six digits of an increment leave the rate open by half a unit of the last one.
+        increment, rate, start_s = function.abscissa_increment, None, function.abscissa_min
+        if increment:
+            half_unit = 0.5 * 10.0 ** (math.floor(math.log10(abs(increment))) - _DIGITS_AFTER_POINT)
+            rate = StatedRate.of_increment(increment, half_unit)
     else:
         axis = time_axis(found.abscissa)
         rate, start_s = axis.rate, axis.start_s
@@ -242,14 +236,6 @@ def _named_apart(columns: Sequence[Column]) -> list[Column]:
         name = f"{column.name} {numbers[column.name]}" if counts[column.name] > 1 else column.name
         named.append(replace(column, name=name))
     return named
-
-
-def _stated(increment: float) -> StatedRate | None:
-    """The rate that six digits of an increment leave open; None where there is no increment."""
-    if not increment:
-        return None
-    half_unit = 0.5 * 10.0 ** (math.floor(math.log10(abs(increment))) - _DIGITS_AFTER_POINT)
-    return StatedRate.of_increment(increment, half_unit)
 
 
 FORMAT = FileFormat("uff", (".uff", ".unv", ".uf", ".u58"), read, write)

@@ -38,7 +38,8 @@ def encode_block(block: SampleBlock) -> bytes:
 def decode_block(channel: str, data: bytes) -> SampleBlock:
     """Decode a block written by any program to the format; float64 values if it came as `wide`."""
     message = _parsed(schema.FastSampleBlockMessage, data)
-    if message.ByteSize() == len(data) and not _has_unknown_fields(message):
+    # ByteSize() counts unknown fields too, so fixed32 `values` (unpacked) would slip through.
+    if message.ByteSize() == len(data) and not len(UnknownFieldSet(message)):
         values = _array(message.values, "<f4")
         wide = _array(message.wide, "<f8") if message.wide else _NOT_WIDE
     else:
@@ -130,11 +131,6 @@ def _array(data: bytes, dtype: str) -> NDArray[Any]:
         return np.frombuffer(data, dtype=dtype)
     except ValueError as error:
         raise LogError(f"an array of samples is damaged ({error})") from error
-
-
-def _has_unknown_fields(message: Any) -> bool:
-    # ByteSize() counts unknown fields too, so fixed32 `values` (unpacked) would slip through.
-    return len(UnknownFieldSet(message)) > 0
 
 
 def _stamp(message: Any, time_ns: int) -> None:

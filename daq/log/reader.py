@@ -23,8 +23,7 @@ from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
-from daq.log.chunk import OpenedChunk, open_chunk
-from daq.log.chunks import IndexedChunks
+from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 Origin = Literal["measured", "nominal", "predicted", "derived"]
@@ -81,6 +80,7 @@ class LogReader:
         self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
         self._topics: dict[str, dict[str, str]] = {}
+        self._channel_names: dict[int, str] = {}
         self._summary: Summary | None = None
 
     def __enter__(self) -> LogReader:
@@ -146,7 +146,7 @@ class LogReader:
 
         Raises LogError at a damaged chunk, or passes over it and notes it in `damage` with `skip_damaged`.
         """
-        names: dict[int, str] = {}
+        names = dict(self._channel_names)
         for opening in self._openings(topics, start_ns, end_ns):
             try:
                 chunk = self._opened(opening)
@@ -157,7 +157,7 @@ class LogReader:
                 continue
             names.update((channel.id, channel.topic) for channel in chunk.channels)
             for number, sequence, log_ns, publish_ns, start, end in chunk.places:
-                topic = names.get(number) or self._topic_of(number)
+                topic = names.get(number, "")
                 if topics is None or topic in topics:
                     yield LoggedMessage(topic, log_ns, publish_ns, sequence, chunk.data[start:end])
 
@@ -165,7 +165,16 @@ class LogReader:
         self, origins: Origin | tuple[Origin, ...] | None = None, channels: Collection[str] | None = None
     ) -> Iterator[tuple[Origin, SampleBlock]]:
         """Sample blocks with their origin (default: of all), in file order (as they were recorded)."""
-        wanted = self._sample_topics(origins, channels)
+        if origins is None:
+            origins = get_args(Origin)
+        elif isinstance(origins, str):
+            origins = (origins,)
+        wanted: dict[str, tuple[Origin, str]] = {
+            f"/{each}/{name}": (each, name)
+            for each in origins
+            for name in self.channels(each)
+            if channels is None or name in channels
+        }
         for message in self.messages(set(wanted)):
             found_origin, name = wanted[message.topic]
             yield found_origin, codec.decode_block(name, message.data)
@@ -218,27 +227,17 @@ class LogReader:
         for _ in self._chunks_from_the_front():
             pass
 
-    def _sample_topics(
-        self, origins: Origin | tuple[Origin, ...] | None, channels: Collection[str] | None
-    ) -> dict[str, tuple[Origin, str]]:
-        if origins is None:
-            origins = get_args(Origin)
-        elif isinstance(origins, str):
-            origins = (origins,)
-        return {
-            f"/{each}/{name}": (each, name)
-            for each in origins
-            for name in self.channels(each)
-            if channels is None or name in channels
-        }
-
     def _read_summary(self) -> None:
         reader = SeekingReader(self._file, validate_crcs=True)
         summary = reader.get_summary()
-        if summary is None or not (summary.channels or _says_it_is_empty(summary)):
+        if summary is None:
+            return
+        says_it_is_empty = summary.statistics is not None and summary.statistics.channel_count == 0
+        if not summary.channels and not says_it_is_empty:
             return
         self.library = reader.get_header().library
         self._topics = {channel.topic: channel.metadata for channel in summary.channels.values()}
+        self._channel_names = {number: channel.topic for number, channel in summary.channels.items()}
         self.metadata = {record.name: record.metadata for record in reader.iter_metadata()}
         self._indexed = IndexedChunks(self._file.fileno(), summary.chunk_indexes)
         self._summary, self.complete = summary, True
@@ -247,27 +246,18 @@ class LogReader:
         self._file.seek(0)
         try:
             stream = StreamReader(self._file, emit_chunks=True, validate_crcs=True)
-            self._channel_names: dict[int, str] = {}
             for record in stream.records:
                 if isinstance(record, Metadata):
                     self.metadata[record.name] = record.metadata
                 elif isinstance(record, Chunk):
-                    self._note_channels(record)
+                    for channel in self._opened(partial(open_chunk, record)).channels:
+                        self._topics.setdefault(channel.topic, channel.metadata)
+                        self._channel_names[channel.id] = channel.topic
         except _FOREIGN_ERRORS as error:
             self.damage = f"{type(error).__name__}: {error}".removesuffix(": ")
         if not self._topics and not self.metadata:
             foreign = "" if begins_as_log(self.path) else "it does not begin as an MCAP file does"
             raise LogError(f"{self.path}: not a log ({foreign or self.damage or 'it holds nothing'})")
-
-    def _note_channels(self, chunk: Chunk) -> None:
-        for channel in self._opened(partial(open_chunk, chunk)).channels:
-            self._topics.setdefault(channel.topic, channel.metadata)
-            self._channel_names[channel.id] = channel.topic
-
-    def _topic_of(self, channel_id: int) -> str:
-        if self._summary is not None and channel_id in self._summary.channels:
-            return str(self._summary.channels[channel_id].topic)
-        return self._channel_names.get(channel_id, "")
 
     def _openings(
         self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
@@ -305,10 +295,6 @@ class LogReader:
                 return
             if isinstance(record, Chunk):
                 yield record
-
-
-def _says_it_is_empty(summary: Summary) -> bool:
-    return summary.statistics is not None and summary.statistics.channel_count == 0
 
 
 def _join(

@@ -87,7 +87,12 @@ class LogWriter:
         if gap in self._told_gaps:
             self._told_gaps.remove(gap)
         elif block.first_sample > expected and record_gap:
-            self._account_for_gap(block, expected, host_ns)
+            missing = block.first_sample - expected
+            start_ns = sample_time_ns(block.time_ns, -missing, block.sample_rate)
+            cause = "start of stream" if expected == 0 else "samples missing"
+            if not block.flags & Flag.SAMPLES_MISSING_BEFORE and expected:
+                cause = "not flagged by the source"
+            self._write_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
         self._add(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
 
@@ -121,7 +126,8 @@ class LogWriter:
             return
         age_ns = host_ns - self._chunk_opened_ns
         if not 0 <= age_ns < MAXIMUM_CHUNK_AGE_S * NS_PER_S:  # negative: the host's clock was set back
-            self._guard(self._end_chunk)
+            self._guard(self._writer.flush)
+            self._chunk_opened_ns = 0
 
     def close(self) -> None:
         """Finish and sync the file. After a failed write it stays as it is: readable up to the last chunk."""
@@ -138,14 +144,6 @@ class LogWriter:
         finally:
             with suppress(OSError):  # what a failed write left in its buffer fails once more, and is told
                 self._file.close()
-
-    def _account_for_gap(self, block: SampleBlock, expected: int, host_ns: int) -> None:
-        missing = block.first_sample - expected
-        start_ns = sample_time_ns(block.time_ns, -missing, block.sample_rate)
-        cause = "start of stream" if expected == 0 else "samples missing"
-        if not block.flags & Flag.SAMPLES_MISSING_BEFORE and expected:
-            cause = "not flagged by the source"
-        self._write_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
 
     def _register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
         if topic in self._topics:
@@ -178,7 +176,3 @@ class LogWriter:
         except OSError as error:
             self._failed = error
             raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
-
-    def _end_chunk(self) -> None:
-        self._writer.flush()
-        self._chunk_opened_ns = 0

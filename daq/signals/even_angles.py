@@ -1,4 +1,13 @@
-"""Samples taken evenly in time turned into samples at even angles, whole or block by block."""
+"""Turns of samples, and samples taken evenly in time turned into samples at even angles, whole or in blocks.
+
+A turn is one cycle of the drive from the rising zero of its sine, or one revolution from crank angle 0. All
+cyclic functions (averages, resampling, orders) take the turns of their samples: float64, unwrapped, one a
+sample, on the same clock. The whole part is the number of the cycle, the rest the phase in it.
+
+Between samples: a sinc under a Kaiser window, stretched where the output is the coarser grid. Gain 1 to 1e-4
+up to 0.44 of the lower of the two rates, images and aliases below 1e-4 from 0.56 on. Crochiere and Rabiner,
+Multirate Digital Signal Processing, chapter 2; Kaiser's formulas for 80 dB.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +15,58 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
 
 from daq.errors import UnphysicalParameter
-from daq.signals.interpolation import LOBES, interpolate
 from daq.signals.segments import usable
 
+_CUBIC = 3
+_LOBES = 24
+"""Zeros of the kernel on each side: how many steps of the coarser grid it reaches."""
+_STOP_BAND_DB = 80.0
+_BETA = 0.1102 * (_STOP_BAND_DB - 8.7)
+_STEPS = 1024
+"""Entries of the table from zero to zero: between them a straight line is right to 4e-7."""
+_WINDOW = np.kaiser(2 * _LOBES * _STEPS + 1, _BETA)[_LOBES * _STEPS :]
+_KERNEL = np.append(np.sinc(np.arange(_LOBES * _STEPS) / _STEPS) * _WINDOW[:-1], [0.0, 0.0])
+_AT_ONCE = 8192
+"""Outputs worked on together: their rows stay in the processor's cache."""
 _LONGEST_STRETCH = 32.0
 """Below 1/32 of the input's rate the filter against aliases widens no further, so that memory is bounded."""
-
 _LARGEST_STEP = 0.5
 """Turns from one sample to the next beyond which an angle cannot be told from another."""
+_HISTORY = int(_LOBES * _LONGEST_STRETCH) + 2
 
-_HISTORY = int(LOBES * _LONGEST_STRETCH) + 2
+
+def angle_turns(angle: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Turns of samples whose unwrapped crank angle in rad, shape (n,), was taken with them."""
+    return np.asarray(angle, dtype=np.float64) / (2 * np.pi)
+
+
+def turns_at(
+    times: NDArray[np.floating], known_times: NDArray[np.floating], known_turns: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Turns at `times` in s, shape (n,), from those known at other times, both of shape (k,).
+
+    A cubic spline through the known ones, exact up to an angular acceleration that grows evenly; NaN before
+    the first and after the last. `known_times` must grow. With a mark each revolution `known_turns` is 0, 1,
+    2 ...: a straight line between marks would be off by (acceleration x interval^2)/8, 3 to 4 degrees early
+    in a run-up from 300 to 1500 rpm within 10 s.
+    """
+    if len(known_times) <= 1:
+        return np.full(len(times), np.nan)
+    spline = CubicSpline(known_times, known_turns, extrapolate=False)
+    return np.asarray(spline(times), dtype=np.float64)
+
+
+def smooth_turns(turns: NDArray[np.floating], samples: int) -> NDArray[np.float64]:
+    """Turns less the steps of an encoder that counts: local cubics over an odd number of `samples`.
+
+    The stretch should hold tens of counts and be short against the fastest change of speed that is to stay.
+    Savitzky and Golay 1964, doi:10.1021/ac60214a047.
+    """
+    return np.asarray(savgol_filter(np.asarray(turns, dtype=np.float64), samples, _CUBIC))
 
 
 class EvenAngles(NamedTuple):
@@ -102,10 +151,10 @@ class AngleSampler:
         # No angle has followed the last one yet: it waits until the longest filter fits behind it.
         spacing[:-1] = np.diff(base) + np.diff(fraction)
         stretch = np.clip(spacing, 1.0, _LONGEST_STRETCH)
-        late = base + 1 + np.ceil(LOBES * stretch).astype(np.int64) >= self._end
+        late = base + 1 + np.ceil(_LOBES * stretch).astype(np.int64) >= self._end
         count = int(np.argmax(late)) if late.any() else len(late)
         first = self._end - self._kept.shape[1]
-        found = interpolate(self._kept, base[:count] - first, fraction[:count], stretch[:count])
+        found = _between(self._kept, base[:count] - first, fraction[:count], stretch[:count])
         self._base, self._fraction = base[count:], fraction[count:]
         self._index += count
         needed = int(min(self._base[0], self._end)) if len(self._base) else self._end
@@ -113,14 +162,31 @@ class AngleSampler:
         return found
 
 
-def to_even_angles(
-    values: NDArray[np.floating],
-    turns: NDArray[np.floating],
-    points: int,
-    flagged: NDArray[np.bool_] | None = None,
-) -> EvenAngles:
-    """What `AngleSampler` finds in a whole record, without the NaN at its start."""
-    first, found = AngleSampler(points).add(values, turns, flagged)
-    known = np.isfinite(np.atleast_2d(found)).any(axis=0)
-    start = int(np.argmax(known)) if known.any() else found.shape[-1]
-    return EvenAngles(first + start, found[..., start:])
+def _between(
+    values: NDArray[np.float64],
+    base: NDArray[np.int64],
+    fraction: NDArray[np.float64],
+    stretch: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Values between the samples of `values`, shape (channels, n), as (channels, k).
+
+    Output i lies `fraction[i]` (0 to 1) samples after sample `base[i]`; the kernel is `stretch[i]` (1 or
+    more) times as long as between samples. Each output depends on its own samples alone, to the bit. It is
+    NaN if one of them is; samples before the first and after the last are taken for the first and the last.
+    """
+    found = np.empty((len(values), len(base)))
+    for first in range(0, len(base), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        reach = int(np.ceil(_LOBES * stretch[part].max()))
+        total = np.zeros(len(base[part]))
+        weighted = np.zeros((len(values), len(total)))
+        for tap in range(-reach, reach + 2):
+            place = np.minimum(np.abs((tap - fraction[part]) / stretch[part]) * _STEPS, _LOBES * _STEPS)
+            entry = place.astype(np.intp)
+            weight = _KERNEL[entry] + (place - entry) * (_KERNEL[entry + 1] - _KERNEL[entry])
+            total += weight
+            taken = values[:, np.clip(base[part] + tap, 0, values.shape[1] - 1)]
+            # Not times zero: a sample out of reach may be NaN.
+            weighted += np.multiply(weight, taken, out=np.zeros_like(taken), where=weight != 0)
+        found[:, part] = weighted / total
+    return found

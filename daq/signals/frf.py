@@ -111,26 +111,26 @@ class FrfAverage:
         or (1 + r, n) for the input, which comes first, and each response.
         """
         for segment in self._cutter.add(usable(np.vstack((stimulus, responses)), flagged)):
-            good = without_gap(segment)
-            if good[0]:
-                self._take(segment, good[1:])
+            input_good, *rest = without_gap(segment)
+            if not input_good:
+                continue
+            good = np.array(rest)
+            lines = windowed_lines(segment, self._weights)
+            x, y = lines[0], lines[1:][good]
+            cross = np.conj(x) * y
+            power = x.real**2 + x.imag**2
+            powers = np.broadcast_to(power, y.shape), y.real**2 + y.imag**2
+            news = np.stack((*powers, cross.real, cross.imag))
+            self._count[good] += 1
+            count = self._count[good]
+            means = np.where((count == 1)[:, None], news, self._means[:, good])
+            weight = 1 / (count if self._memory is None else np.minimum(count, self._memory))
+            self._means[:, good] = means + (news - means) * weight[:, None]
 
     def result(self) -> Frf:
         """The averages so far."""
         xx, yy, real, imaginary = self._means * self._scale
         return Frf(self._frequency, xx, yy, real + 1j * imaginary, self._count.copy())
-
-    def _take(self, segment: NDArray[np.float64], good: NDArray[np.bool_]) -> None:
-        lines = windowed_lines(segment, self._weights)
-        x, y = lines[0], lines[1:][good]
-        cross = np.conj(x) * y
-        power = x.real**2 + x.imag**2
-        news = np.stack((np.broadcast_to(power, y.shape), y.real**2 + y.imag**2, cross.real, cross.imag))
-        self._count[good] += 1
-        count = self._count[good]
-        means = np.where((count == 1)[:, None], news, self._means[:, good])
-        weight = 1 / (count if self._memory is None else np.minimum(count, self._memory))
-        self._means[:, good] = means + (news - means) * weight[:, None]
 
 
 def frf(

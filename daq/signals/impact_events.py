@@ -1,4 +1,4 @@
-"""Impacts block by block, bounces taken together as one event, and cycles that had one or missed it."""
+"""Impacts block by block, bounces taken together as one event."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.contact_scan import ContactScanner
-from daq.signals.impacts import Impacts, Levels, chosen, impacts_in, joined, no_impacts
+from daq.signals.impacts import ContactScanner, Impacts, Levels, chosen, impacts_in, joined, no_impacts
 
 LONGEST_S = 1.0
 """A contact that lasts longer is no impact; it also bounds what has to wait for its end."""
@@ -128,34 +127,3 @@ class BounceGrouper:
         """The events that wait for more at the end of the record."""
         waiting, self._waiting = self._waiting, no_impacts()
         return impact_events(waiting, self._sample_rate, self._within_s)
-
-
-@dataclass(frozen=True, slots=True)
-class CycleImpacts:
-    """One row a cycle, every array of shape (c,): its number and how many impacts it had.
-
-    `first_phase` is where in the cycle (0 to 1) the first was, NaN where there was none.
-    """
-
-    cycle: NDArray[np.int64]
-    count: NDArray[np.int64]
-    first_phase: NDArray[np.float64]
-
-    @property
-    def missed(self) -> NDArray[np.int64]:
-        """Numbers of the cycles without an impact."""
-        return np.asarray(self.cycle[self.count == 0])
-
-
-def impacts_by_cycle(turns: NDArray[np.float64], first_cycle: int, end_cycle: int) -> CycleImpacts:
-    """Impacts at `turns`, shape (m,) and growing, by the cycles from `first_cycle` up to before `end_cycle`.
-
-    `turns[index]` of the samples' turns is where an impact lies. Hand over whole cycles only: one that the
-    record cuts may be counted as missed.
-    """
-    cycle = np.arange(first_cycle, end_cycle, dtype=np.int64)
-    first = np.searchsorted(turns, cycle)
-    count = np.searchsorted(turns, cycle + 1) - first
-    phase = np.full(len(cycle), np.nan)
-    phase[count > 0] = turns[first[count > 0]] % 1.0
-    return CycleImpacts(cycle, count.astype(np.int64), phase)

@@ -115,45 +115,23 @@ def order_tracks(
     known = np.flatnonzero(np.isfinite(turns))
     signal, way = usable(values, flagged)[0][known], np.maximum.accumulate(turns[known])
     half = turns_a_block / 2
-    centres = _centres(way, half)
+    centres = np.empty(0)
+    if len(way):
+        centres = np.arange(np.ceil(way[0] / half) + 1, np.floor(way[-1] / half)) * half
     speeds, lines = np.empty((2, len(centres))), np.empty((len(chosen), len(centres)), dtype=np.complex128)
     for block, centre in enumerate(centres):
         part = slice(*np.searchsorted(way, (centre - half, centre + half)))
         place, weight = (way[part] - centre) / half, np.gradient(way[part])
         weight *= np.cos(np.pi / 2 * place) ** 2
-        speeds[:, block] = _time_and_speed(known[part] / sample_rate, place, weight, half)
-        lines[:, block] = _fit(signal[part], way[part], place, weight, chosen)
+        times = polynomial.polyfit(place, known[part] / sample_rate, _SPEED_DEGREE, w=np.sqrt(weight))
+        speeds[:, block] = times[0], half / times[1]
+        if np.isnan(signal[part]).any():
+            lines[:, block] = np.nan
+            continue
+        angle = 2 * np.pi * np.outer(chosen, way[part])
+        steady = np.vstack((np.cos(angle), np.sin(angle), np.ones_like(place)))
+        rows = np.vstack((steady, steady * place, steady * place**2))
+        weighted = rows * weight
+        found = np.linalg.solve(weighted @ rows.T, weighted @ signal[part])
+        lines[:, block] = found[: len(chosen)] - 1j * found[len(chosen) : 2 * len(chosen)]
     return OrderTracks(chosen, centres, speeds[0], speeds[1], lines)
-
-
-def _centres(way: NDArray[np.float64], half: float) -> NDArray[np.float64]:
-    if not len(way):
-        return np.empty(0)
-    first, last = np.ceil(way[0] / half) + 1, np.floor(way[-1] / half) - 1
-    return np.arange(first, last + 1) * half
-
-
-def _time_and_speed(
-    times: NDArray[np.float64], place: NDArray[np.float64], weight: NDArray[np.float64], half: float
-) -> tuple[float, float]:
-    fitted = polynomial.polyfit(place, times, _SPEED_DEGREE, w=np.sqrt(weight))
-    return float(fitted[0]), float(half / fitted[1])
-
-
-def _fit(
-    values: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    place: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    orders: NDArray[np.float64],
-) -> NDArray[np.complex128]:
-    """Lines of `orders` in the middle of a block, shape (o,)."""
-    if np.isnan(values).any():
-        return np.full(len(orders), np.nan, dtype=np.complex128)
-    angle = 2 * np.pi * np.outer(orders, turn)
-    steady = np.vstack((np.cos(angle), np.sin(angle), np.ones_like(turn)))
-    rows = np.vstack((steady, steady * place, steady * place**2))
-    weighted = rows * weight
-    found = np.linalg.solve(weighted @ rows.T, weighted @ values)
-    count = len(orders)
-    return np.asarray(found[:count] - 1j * found[count : 2 * count])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -71,14 +71,6 @@ class SegmentCutter:
         for first in range(0, count * self._step, self._step):
             # A copy, so that every segment lies in memory in the same way: sums are then equal to the bit.
             yield kept[:, first : first + self._samples].copy()
-
-
-def flagged_ranges(ranges: Sequence[tuple[int, int]], count: int, first_sample: int = 0) -> NDArray[np.bool_]:
-    """True for those of `count` samples from `first_sample` on that lie in one of `ranges` (end excluded)."""
-    flagged = np.zeros(count, dtype=np.bool_)
-    for start, end in ranges:
-        flagged[max(start - first_sample, 0) : max(end - first_sample, 0)] = True
-    return flagged
 
 
 def usable(values: ArrayLike, flagged: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:

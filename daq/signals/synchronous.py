@@ -1,4 +1,4 @@
-"""Time-synchronous averaging: the mean cycle of a channel, how sure it is, and what remains without it."""
+"""Time-synchronous averaging: the mean cycle of a channel, and how sure it is."""
 
 from __future__ import annotations
 
@@ -6,12 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import interpolate
 
 from daq.signals.even_angles import AngleSampler
-
-_FINER = 8
-"""The mean cycle is refined so far before a spline is laid through it: the spline is then right to 3e-5."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +52,24 @@ class CycleAverage:
         news = np.atleast_2d(news)
         if not self._part.size:
             news = news[:, -first % self._points :]
-            self._begin(len(news))
+            self._part = np.empty((len(news), 0))
+            if len(self._count) != len(news):
+                self._count = np.zeros(len(news), dtype=np.intp)
+                self._mean = np.full((len(news), self._points), np.nan)
+                self._squares = np.zeros((len(news), self._points))
         part = np.concatenate((self._part, news), axis=1)
         whole = part.shape[1] // self._points * self._points
         for start in range(0, whole, self._points):
-            self._take(part[:, start : start + self._points])
+            # Welford 1962, doi:10.1080/00401706.1962.10490022.
+            cycle = part[:, start : start + self._points]
+            good = ~np.isnan(cycle).any(axis=1)
+            self._count[good] += 1
+            count = self._count[good][:, None]
+            mean = np.where(count == 1, cycle[good], self._mean[good])
+            off = cycle[good] - mean
+            mean = mean + off / count
+            self._mean[good] = mean
+            self._squares[good] += off * (cycle[good] - mean)
         self._part = part[:, whole:].copy()
 
     def result(self) -> SynchronousAverage:
@@ -69,24 +78,6 @@ class CycleAverage:
         error = np.sqrt(self._squares / (count - 1) / count)
         one = 0 if self._single else slice(None)
         return SynchronousAverage(self._mean[one].copy(), error[one], np.asarray(self._count[one]).copy())
-
-    def _begin(self, channels: int) -> None:
-        self._part = np.empty((channels, 0))
-        if len(self._count) != channels:
-            self._count = np.zeros(channels, dtype=np.intp)
-            self._mean = np.full((channels, self._points), np.nan)
-            self._squares = np.zeros((channels, self._points))
-
-    def _take(self, cycle: NDArray[np.float64]) -> None:
-        """Welford 1962, doi:10.1080/00401706.1962.10490022."""
-        good = ~np.isnan(cycle).any(axis=1)
-        self._count[good] += 1
-        count = self._count[good][:, None]
-        mean = np.where(count == 1, cycle[good], self._mean[good])
-        off = cycle[good] - mean
-        mean = mean + off / count
-        self._mean[good] = mean
-        self._squares[good] += off * (cycle[good] - mean)
 
 
 def synchronous_average(
@@ -99,17 +90,3 @@ def synchronous_average(
     average = CycleAverage(points)
     average.add(values, turns, flagged)
     return average.result()
-
-
-def without_mean_cycle(
-    values: NDArray[np.floating], turns: NDArray[np.floating], mean: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The residual: `values`, shape (n,), less the mean cycle, shape (points,), at their turns."""
-    points = len(mean)
-    lines = np.fft.rfft(mean)
-    if points % 2 == 0:
-        lines[-1] /= 2  # this line stands for its mirror as well, which is a line of its own from now on
-    finer = np.fft.irfft(lines, points * _FINER) * _FINER
-    phase = np.arange(points * _FINER + 1) / (points * _FINER)
-    cycle = interpolate.CubicSpline(phase, np.append(finer, finer[0]), bc_type="periodic")
-    return np.asarray(values - cycle(np.asarray(turns, dtype=np.float64) % 1.0), dtype=np.float64)

@@ -8,6 +8,7 @@ shortest delay can be known (exponential, uniform, half normal) or only a typica
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -133,9 +134,15 @@ def _middle(ordered: Array) -> float:
 
 def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
     late = arrival - device
-    passed = _passed(np.diff(device), np.diff(arrival))
-    starts = [0, *find_steps(late, np.concatenate([[0.0], np.cumsum(passed)]))]
-    starts = _long_enough(starts, len(late))
+    # Seconds between pairs by the two clocks; one that jumped says too much, or that time ran back.
+    steps, waits = np.diff(device), np.diff(arrival)
+    usual = np.where(np.abs(steps - waits) < _JUMP_S, steps, np.minimum(steps, waits))
+    passed = np.clip(usual, 0.0, None)
+    starts = [0]
+    for start in find_steps(late, np.concatenate([[0.0], np.cumsum(passed)])):
+        # A segment that is shorter cannot be told from spikes.
+        if start - starts[-1] >= _FEWEST_BINS and len(late) - start >= _FEWEST_BINS:
+            starts.append(start)
     elapsed = _elapsed(device, passed, starts)
     binned = _Binned(late, elapsed - np.median(elapsed), starts)
     typical = _converged(binned, Anchor.TYPICAL, 0.0)
@@ -143,8 +150,17 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
     above = binned.residual(shortest)
     delay = max(float(np.median(above)), 0.0)
     if anchor is None:
-        anchor = Anchor.SHORTEST if _sharp(above, delay) else Anchor.TYPICAL
-    line = shortest if anchor is Anchor.SHORTEST else _unbiased(typical, binned)
+        # Whether arrivals crowd at the shortest delay: the second quickest, lest one pair decides.
+        quickest = float(np.partition(above, 1)[1])
+        near = np.mean(above <= quickest + 0.1 * (delay - quickest))
+        anchor = Anchor.SHORTEST if near >= _SHARP_SHARE else Anchor.TYPICAL
+    line = shortest
+    if anchor is Anchor.TYPICAL:
+        # Shifted to the middle of all pairs: that of few from a skew distribution is a little off.
+        coefficients = typical.coefficients.copy()
+        coefficients[: typical.segments] += _middle(np.sort(binned.residual(typical)))
+        line = replace(typical, coefficients=coefficients)
+    latest = float(np.median(above[-_LATEST:]))
     segments = tuple(
         Segment(float(device[at]), float(arrival[at]), float(binned.elapsed_s[at])) for at in starts
     )
@@ -152,34 +168,19 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
         anchor=anchor,
         line=line,
         segments=segments,
-        steps=_steps(line, device, arrival, starts),
+        steps=tuple(
+            Step(
+                size_s=float(line.levels[number + 1] - line.levels[number]),
+                device_s=(float(device[at - 1]), float(device[at])),
+                arrival_s=(float(arrival[at - 1]), float(arrival[at])),
+            )
+            for number, at in enumerate(starts[1:])
+        ),
         typical_delay_s=delay,
         bend_s=_bend(binned, anchor, line),
-        locked=_locked(above, delay),
+        locked=abs(latest - delay) < max(_UNLOCKED * delay, _UNLOCKED_S),
         pairs=len(device),
     )
-
-
-def _passed(device: Array, arrival: Array) -> Array:
-    """Seconds between pairs by the two clocks; one that jumped says too much, or that time ran back."""
-    agree = np.abs(device - arrival) < _JUMP_S
-    return np.clip(np.where(agree, device, np.minimum(device, arrival)), 0.0, None)
-
-
-def _sharp(above: Array, delay: float) -> bool:
-    """Whether arrivals crowd at the shortest delay: the second quickest, lest one pair decides."""
-    quickest = float(np.partition(above, 1)[1])
-    near = above <= quickest + 0.1 * (delay - quickest)
-    return bool(np.mean(near) >= _SHARP_SHARE)
-
-
-def _long_enough(starts: list[int], count: int) -> list[int]:
-    """Leave out steps that begin a segment too short to be told from spikes."""
-    kept = [0]
-    for start in starts[1:]:
-        if start - kept[-1] >= _FEWEST_BINS and count - start >= _FEWEST_BINS:
-            kept.append(start)
-    return kept
 
 
 def _elapsed(device: Array, passed: Array, starts: list[int]) -> Array:
@@ -200,13 +201,6 @@ def _converged(binned: _Binned, anchor: Anchor, slope: float) -> Line:
     return binned.line(anchor, slope)
 
 
-def _unbiased(line: Line, binned: _Binned) -> Line:
-    """Shift the line to the middle of all pairs: that of few from a skew distribution is a little off."""
-    coefficients = line.coefficients.copy()
-    coefficients[: line.segments] += _middle(np.sort(binned.residual(line)))
-    return Line(coefficients, line.covariance, line.segments, line.degrees_of_freedom)
-
-
 def _bend(binned: _Binned, anchor: Anchor, line: Line) -> float:
     """Departure in s of a parabola through the bins from the line, at most; 0 if insignificant."""
     half = float(np.ptp(binned.x)) / 2
@@ -216,19 +210,3 @@ def _bend(binned: _Binned, anchor: Anchor, line: Line) -> float:
     bent = binned.line(anchor, line.slope, unit**2)
     curvature, deviation = bent.coefficients[-1], np.sqrt(bent.covariance[-1, -1])
     return float(abs(curvature) + 2 * deviation) * 2 / 3 if abs(curvature) > _BEND_SIGMAS * deviation else 0.0
-
-
-def _steps(line: Line, device: Array, arrival: Array, starts: list[int]) -> tuple[Step, ...]:
-    return tuple(
-        Step(
-            size_s=float(line.levels[number + 1] - line.levels[number]),
-            device_s=(float(device[at - 1]), float(device[at])),
-            arrival_s=(float(arrival[at - 1]), float(arrival[at])),
-        )
-        for number, at in enumerate(starts[1:])
-    )
-
-
-def _locked(above: Array, delay: float) -> bool:
-    """Whether the latest arrivals lie about where the others do."""
-    return abs(float(np.median(above[-_LATEST:])) - delay) < max(_UNLOCKED * delay, _UNLOCKED_S)

@@ -41,16 +41,19 @@ def find_steps(late: Array, elapsed_s: Array) -> list[int]:
     pairs a second with 1 ms of jitter, jumps from some 1.5 ms on are found once 2 s have passed after them if
     they are early, 3 s if they are late. A slow drift is no jump.
     """
-    width = _bin_width(elapsed_s)
+    pair_s = float(elapsed_s[-1]) / max(len(elapsed_s) - 1, 1)
+    width = max(_PAIRS, min(round(_BIN_S / pair_s), len(elapsed_s)) if pair_s > 0 else 1)
     count = len(late) // width
     window = min(_WINDOW, count // 2)
     if window < 2:
         return []
     medians = np.median(late[: count * width].reshape(count, width), axis=1)
     bin_s = max(float(elapsed_s[count * width - 1]) / count, 1e-9)
-    level = grey_opening(medians, size=(_odd(max(_WINDOW - 1, STALL_S / bin_s), count),))
+    stall = min(int(max(_WINDOW - 1, STALL_S / bin_s)), count)
+    level = grey_opening(medians, size=(2 * (stall // 2) + 1,))
     before, after = _levels_around(level, window)
-    jump, long_jump = _less_drift(after - before), _less_drift(_long_jump(level, window))
+    long_before, long_after = _levels_around(level, min(max(_LONG, window), len(level) // 2))
+    jump, long_jump = _less_drift(after - before), _less_drift(long_after - long_before)
     deviation = _MAD_TO_SIGMA * float(np.median(np.abs(jump)))
     shows = (np.abs(jump) > _CERTAIN * deviation) | (np.abs(long_jump) > _STILL * np.abs(jump))
     jump[~shows] = 0.0
@@ -58,7 +61,10 @@ def find_steps(late: Array, elapsed_s: Array) -> list[int]:
     found = []
     while abs(jump[at := int(np.argmax(np.abs(jump)))]) > max(_POSSIBLE * deviation, SMALLEST_STEP_S):
         low, high = max(at + 1 - window, 0) * width, (at + 1 + window) * width
-        found.append(low + _change(late[low:high], before[at] + usual, after[at] + usual))
+        # Cut where the sum of distances to the level before and the level after is least.
+        near, was, becomes = late[low:high], before[at] + usual, after[at] + usual
+        gain = np.concatenate([[0.0], np.cumsum(np.abs(near - was) - np.abs(near - becomes))])
+        found.append(low + int(np.argmin(gain)))
         jump[max(at - window, 0) : at + window + 1] = 0.0
     return sorted(found)
 
@@ -68,30 +74,9 @@ def _less_drift(jump: Array) -> Array:
     return jump - float(np.median(jump))
 
 
-def _long_jump(level: Array, window: int) -> Array:
-    before, after = _levels_around(level, min(max(_LONG, window), len(level) // 2))
-    return after - before
-
-
-def _bin_width(elapsed_s: Array) -> int:
-    """Pairs in a bin: five, or what half a second brings."""
-    each = float(elapsed_s[-1]) / max(len(elapsed_s) - 1, 1)
-    return max(_PAIRS, min(round(_BIN_S / each), len(elapsed_s)) if each > 0 else 1)
-
-
-def _odd(size: float, most: int) -> int:
-    return 2 * (min(int(size), most) // 2) + 1
-
-
 def _levels_around(level: Array, window: int) -> tuple[Array, Array]:
     """Medians of `window` values before and after each boundary between two values, shape (n - 1,)."""
     padded = np.pad(level, window - 1, mode="symmetric")
     medians = np.median(sliding_window_view(padded, window), axis=1)
     boundaries = len(level) - 1
     return medians[:boundaries], medians[window : window + boundaries]
-
-
-def _change(late: Array, before: float, after: float) -> int:
-    """Where to cut `late`, so that the sum of distances to the level before and the level after is least."""
-    gain = np.concatenate([[0.0], np.cumsum(np.abs(late - before) - np.abs(late - after))])
-    return int(np.argmin(gain))

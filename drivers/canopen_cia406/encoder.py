@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from daq import Clock, SystemClock
+from daq.clock import Clock, SystemClock
 from daq.errors import (
     ConfigurationError,
     DeviceLost,
@@ -20,13 +20,14 @@ from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import most_held
 from drivers.canopen_cia406.settings import EncoderSettings, problems
 from drivers.canopen_cia406.stream import HEARTBEATS_MISSED, PositionStream
-from drivers.protocols import Emergency, Notice, PositionBlock, PositionStatistics
+from drivers.protocols.encoder import Emergency, PositionBlock, PositionStatistics
+from drivers.protocols.notice import Notice
 
 HEARTBEAT_S = 0.2
 """Three of these are longer than a busy machine stalls, and well within a second."""
 _SLOWEST_HEARTBEAT_S = 0.3
 """Three of these are 0.9 s: a lost encoder is to be noticed within a second."""
-_ANSWER_MARGIN_S = 0.2
+_ANSWER_MARGIN_S = 0.2  # by which a lost heartbeat is told before a read gives up
 
 
 class CanopenEncoder:
@@ -58,6 +59,7 @@ class CanopenEncoder:
         found = problems(self.settings)
         if found:
             raise ConfigurationError(self.name, found)
+        # No silent resume: whatever was known of it before is read and compared once more.
         self.close()  # one that was lost may still be heard, and two threads would hear everything twice
         self._stream.connected()
         self._link.open()

@@ -7,12 +7,11 @@ from enum import IntEnum, IntFlag
 
 from canopen.emcy import EmcyError
 
-from drivers.protocols import Emergency
+from drivers.protocols.encoder import Emergency
 
 TPDO1 = 0x180
 EMCY = 0x080
 SDO_ANSWER = 0x580
-SDO_REQUEST = 0x600
 HEARTBEAT = 0x700
 """Function codes of the predefined connection set; the node's number is added (CiA 301, 7.3.5)."""
 

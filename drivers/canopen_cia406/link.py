@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import socket
 import struct
 import threading
 from collections.abc import Iterator
@@ -11,17 +12,17 @@ from typing import Any, Protocol
 
 import can
 import canopen
+from can.interfaces.socketcand.socketcand import SocketCanDaemonBus
 from canopen.objectdictionary import import_od
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import NmtCommand
 from drivers.canopen_cia406.objects import Entry
 from drivers.canopen_cia406.settings import EncoderSettings
-from drivers.canopen_cia406.socketcand import SocketcandBus
 
-SLICE_S = 0.05
+SLICE_S = 0.05  # how long the thread waits for a frame before it looks whether it is to stop
 _JOIN_S = 2.0
 
 # Both libraries raise what they log: it need not go to standard error where nobody asked for it.
@@ -45,8 +46,62 @@ class Listener(Protocol):
         ...
 
 
+_LONGEST_GREETING = 80
+
+
+class SocketcandBus(SocketCanDaemonBus):
+    """A socketcand bus whose handshake has a deadline, and which notices when the server hangs up.
+
+    As it is, the handshake waits for ever for a server that hangs and fails where a frame comes right behind
+    the last answer, as on any busy bus; a refused connection is tried again for 10 s without a pause; and the
+    end of the stream is taken for silence. Raises `OSError` (`TimeoutError` after `timeout_s`), `CanError`.
+    """
+
+    def __init__(self, channel: str, host: str, port: int, timeout_s: float, **keys: Any) -> None:
+        self._timeout_s = timeout_s
+        socket.create_connection((host, port), timeout_s).close()
+        try:
+            _untyped(super()).__init__(channel, host, port, **{"tcp_tune": True, **keys})
+        except BaseException:
+            self._stream.close()
+            raise
+
+    @property
+    def _stream(self) -> socket.socket:
+        stream = self._SocketCanDaemonBus__socket  # type: ignore[attr-defined]
+        assert isinstance(stream, socket.socket)  # noqa: S101 - pinned by every test of this driver
+        return stream
+
+    def _expect_msg(self, msg: str) -> None:
+        stream, answer = self._stream, b""
+        stream.settimeout(self._timeout_s)
+        while not answer.endswith(b">") and len(answer) < _LONGEST_GREETING:
+            byte = stream.recv(1)  # not more: what comes behind are frames
+            if not byte:
+                raise can.CanError(f"it hung up after {answer!r}")
+            answer += byte
+        stream.settimeout(None)
+        if answer != msg.encode("ascii"):
+            raise can.CanError(f"it says {answer.decode('ascii', 'replace')!r} and not {msg!r}")
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        message: can.Message | None = _untyped(super())._recv_internal(timeout)[0]
+        with suppress(BlockingIOError):  # nothing waits, and nobody has hung up
+            if message is None and self._stream.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b"":
+                raise can.CanOperationError("it closed the connection")
+        return message, False
+
+
+def _untyped(parent: object) -> Any:
+    return parent
+
+
 class CanLink:
-    """A bus with one thread that reads it; SDO answers go to the caller, everything else to `listener`."""
+    """A bus with one thread that reads it; SDO answers go to the caller, everything else to `listener`.
+
+    canopen's own thread is not started: whatever a bus raises as it is read has to reach `listener.lost`.
+    `upload`, `download` and `command` are for the caller's thread: the link's would wait for itself.
+    """
 
     def __init__(self, settings: EncoderSettings, listener: Listener, clock: Clock) -> None:
         self._settings, self._listener, self._clock = settings, listener, clock
@@ -57,29 +112,29 @@ class CanLink:
 
     def open(self) -> None:
         """Connect and listen. Raises `InstrumentAbsent`, `InstrumentSilent`."""
-        bus = self._connected()
-        self._network = canopen.Network(bus)
-        node = self._network.add_node(canopen.RemoteNode(self._settings.node, import_od(None)))
-        self._sdo = node.sdo
-        self._sdo.RESPONSE_TIMEOUT = self._settings.timeout_s
-        self._stop.clear()
-        self._thread = threading.Thread(target=self._run, args=(bus,), name="encoder", daemon=True)
-        self._thread.start()
-
-    def _connected(self) -> can.BusABC:
         settings = self._settings
         check = "the interface, its keys in the bench file, and that it runs"
         keys: dict[str, Any] = dict(settings.options)
         try:
+            bus: can.BusABC
             if settings.interface == "socketcand":
-                return SocketcandBus(timeout_s=settings.timeout_s, **keys)
-            return can.Bus(interface=settings.interface, ignore_config=True, **keys)
+                bus = SocketcandBus(timeout_s=settings.timeout_s, **keys)
+            else:
+                # Without ignore_config a file of the user's would decide which bus it is.
+                bus = can.Bus(interface=settings.interface, ignore_config=True, **keys)
         except TimeoutError as error:
             what = f"no answer within {settings.timeout_s:g} s"
             raise InstrumentSilent(settings.name, settings.address, what, check) from error
         except (can.CanError, NotImplementedError, OSError, TypeError, ValueError, KeyError) as error:
             what = f"nobody answers ({error})"
             raise InstrumentAbsent(settings.name, settings.address, what, check) from error
+        self._network = canopen.Network(bus)  # not connected: that would start its own thread
+        node = self._network.add_node(canopen.RemoteNode(settings.node, import_od(None)))
+        self._sdo = node.sdo
+        self._sdo.RESPONSE_TIMEOUT = settings.timeout_s
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._run, args=(bus,), name="encoder", daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """Hang up. Never raises."""

@@ -22,7 +22,7 @@ _ALWAYS = (
 _NAMING = (objects.PRODUCT, objects.REVISION, objects.SERIAL)
 _SCALED = (objects.COUNTS_PER_REVOLUTION, objects.TOTAL_RANGE)
 _UNSCALED = (objects.SINGLE_TURN_RESOLUTION, objects.REVOLUTIONS)
-_MOST_MAPPED = 8
+_MOST_MAPPED = 8  # a frame has 8 bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +70,7 @@ class Found:
 def read(link: CanLink, settings: EncoderSettings) -> Found:
     """Read all that matters. Raises `InstrumentAbsent` where no node answers at all."""
     reader = _Reader(link)
+    # The first question alone tells an absent node: after it, silence is an error of a node that is there.
     try:
         reader.read(objects.DEVICE_TYPE)
     except InstrumentSilent as error:
@@ -117,13 +118,6 @@ def differences(found: Found, settings: EncoderSettings) -> list[str]:
         for entry, wanted in settings.expected().items()
         if entry in values and values[entry] != wanted
     ]
-    said += _resolution_differences(found, settings)
-    said += _tpdo_differences(found, settings)
-    return said
-
-
-def _resolution_differences(found: Found, settings: EncoderSettings) -> list[str]:
-    said = []
     for name, value, wanted in (
         ("counts per revolution", found.counts_per_revolution, settings.counts_per_revolution),
         ("total range", found.total_range, settings.total_range),
@@ -132,11 +126,13 @@ def _resolution_differences(found: Found, settings: EncoderSettings) -> list[str
             said.append(f"{name} is {value} instead of {wanted}")
         if value == 0:
             said.append(f"{name} is 0")
+    said += _tpdo_differences(found, settings)
     return said
 
 
 def _tpdo_differences(found: Found, settings: EncoderSettings) -> list[str]:
     values, said = found.values, []
+    # Bits 0 to 29 of a COB-ID: the identifier, and whether it is an extended one, which ours is not.
     wanted_id = frames.TPDO1 + settings.node
     cob_id = values.get(objects.TPDO1_ID, wanted_id)
     if cob_id & objects.PDO_INVALID or cob_id & 0x3FFF_FFFF != wanted_id:

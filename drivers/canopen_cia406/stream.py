@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -10,15 +11,15 @@ from dataclasses import replace
 import can
 import numpy as np
 
-from daq import Flag
+from daq.block import Flag
 from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
 from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import BusError, NmtState
-from drivers.canopen_cia406.gaps import Gaps
 from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import FrameOrder, Placed, PositionFrame
 from drivers.canopen_cia406.settings import EncoderSettings
-from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.notice import Notice
 
 HEARTBEATS_MISSED = 3
 _ATTENTIVE_S = 0.1
@@ -26,8 +27,64 @@ _ATTENTIVE_S = 0.1
 _MOST_NOTICES = 1000
 
 
+_MISSING, _UNREAD = "frames missing", "not read in time"
+_NOT_CERTAIN = "; how many and where is not certain"
+_MOST_CAUSES = 1000
+
+
+class Gaps:
+    """Is told of positions that are kept and of what became of others, and hands out the gaps."""
+
+    def __init__(self) -> None:
+        self.last: Placed | None = None
+        self._gaps: deque[PositionGap] = deque()
+        self._causes: deque[tuple[float, str]] = deque(maxlen=_MOST_CAUSES)
+        self._unread = False
+
+    def lost(self, timestamp_s: float, cause: str) -> None:
+        """What came at this time was no position, or none came."""
+        self._causes.append((timestamp_s, cause))
+
+    def not_read(self) -> bool:
+        """One is thrown away because nobody reads; whether it is the first since one was kept."""
+        first, self._unread = not self._unread, True
+        return first
+
+    def keep(self, placed: Placed) -> None:
+        """One is kept; those between it and the last one that was are a gap."""
+        expected = 0 if self.last is None else self.last.number + 1
+        # What was rejected tells why others are missing at its own place alone.
+        since_s, until_s = -math.inf, placed.frame.timestamp_s
+        if placed.stepped:  # times before it are those of another clock
+            until_s = math.inf
+        elif self.last is not None:
+            since_s = self.last.frame.timestamp_s
+        known = [cause for at_s, cause in self._causes if since_s < at_s < until_s]
+        while self._causes and self._causes[0][0] < until_s:
+            self._causes.popleft()
+        if self._unread:
+            known.append(_UNREAD)
+        cause = "; ".join(dict.fromkeys(known)) or _MISSING
+        if not placed.certain:
+            cause += _NOT_CERTAIN
+        if placed.number > expected:
+            self._gaps.append(PositionGap(expected, placed.number - expected, cause))
+        self.last, self._unread = placed, False
+
+    def before(self, number: int) -> tuple[PositionGap, ...]:
+        """Return and forget the gaps before a frame."""
+        gaps: list[PositionGap] = []
+        while self._gaps and self._gaps[0].first_frame < number:
+            gaps.append(self._gaps.popleft())
+        return tuple(gaps)
+
+
 class PositionStream:
-    """Takes every frame in the link's thread; hands out blocks to one reader."""
+    """Takes every frame in the link's thread; hands out blocks to one reader.
+
+    All that both touch is under the lock of `_changed`. The first fault is kept: positions that came before
+    it are read first, then `take` raises it, until `connected` begins anew.
+    """
 
     def __init__(self, settings: EncoderSettings) -> None:
         self._settings, self._node = settings, settings.node
@@ -135,12 +192,23 @@ class PositionStream:
             if self._ended and not self._queue:
                 raise self._fault or self._lost_error("it was not started")
             if not self._ended and len(self._queue) < count:
-                raise self._silent(count, seconds)
+                what = f"{len(self._queue)} of {count} positions within {seconds:.3g} s; {self._last_good()}"
+                check = "its cyclic timer and that it is operational"
+                raise InstrumentSilent(self._settings.name, self._settings.address, what, check)
             placed = [self._queue.popleft() for _ in range(min(count, len(self._queue)))]
             gaps = self._gaps.before(placed[-1].number)
             flags = Flag.SAMPLES_MISSING_BEFORE if gaps or self._suspect else Flag.GOOD
             self._suspect = False
-        return _block(placed, gaps, flags)
+        if any(item.stepped or not item.certain for item in placed):
+            flags |= Flag.CLOCK_NOT_LOCKED
+        return PositionBlock(
+            number=np.array([item.number for item in placed], dtype=np.int64),
+            arrival_s=np.array([item.frame.arrival_s for item in placed]),
+            timestamp_s=np.array([item.frame.timestamp_s for item in placed]),
+            counts=np.array([item.frame.counts for item in placed], dtype=np.int64),
+            gaps=gaps,
+            flags=flags,
+        )
 
     # In the link's thread from here on.
 
@@ -192,8 +260,14 @@ class PositionStream:
         if placed.stepped:
             text = "the clock of the timestamps was set"
             self._note(placed.frame.arrival_s, "warning", "encoder.clock_step", text)
-        self._note_unsure(placed)
-        if len(self._queue) >= self._capacity:
+        if not (placed.certain or self._unsure):
+            text = (
+                f"frame {placed.number}: positions come too unevenly to tell which are missing, "
+                "numbers may be off from here on; a bus or interface that stalls?"
+            )
+            self._note(placed.frame.arrival_s, "warning", "encoder.numbering", text)
+        self._unsure = not placed.certain
+        if len(self._queue) >= self._capacity:  # bounded: who does not read must not fill the memory
             if self._gaps.not_read():
                 text = f"positions are lost: nobody read for {self._settings.buffer_s:g} s"
                 self._note(placed.frame.arrival_s, "error", "encoder.overrun", text)
@@ -205,22 +279,13 @@ class PositionStream:
         if len(self._queue) >= self._wanted:
             self._changed.notify_all()
 
-    def _note_unsure(self, placed: Placed) -> None:
-        """Tell where numbers begin to be uncertain."""
-        if not (placed.certain or self._unsure):
-            text = (
-                f"frame {placed.number}: positions come too unevenly to tell which are missing, "
-                "numbers may be off from here on; a bus or interface that stalls?"
-            )
-            self._note(placed.frame.arrival_s, "warning", "encoder.numbering", text)
-        self._unsure = not placed.certain
-
     def _heartbeat(self, message: can.Message, arrival_s: float) -> None:
         try:
             state = frames.heartbeat_state(message.data)
         except ValueError:
             self._count("wrong_length")
             return
+        # A node that fell back or restarted lost what was set in it: it is opened and verified again by hand.
         self._state, self._beats = state, self._beats + 1
         self._unheard_s, self._beat_s, self._beat_stamp_s = 0.0, arrival_s, message.timestamp
         if self._streaming and self._operational and state != NmtState.OPERATIONAL:
@@ -243,11 +308,14 @@ class PositionStream:
         except ValueError:
             self._count("wrong_length")
             return
-        if emergency.code & 0xFF00 == 0:  # error reset
+        if emergency.code & 0xFF00 == 0:  # error reset or no error (CiA 301, table of emergency error codes)
             self._emergencies = ()
             self._note(arrival_s, "info", "encoder.emergency_over", emergency.text)
             return
-        self._emergencies = (*self._emergencies[-31:], emergency)
+        self._emergencies = (
+            *self._emergencies[-31:],
+            emergency,
+        )  # bounded, for a node that sends them for ever
         self._count("emergencies")
         text = f"emergency {emergency.code:04X}h ({emergency.text}), register {emergency.register:02X}h"
         self._note(arrival_s, "error", "encoder.emergency", text)
@@ -257,7 +325,8 @@ class PositionStream:
         self._count("error_frames")
         if kind & BusError.BUS_OFF:
             self.lost("the bus is off")
-        elif kind & BusError.CONTROLLER and _overflowed(message):
+        # linux/can/error.h: byte 1 bit 0 is an overflow of the receive buffer; socketcand leaves bytes out
+        elif kind & BusError.CONTROLLER and (len(message.data) < 2 or message.data[1] & 0x01):
             self._suspect = True
             cause = "receive buffer of the interface overran"
             self._gaps.lost(message.timestamp, cause)
@@ -285,32 +354,9 @@ class PositionStream:
         check = "cable, power and bus of the encoder; open it again to have its settings verified"
         return DeviceLost(self._settings.name, self._settings.address, f"{why}; {self._last_good()}", check)
 
-    def _silent(self, count: int, seconds: float) -> InstrumentSilent:
-        what = f"{len(self._queue)} of {count} positions within {seconds:.3g} s; {self._last_good()}"
-        check = "its cyclic timer and that it is operational"
-        return InstrumentSilent(self._settings.name, self._settings.address, what, check)
-
     def _last_good(self) -> str:
         last = self._gaps.last
         if last is None:
             return "no position came"
         number, frame = last.number, last.frame
         return f"last good position: frame {number}, {frame.counts} counts at {frame.timestamp_s:.6f} s"
-
-
-def _overflowed(message: can.Message) -> bool:
-    # linux/can/error.h: byte 1 bit 0 is an overflow of the receive buffer; socketcand leaves the bytes out.
-    return len(message.data) < 2 or bool(message.data[1] & 0x01)
-
-
-def _block(placed: list[Placed], gaps: tuple[PositionGap, ...], flags: Flag) -> PositionBlock:
-    if any(item.stepped or not item.certain for item in placed):
-        flags |= Flag.CLOCK_NOT_LOCKED
-    return PositionBlock(
-        number=np.array([item.number for item in placed], dtype=np.int64),
-        arrival_s=np.array([item.frame.arrival_s for item in placed]),
-        timestamp_s=np.array([item.frame.timestamp_s for item in placed]),
-        counts=np.array([item.frame.counts for item in placed], dtype=np.int64),
-        gaps=gaps,
-        flags=flags,
-    )

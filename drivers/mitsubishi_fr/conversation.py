@@ -17,9 +17,11 @@ from drivers.mitsubishi_fr.frames import READ, WRITE, Answer, Request
 from drivers.mitsubishi_fr.line import Line, NoAnswer
 from drivers.mitsubishi_fr.registers import MARKS, Block, Register
 
+# Reads and absolute set values may be repeated, each within its deadline. Run, stop and reset go out once:
+# whoever gave them reads the state before giving them again.
 ATTEMPTS = 2
 MARK_ATTEMPTS = 2
-BUSY_S = 0.05
+BUSY_S = 0.05  # after exceptions 05 and 06, both of which say "ask again later"
 
 # Modbus Application Protocol V1.1b3, section 7.
 EXCEPTIONS = {
@@ -33,7 +35,7 @@ EXCEPTIONS = {
     0x0B: "gateway target does not respond",
 }
 ACKNOWLEDGE, BUSY = 0x05, 0x06
-_LOST = (0x0A, 0x0B)
+_LOST = (0x0A, 0x0B)  # a gateway speaks for a drive that it does not reach
 DEVICE_FAILURE = "04"
 """`code` of the InstrumentRefused that says the drive itself failed; the rig stops."""
 
@@ -57,7 +59,7 @@ class Conversation:
     ) -> None:
         self._instrument, self._address, self._station = instrument, address, station
         self._line, self._monotonic_s, self._sleep = line, monotonic_s, sleep
-        self._turn = asyncio.Lock()
+        self._turn = asyncio.Lock()  # first come, first served: a stop waits for one exchange
         self._marks = cycle(MARKS)
         self._in_doubt = True  # an earlier client may have left an answer on its way
         self._last_shape: tuple[int, int] | None = None
@@ -113,22 +115,22 @@ class Conversation:
                 if mark is not None:
                     # An exception may be the late answer to anything: it settles nothing.
                     self._in_doubt = answer.exception != 0
-            if answer.exception in (ACKNOWLEDGE, BUSY) and not _at_work(request, answer):
+            # A write that the drive is still at is done for us: what came of it, the caller reads back.
+            at_work = request.function == WRITE and answer.exception == ACKNOWLEDGE
+            if answer.exception in (ACKNOWLEDGE, BUSY) and not at_work:
                 await self._sleep(BUSY_S)
             elif mark is None:
-                return self._accepted(answer, what)
+                if answer.exception not in (0, ACKNOWLEDGE):
+                    raise self._refused(what, answer.exception)
+                return answer
             elif answer.exception:
                 marks, marks_refused = marks - 1, answer.exception
         if marks_refused:
             raise self._refused(str(MARKS[0]), marks_refused)
         raise self._silent(what, missing) from missing
 
-    def _accepted(self, answer: Answer, what: str) -> Answer:
-        if answer.exception not in (0, ACKNOWLEDGE):
-            raise self._refused(what, answer.exception)
-        return answer
-
     def _mark_before(self, request: Request) -> Request | None:
+        # A write needs none: what its late answer would look like is read back before anybody believes it.
         if request.function != READ or not (self._in_doubt or request.shape == self._last_shape):
             return None
         mark = next(self._marks)
@@ -160,8 +162,3 @@ class Conversation:
             f"no answer to {what}{heard}",
             "that it is switched on, its station number, speed and parity",
         )
-
-
-def _at_work(request: Request, answer: Answer) -> bool:
-    """Whether the drive has taken a write and is at it; what came of it is read back by the caller."""
-    return request.function == WRITE and answer.exception == ACKNOWLEDGE

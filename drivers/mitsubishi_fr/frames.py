@@ -6,7 +6,6 @@ Modbus over Serial Line V1.02, section 2.5; Modbus Application Protocol V1.1b3, 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
@@ -65,6 +64,7 @@ class Heard(Enum):
 
 def checksum(body: bytes) -> bytes:
     """Return the CRC-16 of a frame's bytes as it is sent, low byte first."""
+    # pymodbus returns it with its bytes changed round already, so that "big" puts the low one first
     return FramerRTU.compute_CRC(body).to_bytes(2, "big")
 
 
@@ -83,7 +83,10 @@ def find_answer(request: Request, heard: bytes) -> Answer | None:
         for length in (request.answer_length, _EXCEPTION_LENGTH):
             frame = heard[start : start + length]
             if len(frame) == length and _belongs(request, frame) and intact(frame):
-                return _taken_apart(request, frame)
+                if frame[1] & _EXCEPTION:
+                    return Answer(frame, exception=frame[2])
+                registers = frame[3:-2] if request.function == READ else b""
+                return Answer(frame, struct.unpack(f">{len(registers) // 2}H", registers))
     return None
 
 
@@ -95,8 +98,12 @@ def what_was_heard(request: Request, heard: bytes) -> Heard:
         return Heard.BAD_CRC
     if request.frame() in heard:
         return Heard.ECHO
-    for frame in _intact_frames(heard):
-        return Heard.OTHER_ANSWER if frame[0] == request.station else Heard.OTHER_STATION
+    for start in range(len(heard) - _SHORTEST + 1):
+        # An exception, a write's answer, a read's answer of as many bytes as it says it has.
+        for length in {_EXCEPTION_LENGTH, 8, 5 + heard[start + 2]}:
+            frame = heard[start : start + length]
+            if len(frame) == length and intact(frame):
+                return Heard.OTHER_ANSWER if frame[0] == request.station else Heard.OTHER_STATION
     return Heard.GARBAGE
 
 
@@ -110,19 +117,3 @@ def _belongs(request: Request, frame: bytes) -> bool:
     if request.function == READ:
         return frame[2] == 2 * request.content
     return frame[2:6] == request.frame()[2:6]
-
-
-def _taken_apart(request: Request, frame: bytes) -> Answer:
-    if frame[1] & _EXCEPTION:
-        return Answer(frame, exception=frame[2])
-    if request.function == READ:
-        return Answer(frame, struct.unpack(f">{request.content}H", frame[3:-2]))
-    return Answer(frame)
-
-
-def _intact_frames(heard: bytes) -> Iterator[bytes]:
-    for start in range(len(heard) - _SHORTEST + 1):
-        for length in {_EXCEPTION_LENGTH, 8, 5 + heard[start + 2]}:
-            frame = heard[start : start + length]
-            if len(frame) == length and intact(frame):
-                yield frame

@@ -8,17 +8,16 @@ from collections.abc import Callable, Coroutine
 from concurrent.futures import TimeoutError as NotDone
 from typing import Any, TypeVar
 
-from daq import Clock, SystemClock
+from daq.clock import Clock, SystemClock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr.conversation import Conversation
-from drivers.mitsubishi_fr.diary import Diary
-from drivers.mitsubishi_fr.keeper import Keeper
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
-from drivers.mitsubishi_fr.motor import Motor
-from drivers.mitsubishi_fr.orders import OvertakenOrder
+from drivers.mitsubishi_fr.motor import Motor, Notices, OvertakenOrder
+from drivers.mitsubishi_fr.poller import Poller
 from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
-from drivers.protocols import MotorState, Notice
+from drivers.protocols.notice import Notice
+from drivers.protocols.speed_drive import MotorState
 
 ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent
 HANGS_S = 30.0  # no coroutine here takes so long but a stop on a long ramp, which says so itself
@@ -27,7 +26,11 @@ _T = TypeVar("_T")
 
 
 class FrInverter:
-    """A `SpeedDrive`. Its line is polled in a thread of its own from `open` to `close`."""
+    """A `SpeedDrive`. Its line is polled in a thread of its own from `open` to `close`.
+
+    Calls wait for that thread; `state` and `health` only tell what it has found. Orders, stops, `read` and
+    `check` say that somebody looks after the motor.
+    """
 
     def __init__(self, settings: InverterSettings, clock: Clock | None = None) -> None:
         self.settings = settings
@@ -35,7 +38,7 @@ class FrInverter:
         self.identity = ""
         self.warnings: tuple[str, ...] = ()
         self._clock = clock or SystemClock()
-        self._diary = Diary(self._clock)
+        self._notices = Notices(self._clock)
         self._open: _Open | None = None
 
     @property
@@ -66,7 +69,7 @@ class FrInverter:
     def open(self) -> None:
         """Connect, check parameters and watchdog, and poll from now on; nothing is written."""
         self.close()
-        session = _Open(self.settings, self._clock, self._diary)
+        session = _Open(self.settings, self._clock, self._notices)
         try:
             session.begin()
         except BaseException:
@@ -86,7 +89,8 @@ class FrInverter:
         """Set the speed; refused outside 0 to the bench's maximum, NaN included, before anything is sent."""
         if not 0.0 <= rpm <= self.settings.maximum_speed_rpm:
             what = f"{rpm:g} rpm is outside 0 to {self.settings.maximum_speed_rpm:g} rpm; nothing was sent"
-            raise self._refused(what, "the speed asked for and the bench's maximum_speed", "limit")
+            check = "the speed asked for and the bench's maximum_speed"
+            raise InstrumentRefused(self.name, self.address, what, check, "limit")
         session, per_hz = self._attend(), self.settings.rpm_per_hz
         return per_hz * session.order(lambda until_s: session.motor.set_frequency(rpm / per_hz, until_s))
 
@@ -97,18 +101,19 @@ class FrInverter:
 
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
         """Stop in category 1; see `SpeedDrive.stop`. Does so also after an error."""
+        # Not through `_attend`: a stop must go out after an error as well, which that would raise instead.
         if self._open is None or not self._open.motor.orders.may_turn:
             return
         session, per_hz = self._open, self.settings.rpm_per_hz
-        session.keeper.attended_s = self._clock.monotonic_s()
+        session.poller.attended_s = self._clock.monotonic_s()
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
         late = "its stop, which goes on, has not ended"
-        session.run(session.keeper.stop(measured_hz), session.longest_stop_s, late)
+        session.run(session.poller.stop(measured_hz), session.longest_stop_s, late)
 
     def read(self) -> MotorState:
         """Ask it how it is."""
         session = self._attend()
-        return session.run(session.keeper.look())
+        return session.run(session.poller.look())
 
     def check(self) -> None:
         """Raise what went wrong since it was opened, if anything did."""
@@ -121,25 +126,22 @@ class FrInverter:
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call."""
-        return self._diary.take()
+        return self._notices.take()
 
     def _attend(self) -> _Open:
         if self._open is None:
             what = "the connection is closed"
             raise DeviceLost(self.name, self.address, what, "that it was opened")
-        self._open.keeper.attended_s = self._clock.monotonic_s()
-        if self._open.keeper.error is not None:
-            raise self._open.keeper.error
+        self._open.poller.attended_s = self._clock.monotonic_s()
+        if self._open.poller.error is not None:
+            raise self._open.poller.error
         return self._open
-
-    def _refused(self, what: str, check: str, code: str) -> InstrumentRefused:
-        return InstrumentRefused(self.name, self.address, what, check, code)
 
 
 def reset_tripped(settings: InverterSettings) -> None:
     """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
     clock = SystemClock()
-    session = _Open(settings, clock, Diary(clock))
+    session = _Open(settings, clock, Notices(clock))
     try:
         session.connect()
         session.run(session.motor.reset())
@@ -150,14 +152,14 @@ def reset_tripped(settings: InverterSettings) -> None:
 class _Open:
     """What exists only while the inverter is open: its event loop, its line, and who looks after it."""
 
-    def __init__(self, settings: InverterSettings, clock: Clock, diary: Diary) -> None:
+    def __init__(self, settings: InverterSettings, clock: Clock, notices: Notices) -> None:
         self._settings, self._clock = settings, clock
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name=settings.name, daemon=True)
         self.line = SerialLine(settings.name, settings.line, clock.monotonic_s)
         talk = Conversation(settings.name, settings.port, settings.station, self.line, clock.monotonic_s)
-        self.motor = Motor(settings, talk, clock, diary)
-        self.keeper = Keeper(settings, self.motor, talk, self.line.health, clock, diary)
+        self.motor = Motor(settings, talk, clock, notices)
+        self.poller = Poller(settings, self.motor, talk, self.line.health, clock, notices)
         self._thread.start()
 
     @property
@@ -172,14 +174,14 @@ class _Open:
     def begin(self) -> None:
         """Open the line, check the drive and poll it."""
         self.connect()
-        self.run(self.keeper.check_in())
+        self.run(self.poller.check_in())
 
     def end(self) -> None:
         """Stop, however long the steps of a stop take, hang up and end the thread. Never raises."""
         try:
             self.run(self._shut(), None)
         except InstrumentError:
-            pass  # what is wrong with a drive that is being given up is in its diary
+            pass  # what is wrong with a drive that is being given up is in its notices
         finally:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
@@ -187,20 +189,20 @@ class _Open:
 
     async def _shut(self) -> None:
         try:
-            await self.keeper.close()
+            await self.poller.close()
         finally:
             self.line.close()
 
     def order(self, order: Callable[[float], Coroutine[Any, Any, _T]]) -> _T:
         """Give an order that is void 3 s from now."""
-        return self.run(self.keeper.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
+        return self.run(self.poller.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
 
     def run(
         self, work: Coroutine[Any, Any, _T], within_s: float | None = HANGS_S, late: str = "no answer"
     ) -> _T:
         """Run a coroutine in the loop's thread and return what it returns; None: whenever that is.
 
-        Raises InstrumentSilent where that is `late`; the keeper's stops go on then.
+        Raises InstrumentSilent where that is `late`; the poller's stops go on then.
         """
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         name, address = self._settings.name, self._settings.port

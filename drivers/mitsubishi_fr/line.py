@@ -7,7 +7,10 @@ frame of the right station for the answer, so it is shown only the frame that `f
 from __future__ import annotations
 
 import asyncio
+import errno
+import hashlib
 import logging
+import os
 import socket
 import termios
 from collections import deque
@@ -20,12 +23,11 @@ from pymodbus.exceptions import ModbusException
 
 from daq.errors import DeviceLost, InstrumentAbsent
 from drivers.mitsubishi_fr.frames import READ, Answer, Heard, Request, find_answer, what_was_heard
-from drivers.mitsubishi_fr.port_lock import PortTaken, lock_port
 
 BITS_PER_CHARACTER = 11  # start, 8 data, parity or a second stop bit, stop
 SHORTEST_GAP_S = 0.00175  # Modbus over Serial Line V1.02, 2.5.1.1: 3.5 characters, 1.75 ms above 19200 bit/s
 DEGRADED_ABOVE = 5
-DEGRADED_WITHIN_S = 10.0
+DEGRADED_WITHIN_S = 10.0  # a line that is worse than this is told to the operator; nothing is stopped for it
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else its errors go to standard error
 
@@ -34,7 +36,8 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else its erro
 class LineSettings:
     """Where the inverter is: a serial port or `socket://host:port`, its station, and how bits are sent.
 
-    `parity` is E, O or N (the drive then has two stop bits); an answer may take `answer_s` seconds.
+    `parity` is E, O or N (the drive then has two stop bits); an answer may take `answer_s` seconds. A pty
+    takes N only: with E or O its second setting fails (EINVAL). `socket://` takes and ignores any parity.
     """
 
     port: str
@@ -113,13 +116,18 @@ class SerialLine:
     async def open(self) -> None:
         """Take the port. Raises `InstrumentAbsent`."""
         settings = self._settings
-        self._lock = self._take_port()
+        try:
+            self._lock = lock_port(settings.port)
+        except PortTaken as error:
+            raise self._absent("another program of this machine uses the port") from error
+        except OSError as error:
+            raise self._absent(f"its port cannot be locked: {error}") from error
         self._client = AsyncModbusSerialClient(
             settings.port,
             baudrate=settings.baudrate,
             parity=settings.parity,
             stopbits=2 if settings.parity == "N" else 1,
-            timeout=settings.answer_s,
+            timeout=settings.answer_s,  # pymodbus's own 3 s would outlast the drive's watchdog
             retries=0,  # what may be repeated, the conversation knows
             reconnect_delay=0,  # a device that comes back is a matter for a person
             trace_packet=self._trace,
@@ -132,7 +140,8 @@ class SerialLine:
         if not connected:
             self.close()
             raise self._absent("the port does not open")
-        self._socket = _socket_of(self._client)
+        port = getattr(getattr(self._client.ctx.transport, "sync_serial", None), "_socket", None)
+        self._socket = port if isinstance(port, socket.socket) else None
 
     def close(self) -> None:
         """Give the port back. Never raises."""
@@ -158,7 +167,7 @@ class SerialLine:
                 )
             else:
                 await client.write_register(request.address, request.content, device_id=request.station)
-        except ModbusException as error:
+        except ModbusException as error:  # a spoilt answer is none to pymodbus: it waits out the timeout
             if not client.connected:
                 raise self._lost(str(error)) from error
         except OSError as error:
@@ -204,14 +213,6 @@ class SerialLine:
         self.health.resynchronised += len(data) > len(self._answer.frame)
         return self._answer.frame
 
-    def _take_port(self) -> socket.socket:
-        try:
-            return lock_port(self._settings.port)
-        except PortTaken as error:
-            raise self._absent("another program of this machine uses the port") from error
-        except OSError as error:
-            raise self._absent(f"its port cannot be locked: {error}") from error
-
     def _absent(self, why: str) -> InstrumentAbsent:
         check = "cable, power, that no other program uses the port, and port in the bench file"
         return InstrumentAbsent(self._instrument, self._settings.port, f"nobody answers ({why})", check)
@@ -222,7 +223,25 @@ class SerialLine:
         )
 
 
-def _socket_of(client: AsyncModbusSerialClient) -> socket.socket | None:
-    port = getattr(client.ctx.transport, "sync_serial", None)
-    found = getattr(port, "_socket", None)
-    return found if isinstance(found, socket.socket) else None
+class PortTaken(Exception):
+    """Another program of this machine, or another part of this one, has the port."""
+
+
+def lock_port(port: str) -> socket.socket:
+    """Hold a serial port, or a `socket://host:port`, until what is returned is closed or the process ends.
+
+    Raises `PortTaken`. Every name of a device counts as the device: /dev/serial/by-id/... is a link.
+    """
+    name = port if "://" in port else os.path.realpath(port)
+    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+    # A name in Linux' abstract namespace (unix(7)) is no file: nobody can plant one, or a link in its place,
+    # none is left behind, and the kernel frees it with the process.
+    held = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        held.bind(f"\0rattle-inverter-{digest}")
+    except OSError as error:
+        held.close()
+        if error.errno == errno.EADDRINUSE:
+            raise PortTaken from error
+        raise
+    return held

@@ -4,36 +4,125 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
-from drivers.mitsubishi_fr.diary import Diary
-from drivers.mitsubishi_fr.orders import Errand, Orders
 from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import CHECKED, InverterSettings, Parameters
-from drivers.protocols import MotorState
+from drivers.protocols.notice import Notice
+from drivers.protocols.speed_drive import MotorState
 
 STEP_S = 1.0  # within it a single message has to be answered
 OPENING_STEP_S = 3.0
-OBEYED_S = 0.2
+OBEYED_S = 0.2  # after it a set value that was acknowledged must read back
 OBEY_GRACE_S = 0.5  # on top of 1.5 ramps: polls, and the drive's own 20 ms
 RAMP_MARGIN = 1.5
-STANDSTILL_HZ = 0.05
+STANDSTILL_HZ = 0.05  # five steps of the output frequency, which is read in 0.01 Hz
 RUNS_ABOVE_HZ = 1.0  # the RUN signal comes with Pr.13, 0.5 Hz unless somebody changed it
 WITHDRAWALS = 3
 LOOK_AGAIN_S = 0.02
 NOT_OBEYED = "not obeyed"
+TOLERANCE = 0.01  # of the due frequency
+SMALLEST_TOLERANCE_HZ = 0.1
+MOST_NOTICES = 1000
+
+
+class OvertakenOrder(Exception):
+    """A stop came, or too much time passed, before the order was complete: the rest of it is not sent."""
+
+
+@dataclass(slots=True)
+class Orders:
+    """The last set frequency in Hz, whether to run, and by when the output has to be there (monotonic s).
+
+    `taken`: network operation was chosen, so the motor may turn because of us. `under_way` orders are being
+    given, `given` and `stops` count those that were.
+    """
+
+    target_hz: float = 0.0
+    run: bool = False
+    taken: bool = False
+    obey_by_s: float = 0.0
+    under_way: int = 0
+    given: int = 0
+    stops: int = 0
+
+    @property
+    def may_turn(self) -> bool:
+        """Whether the motor may turn because of us, now or by an order that is still under way."""
+        return self.taken or self.under_way > 0
+
+    @property
+    def due_hz(self) -> float:
+        """Where the output has to be."""
+        return self.target_hz if self.run else 0.0
+
+    def kept(self, set_hz: float) -> bool:
+        """Whether the drive's set value is ours."""
+        return abs(set_hz - self.target_hz) < 0.5 * fr.RUNNING_FREQUENCY.scale
+
+    def obeyed(self, output_hz: float, at_s: float) -> bool:
+        """Whether the output is where it has to be at `at_s`, or may still be on its way."""
+        off_hz = abs(output_hz - self.due_hz)
+        return at_s <= self.obey_by_s or off_hz <= max(TOLERANCE * self.due_hz, SMALLEST_TOLERANCE_HZ)
+
+
+class Errand:
+    """An order while it is given: meanwhile, what the drive does is not yet what it was told.
+
+    `still_wanted` is asked before each message; a stop does not ask.
+    """
+
+    def __init__(self, orders: Orders, is_stop: bool = False) -> None:
+        self._orders = orders
+        orders.stops += is_stop
+        self._stops = orders.stops
+
+    def __enter__(self) -> Errand:
+        self._orders.under_way += 1
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._orders.under_way -= 1
+        self._orders.given += 1
+
+    def still_wanted(self, now_s: float, expires_s: float) -> None:
+        """Raise `OvertakenOrder` after a stop, or late."""
+        if self._orders.stops != self._stops:
+            raise OvertakenOrder("a stop overtook it")
+        if now_s > expires_s:
+            raise OvertakenOrder("it came too late")
+
+
+class Notices:
+    """Notices with their time; the oldest go when nobody asks. One thread writes, another may take."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._notices: deque[Notice] = deque(maxlen=MOST_NOTICES)
+
+    def note(self, level: str, code: str, text: str) -> None:
+        """Keep what happens now."""
+        self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
+
+    def take(self) -> tuple[Notice, ...]:
+        """Return the notices since the last call."""
+        return tuple(self._notices.popleft() for _ in range(len(self._notices)))
 
 
 class Motor:
     """An inverter behind a conversation. Errors are those of `Conversation`; an order that the drive accepts
     and does not follow is an `InstrumentRefused` with the code "not obeyed"."""
 
-    def __init__(self, settings: InverterSettings, talk: Conversation, clock: Clock, diary: Diary) -> None:
-        self._settings, self._talk, self._clock, self._diary = settings, talk, clock, diary
+    def __init__(
+        self, settings: InverterSettings, talk: Conversation, clock: Clock, notices: Notices
+    ) -> None:
+        self._settings, self._talk, self._clock, self._notices = settings, talk, clock, notices
         self.parameters = Parameters({})
         self.orders = Orders()
         self.state: MotorState | None = None
@@ -93,6 +182,7 @@ class Motor:
         with Errand(self.orders) as errand:
             await self._take_over(errand, expires_s)
             errand.still_wanted(self._clock.monotonic_s(), expires_s)
+            # Before it is sent: from here on the drive may have it, whatever becomes of the answer.
             self.orders.target_hz = fr.RUNNING_FREQUENCY.value(raw)
             try:
                 await self._talk.write(fr.RUNNING_FREQUENCY, raw, self._soon())
@@ -103,13 +193,14 @@ class Motor:
                 pass  # its answer alone may be lost; what it reads back tells
             self._expect_ramp()
             await self._see(fr.SET_BLOCK, lambda kept: kept == raw, f"{fr.RUNNING_FREQUENCY} = {hz:g} Hz")
-        self._diary.note("info", "inverter.set", f"set to {self.orders.target_hz:g} Hz")
+        self._notices.note("info", "inverter.set", f"set to {self.orders.target_hz:g} Hz")
         return self.orders.target_hz
 
     async def run_forward(self, expires_s: float) -> None:
         """Let the motor run."""
         with Errand(self.orders) as errand:
             await self._take_over(errand, expires_s)
+            # A run command is never repeated blindly: without its answer, the status is read first.
             for _ in range(2):
                 errand.still_wanted(self._clock.monotonic_s(), expires_s)
                 self.orders.run = True
@@ -125,7 +216,7 @@ class Motor:
                 await self._see(
                     fr.STATUS_BLOCK, lambda status: status & both == both, "run forward", within_s
                 )
-        self._diary.note("info", "inverter.run", f"runs, set to {self.orders.target_hz:g} Hz")
+        self._notices.note("info", "inverter.run", f"runs, set to {self.orders.target_hz:g} Hz")
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
         """Ramp to zero, then withdraw run; where anything goes wrong, withdraw it at once.
@@ -136,7 +227,7 @@ class Motor:
             try:
                 await self._ramp_down(measured_hz)
             except InstrumentError as error:
-                self._diary.note("warning", "inverter.stop", f"no ramp, run is withdrawn at once: {error}")
+                self._notices.note("warning", "inverter.stop", f"no ramp, run is withdrawn at once: {error}")
             finally:
                 await self._withdraw()
 
@@ -186,11 +277,15 @@ class Motor:
         await self._talk.write(fr.RUNNING_FREQUENCY, 0, self._soon())
         self._expect_ramp()
         if self.orders.run:  # else it is asked for again of a motor that stands: no news
-            self._diary.note("info", "inverter.zero", "zero speed asked for")
+            self._notices.note("info", "inverter.zero", "zero speed asked for")
         began_s = self._clock.monotonic_s()
         state = await self.look()
         limit_s = self._longest_ramp_s(state.output_frequency_hz)
-        while (speed_hz := _speed_hz(state, measured_hz)) > STANDSTILL_HZ:
+        while True:
+            measured = measured_hz() if measured_hz else math.nan
+            speed_hz = abs(measured) if math.isfinite(measured) else state.output_frequency_hz
+            if speed_hz <= STANDSTILL_HZ:
+                return
             if state.fault:
                 raise self.refused(f"it tripped on the ramp: {state.fault}", "", state.fault)
             if self._clock.monotonic_s() - began_s > limit_s:
@@ -207,7 +302,7 @@ class Motor:
                 await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon())
                 if await self._comes_to_rest():
                     if ran:
-                        self._diary.note("info", "inverter.off", "run withdrawn")
+                        self._notices.note("info", "inverter.off", "run withdrawn")
                     return
             except InstrumentError as error:
                 why = str(error)
@@ -243,8 +338,3 @@ class Motor:
     def refused(self, what: str, check: str = "", code: str = "") -> InstrumentRefused:
         """Return what to raise where the drive does something else than asked."""
         return InstrumentRefused(self._settings.name, self._settings.port, what, check, code)
-
-
-def _speed_hz(state: MotorState, measured_hz: Callable[[], float] | None) -> float:
-    measured = measured_hz() if measured_hz else math.nan
-    return abs(measured) if math.isfinite(measured) else state.output_frequency_hz

@@ -6,13 +6,12 @@ is quoted by two or more public register maps; "M": known from memory of the man
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 
 FIRST_NUMBER = 40001  # the manual's register number of wire address 0
 PARAMETERS = 41000  # Pr.n is register 41000 + n
-LONGEST_READ = 125
+LONGEST_READ = 125  # Modbus Application Protocol V1.1b3, section 6.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +94,7 @@ class Command(IntFlag):
     STOP = 1
     FORWARD = 2
     REVERSE = 4
-    OUTPUT_SHUT_OFF = 512
+    OUTPUT_SHUT_OFF = 512  # the motor coasts: no stop of ours uses it
 
 
 # Register 40010 (p. 210, D; values M): what is written to choose a mode, and how it reads then.
@@ -158,19 +157,12 @@ REGISTERS = {
 }
 
 
-def _runs(numbers: Sequence[int]) -> tuple[range, ...]:
-    """Return the runs of consecutive numbers."""
-    runs: list[range] = []
-    for number in sorted(numbers):
-        if runs and runs[-1].stop == number:
-            runs[-1] = range(runs[-1].start, number + 1)
-        else:
-            runs.append(range(number, number + 1))
-    return tuple(runs)
-
-
-# Only what is in the table: a register that nobody declared ends a range. 40002 cannot be read.
-RANGES = _runs([number for number in REGISTERS if number != INVERTER_RESET.number])
+# Runs of consecutive numbers, only of what is in the table: a register that nobody declared ends a range.
+# 40002 cannot be read.
+_READABLE = sorted(number for number in REGISTERS if number != INVERTER_RESET.number)
+_FIRST = [number for number in _READABLE if number - 1 not in _READABLE]
+_LAST = [number for number in _READABLE if number + 1 not in _READABLE]
+RANGES = tuple(range(first, last + 1) for first, last in zip(_FIRST, _LAST, strict=True))
 
 
 def block(*registers: Register) -> Block:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from typing import Any
@@ -13,22 +14,21 @@ from nidaqmx.errors import DaqError, DaqWarning, Error
 from nidaqmx.system import System
 from numpy.typing import NDArray
 
-from daq import Channel, Clock, Flag, SystemClock
-from daq.block import NS_PER_S
-from daq.clock import wall_less_monotonic_ns
+from daq.block import NS_PER_S, Flag
+from daq.channel import Channel
+from daq.clock import Clock, SystemClock, wall_less_monotonic_ns
 from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused, RecorderFailed
 from drivers.ni_daq import session
 from drivers.ni_daq.channels import CardChannel, CardSettings
-from drivers.ni_daq.faults import UNSUPPORTED, translated
 from drivers.ni_daq.kinds import INPUTS, described
 from drivers.ni_daq.problems import problems
 from drivers.ni_daq.quality import QualityWatch
 from drivers.ni_daq.survey import Survey, survey
 from drivers.ni_daq.tasks import AnalogTask, CounterTask, give_back
-from drivers.protocols import CardReading, Finding
+from drivers.protocols.card import CardReading, Finding
 
-RATE_TOLERANCE = 10e-6
-LARGEST_RATE_ERROR = 0.01
+RATE_TOLERANCE = 10e-6  # of the rate asked for: from there on the operator is told
+LARGEST_RATE_ERROR = 0.01  # of the rate asked for: beyond it the run is refused, below it told
 WAIT_MARGIN_S = 1.0  # how much later than its last sample a block may come
 _STATUS = {
     "overloaded_chans": Flag.OVERLOAD,
@@ -40,7 +40,11 @@ _FAULTS = {"excit_fault_chans": "the supply of its sensor is short-circuited or 
 
 
 class NiDaqCard:
-    """An `AcquisitionCard` over nidaqmx; its channels are those of `settings`, in that order."""
+    """An `AcquisitionCard` over nidaqmx; its channels are those of `settings`, in that order.
+
+    Counters are started first and wait for the first edge of the analog task's sample clock, so that sample 0
+    is the same for all.
+    """
 
     def __init__(self, settings: CardSettings, clock: Clock | None = None) -> None:
         self.settings = settings
@@ -49,7 +53,8 @@ class NiDaqCard:
         self.identity = ""
         self.sample_rate = 0.0
         self._clock = clock or SystemClock()
-        self._expired = tuple(_expired(settings.channels, _today(self._clock)))
+        today = datetime.fromtimestamp(self._clock.unix_ns() / NS_PER_S, UTC).date()
+        self._expired = tuple(_expired(settings.channels, today))
         self.warnings = self._expired
         self._rows = {channel.physical: row for row, channel in enumerate(settings.channels)}
         self._analog_rows = [self._rows[channel.physical] for channel in _on(settings, "ai")]
@@ -66,16 +71,22 @@ class NiDaqCard:
         found = problems(self.settings)
         if found:
             raise ConfigurationError(self.name, found)
-        self.warnings = self._expired
+        self.warnings, self._stamps = self._expired, False
         try:
             if self.settings.grpc is not None:
                 self._grpc_channel = session.connect(self.name, self.settings.grpc)
             with self._translated("looking for its devices"):
-                seen = survey(self._system(), self.settings.channels, self._new_task)
+                remote = self._grpc_channel is not None
+                system = System.remote(self._options()) if remote else System.local()
+                seen = survey(system, self.settings.channels, self._new_task)
             self._accept(seen)
-            self._analog = self._create_analog()
+            channels = _on(self.settings, "ai")
+            self._analog = AnalogTask(self._declared(channels), channels, self.settings.buffer_s)
             self._set_clock(self._analog)
-            self._stamps = self._stamped(self._analog, seen.simulated)
+            # The start is stamped by this host's clock; that of a device server may be another machine's.
+            if self.settings.grpc is None or seen.simulated:
+                with suppress(Error):  # whatever device or server has against it: a run does without
+                    self._stamps = self._analog.stamp_by_host()
             for channel in _on(self.settings, "ctr"):
                 self._counters.append(self._create_counter(channel, f"/{seen.chassis}/ai/SampleClock"))
         except BaseException:
@@ -158,7 +169,11 @@ class NiDaqCard:
             reported = self._reported(analog.stream)
         values[self._analog_rows] = self._whole(samples, count, doing)
         for counter in self._counters:
-            values[self._rows[counter.channel.physical]] = self._counted(counter, count, doing)
+            doing_so = f"{doing} of {_label(counter)}"
+            with self._translated(doing_so):
+                # The clock has sampled them already; all that is left to wait for is their way here.
+                counted = counter.read(count, WAIT_MARGIN_S)
+            values[self._rows[counter.channel.physical]] = self._whole(counted, count, doing_so)
         self._next_sample = first + count
         flags = self._watch.flags(values)
         faults: list[Finding] = []
@@ -167,13 +182,6 @@ class NiDaqCard:
             if attribute in _FAULTS:
                 faults.append(Finding(self.channels[row].name, "supply", _FAULTS[attribute]))
         return CardReading(first, values, tuple(flags), arrived_s, self._watch.findings(values, faults))
-
-    def _counted(self, counter: CounterTask, count: int, doing: str) -> NDArray[np.float64]:
-        # The clock has sampled them already; all that is left to wait for is their way here.
-        doing = f"{doing} of {_label(counter)}"
-        with self._translated(doing):
-            values = counter.read(count, WAIT_MARGIN_S)
-        return self._whole(values, count, doing)
 
     def _whole(self, values: NDArray[np.float64], count: int, doing: str) -> NDArray[np.float64]:
         came = values.shape[-1]
@@ -190,9 +198,6 @@ class NiDaqCard:
         # A session belongs to one task or system, so each gets its own over the one channel.
         return None if self._grpc_channel is None else nidaqmx.GrpcSessionOptions(self._grpc_channel, "")
 
-    def _system(self) -> Any:
-        return System.local() if self._grpc_channel is None else System.remote(self._options())
-
     def _new_task(self) -> Any:
         return nidaqmx.Task(grpc_options=self._options())
 
@@ -206,11 +211,11 @@ class NiDaqCard:
         if seen.wrong:
             raise InstrumentRefused(self.name, self.address, what, check)
         self.identity = seen.identity
-        self.channels = tuple(_with_serial(channel, seen) for channel in self.settings.channels)
-
-    def _create_analog(self) -> AnalogTask:
-        channels = _on(self.settings, "ai")
-        return AnalogTask(self._declared(channels), channels, self.settings.buffer_s)
+        sheets = {name: str(sheet.serial) for name, sheet in seen.sheets.items()}
+        self.channels = tuple(
+            described(replace(channel, serial=channel.serial or sheets.get(channel.name, "")))
+            for channel in self.settings.channels
+        )
 
     def _create_counter(self, channel: CardChannel, clock: str) -> CounterTask:
         counter = CounterTask(self._declared([channel]), channel)
@@ -253,15 +258,6 @@ class NiDaqCard:
             "rate",
         )
 
-    def _stamped(self, analog: AnalogTask, simulated: bool) -> bool:
-        """Whether the start is stamped by this host's clock; that of a device server may be another's."""
-        if self.settings.grpc is not None and not simulated:
-            return False
-        try:
-            return analog.stamp_by_host()
-        except Error:  # whatever device or server has against it: a run does without
-            return False
-
     def _reported(self, stream: Any) -> list[tuple[str, int]]:
         reported: list[tuple[str, int]] = []
         for attribute in list(self._status):
@@ -269,7 +265,7 @@ class NiDaqCard:
                 # DAQmx wants the question whether there are any before the one which they are.
                 names = getattr(stream, attribute) if getattr(stream, f"{attribute}_exist") else ()
             except DaqError as error:
-                if error.error_code not in UNSUPPORTED:
+                if error.error_code not in session.UNSUPPORTED:
                     raise
                 del self._status[attribute]
                 self.warnings += (f"{self.name} does not report {attribute}",)
@@ -278,7 +274,7 @@ class NiDaqCard:
         return reported
 
     def _translated(self, doing: str) -> Any:
-        return translated(self.name, self.address, doing)
+        return session.translated(self.name, self.address, doing)
 
 
 def _on(settings: CardSettings, kind: str) -> list[CardChannel]:
@@ -287,16 +283,6 @@ def _on(settings: CardSettings, kind: str) -> list[CardChannel]:
 
 def _label(counter: CounterTask) -> str:
     return f"{counter.channel.name} ({counter.channel.physical})"
-
-
-def _with_serial(channel: CardChannel, seen: Survey) -> Channel:
-    sheet = seen.sheets.get(channel.name)
-    known = channel.serial or ("" if sheet is None else str(sheet.serial))
-    return described(replace(channel, serial=known))
-
-
-def _today(clock: Clock) -> date:
-    return datetime.fromtimestamp(clock.unix_ns() / 1e9, UTC).date()
 
 
 def _expired(channels: tuple[CardChannel, ...], today: date) -> Iterator[str]:

@@ -30,15 +30,13 @@ class UnwrappedCount:
         register = raw.view(np.int32).astype(np.int64)
         if not len(register):
             return register
-        before, count = self._last or self._start(int(register[0]))
+        first = int(register[0])
+        before, count = self._last or (first, (first - self._lowest) % self._modulus + self._lowest)
         half = self._modulus // 2
         steps = (np.diff(register, prepend=before) + half) % self._modulus - half
         counts = count + np.cumsum(steps)
         self._last = int(register[-1]), int(counts[-1])
         return counts
-
-    def _start(self, register: int) -> tuple[int, int]:
-        return register, (register - self._lowest) % self._modulus + self._lowest
 
 
 def angle(counts: UnwrappedCount, rad_per_count: float) -> Decoder:

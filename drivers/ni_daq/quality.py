@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Flag
+from daq.block import Flag
 from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.kinds import ANALOG
-from drivers.protocols import Finding
+from drivers.protocols.card import Finding
 
 FULL_SCALE = 0.99999  # a 24-bit code at full scale reads a little below the range
 NEAR_FULL_SCALE = 0.98  # an amplifier's stop lies as far from what its data sheet says
-EQUAL_SAMPLES = 3
+EQUAL_SAMPLES = 3  # in a row, at full scale
 STUCK_S = 0.1
 OFFSET_S = 1.0  # what a mean is taken over: longer than a period of what an AC-coupled chain passes
 OFFSET = 0.1  # of the range
@@ -66,7 +66,11 @@ class QualityWatch:
         found = []
         for row in self._analog:
             seen, block = self._rows[row], values[row]
-            _follow(seen, block)
+            if len(block):  # how many of the last samples were equal
+                differing = np.flatnonzero(block != block[-1])
+                before = seen.equal if seen.value == block[-1] else 0
+                seen.equal = len(block) - 1 - int(differing[-1]) if len(differing) else len(block) + before
+                seen.value = float(block[-1])
             if seen.equal >= STUCK_S * self._rate:
                 channel = self._channels[row]
                 text = f"the same value, {seen.value:g} {channel.unit}, for {STUCK_S:g} s and longer"
@@ -89,19 +93,6 @@ class QualityWatch:
                 text = f"off zero by more than {OFFSET:.0%} of its range, which its chain does not pass"
                 found.append(Finding(channel.name, "offset", f"{text}: bias, cable or amplifier drift"))
         return found
-
-
-def _follow(seen: _Row, block: NDArray[np.float64]) -> None:
-    """Count how many of the last samples were equal."""
-    if not len(block):
-        return
-    last = block[-1]
-    differing = np.flatnonzero(block != last)
-    if len(differing):
-        seen.equal = len(block) - 1 - int(differing[-1])
-    else:
-        seen.equal = len(block) + (seen.equal if seen.value == last else 0)
-    seen.value = float(last)
 
 
 def _flattened(values: NDArray[np.float64], level: float) -> bool:

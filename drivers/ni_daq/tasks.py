@@ -39,6 +39,8 @@ class AnalogTask:
     def set_rate(self, rate_hz: float) -> float:
         """Ask for a rate and return that which the device takes instead, in Hz."""
         timing = self._task.timing
+        # DAQmx stops a task rather than overwrite what nobody has read. Its own choice from 10 kHz on is
+        # 100,000 samples for each channel: 1.95 s at 51.2 kHz.
         buffer = max(round(rate_hz * self._buffer_s), 2)
         timing.cfg_samp_clk_timing(rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=buffer)
         return float(timing.samp_clk_rate)

@@ -28,7 +28,10 @@ class GeneratorSettings:
 
 
 class ScpiGenerator:
-    """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it."""
+    """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it.
+
+    For one thread at a time; a supervisor that turns the output off has one of its own.
+    """
 
     def __init__(self, config: GeneratorSettings) -> None:
         self.config = config
@@ -42,7 +45,15 @@ class ScpiGenerator:
         """Connect, discard stale answers and errors, and check the model."""
         self._link.open()
         try:
-            self._identify()
+            self.identity = self._link.query("*IDN?")
+            if not KNOWN_MODELS.fullmatch(answers.model(self.identity)):
+                raise InstrumentAbsent(
+                    self.name,
+                    self.address,
+                    f"{self.identity[:200]!r} answers, which is no 33210A, 33220A, 33500 or 33600",
+                    "the resource string in the bench file",
+                )
+            self._errors()
         except BaseException:
             self.close()
             raise
@@ -100,17 +111,6 @@ class ScpiGenerator:
         answer = self._link.query(f"{choice.command}?")
         if not choice.agrees(answer):
             raise self._refused(f"the output does not go off, it answers {answer!r}")
-
-    def _identify(self) -> None:
-        self.identity = self._link.query("*IDN?")
-        if not KNOWN_MODELS.fullmatch(answers.model(self.identity)):
-            raise InstrumentAbsent(
-                self.name,
-                self.address,
-                f"{self.identity[:200]!r} answers, which is no 33210A, 33220A, 33500 or 33600",
-                "the resource string in the bench file",
-            )
-        self._errors()
 
     def _set(self, quantity: Quantity, value: float) -> None:
         self._check_range(quantity, value)

@@ -15,7 +15,7 @@ from pyvisa.resources import MessageBasedResource
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 
-LONGEST_ANSWER = 4096
+LONGEST_ANSWER = 4096  # bytes
 QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
 DRAIN_S = 2.0
 
@@ -51,7 +51,11 @@ class ScpiLink:
             stream = _socket(self._visa)
             if stream is not None:  # a short command must not wait 40 ms for the last one's acknowledgement
                 stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._clear()
+            with self._translated("clearing"):
+                self._drain(self._visa)
+                self._visa.write("")  # ends a command that an earlier client left without its line end
+                self._visa.write("*CLS")
+                self._drain(self._visa)
         except (OSError, ValueError, pyvisa.Error) as error:
             self.close()
             raise self._absent(str(error)) from error
@@ -81,15 +85,9 @@ class ScpiLink:
             answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
         self._answer_pending = not answer.endswith(b"\n")
         if self._answer_pending:
-            raise self._refused(f"its answer to {command} is longer than {LONGEST_ANSWER} bytes")
+            what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"
+            raise InstrumentRefused(self.instrument, self.resource, what, "that it is a SCPI instrument")
         return answer.decode("ascii", errors="replace").strip()
-
-    def _clear(self) -> None:
-        with self._translated("clearing") as visa:
-            self._drain(visa)
-            visa.write("")  # ends a command that an earlier client left without its line end
-            visa.write("*CLS")
-            self._drain(visa)
 
     def _drain(self, visa: MessageBasedResource) -> None:
         deadline = time.monotonic() + DRAIN_S
@@ -137,9 +135,6 @@ class ScpiLink:
         return DeviceLost(
             self.instrument, self.resource, f"the connection is lost ({why})", "cable and power"
         )
-
-    def _refused(self, why: str) -> InstrumentRefused:
-        return InstrumentRefused(self.instrument, self.resource, why, "that it is a SCPI instrument")
 
 
 def _socket(visa: MessageBasedResource) -> socket.socket | None:

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.commands.arguments import RunFiles
 from rig.diagnosis.recordings import Recorded, recorded
 from rig.diagnosis.workers import Simulated

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from daq.angle import fastest_rad_s
+from daq.angle.skew import fastest_rad_s
 from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem
 from daq.quantity import Quantity

@@ -16,7 +16,8 @@ from rich.console import Console
 
 from daq.block import NS_PER_S
 from daq.errors import ConfigurationError, Problem
-from daq.log import LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from rig.commands.arguments import RunFile
 from rig.files.quantity import QuantityError, si_value
 from rig.files.scenario import Scenario, load_scenario, parse_scenario
@@ -91,13 +92,16 @@ _STARTED = "When the recording began, ISO 8601 in UTC, up to nine digits of a se
 
 def export_log(run: Path, to: str, out: Path | None, screen: Screen) -> tuple[Path, ...]:
     """Write `run` in the format `to`, beside it or as `out`; returns the files. Raises RattleError."""
-    from daq.formats import FORMATS
+    from daq.formats import all_formats
     from daq.formats.log_recording import read_log
     from daq.formats.samples import Scratch
 
-    chosen = FORMATS.get(to)
+    formats = all_formats()
+    for fault in formats.faults:
+        screen.warn(fault)
+    chosen = formats.found.get(to)
     if chosen is None or chosen.write is None:
-        names = ", ".join(name for name, each in FORMATS.items() if each.write is not None)
+        names = ", ".join(name for name, each in formats.found.items() if each.write is not None)
         raise typer.BadParameter(f"--to {to}: one of {names}")
     target = out or run.with_suffix(chosen.suffixes[0])
     with LogReader(run) as log, Scratch(target.parent) as scratch:
@@ -113,6 +117,7 @@ def import_files(
     files: Sequence[Path], scenario_file: Path | None, target: Path, answers: Answers, screen: Screen
 ) -> None:
     """Make the new log `target` of `files`; raises ConfigurationError, LogError, RecorderFailed."""
+    from daq.formats import all_formats
     from daq.formats.log_recording import write_log
     from daq.formats.samples import Scratch
     from rig.files.foreign import matched_to_rig
@@ -123,7 +128,7 @@ def import_files(
         scratch = stack.enter_context(Scratch(target.parent))
         with screen.busy("reading"):
             contents = _contents(files, scratch)
-        for note in contents.notes:
+        for note in (*all_formats().faults, *contents.notes):
             screen.warn(note)
         scenario = given or _carried_scenario(contents, source)
         recording = matched_to_rig(contents, scenario, answers, source, screen.warn)

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from daq.log import LogReader, recover_log, verify_log
-from daq.log.recover import LogReport
+from daq.log.reader import LogReader
+from daq.log.recover import LogReport, recover_log, verify_log
 from rig.commands.arguments import Json, RunFile, print_json
 
 _UNSOUND = 1

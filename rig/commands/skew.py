@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from daq.angle import RecordingSkew, Skew, find_skew, late
+from daq.angle.skew import RecordingSkew, Skew, find_skew, late
 from daq.errors import LogError
 from rig.commands.arguments import Json, RunFiles, print_json
 from rig.session.encoder_check import logged_at_marks, refuse_several_rigs

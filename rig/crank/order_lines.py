@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import UnphysicalParameter
-from daq.signals import AngleSampler, EvenAngles, order_map
+from daq.signals.even_angles import AngleSampler, EvenAngles
+from daq.signals.orders import order_map
 
 POINTS = 1024
 """Even angles a turn: orders up to 0.44 of it come through."""

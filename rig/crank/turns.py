@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import Marks, MarkTracker, crank_angle
+from daq.angle.marker import Marks, MarkTracker, crank_angle
 from daq.block import SampleBlock
-from daq.signals import angle_turns, smooth_turns
+from daq.signals.even_angles import angle_turns, smooth_turns
 from rig.crank.recent import Recent
 
 KEPT_S = 6.0

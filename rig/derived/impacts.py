@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.angle.begins import Cycles
 from daq.block import SampleBlock, sample_time_ns
 from daq.log.records import Impact
-from daq.signals import BounceGrouper, ImpactDetector, ImpactEvents
+from daq.signals.impact_events import BounceGrouper, ImpactDetector, ImpactEvents
 from rig.derived.settings import Settings, magnitude, role_of
 
 _LOOK_S = 0.5

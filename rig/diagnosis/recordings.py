@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.diagnosis.losses import lost_of, span, usable
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS

@@ -24,8 +24,8 @@ def load_effects(path: str | Path, catalogue: Catalogue) -> tuple[Named, ...]:
 def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Named, ...]:
     """Read `[{"name": ..., "parameters": {...}}]` as (name, parameters), numbers as floats in SI.
 
-    `catalogue` holds the effects of the rig; all that they ask for has to be given. An effect on a channel may
-    be there once a channel, any other once. Raises ConfigurationError with every fault.
+    `catalogue` holds the effects of the rig; all that they ask for has to be given. An effect on a channel
+    may be there once a channel, any other once. Raises ConfigurationError with every fault.
     """
     faults = Faults(source)
     entries = _read_json(text, source)

@@ -8,7 +8,7 @@ import rerun as rr
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
-from daq.signals import autospectrum
+from daq.signals.spectrum import autospectrum
 from rig.crank.recent import Recent
 from rig.live import paths
 from rig.live.cycle_figures import CycleFigurePlots

@@ -7,7 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
-from daq.signals import envelope
+from daq.signals.envelope import envelope
 from rig.live import paths
 
 _BATCH_S = 0.5

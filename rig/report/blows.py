@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.log.reader import Origin
-from rig.derived import RECORD, from_record
+from rig.derived.settings import RECORD, from_record
 from rig.report.record import ORIGINS, RunRecord
 from rig.report.speed import speed_figures, speeds
 

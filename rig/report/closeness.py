@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import Autospectrum, autospectrum, log_bands
+from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
 from rig.report.record import RunRecord, Trace, read_run
 
 _BANDS = 42

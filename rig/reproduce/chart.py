@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import envelope
+from daq.signals.envelope import envelope
 from rig.report.content import Figure
 from rig.report.plot import COLOURS, PlotGrid, packed
 

@@ -16,7 +16,7 @@ from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
 from daq.log.records import Event
-from drivers.protocols import AcquisitionCard, CardReading
+from drivers.protocols.card import AcquisitionCard, CardReading
 from rig.session.clocks import CardClock
 from rig.session.hub import Hub
 from rig.session.limits import LimitWatch, Passed

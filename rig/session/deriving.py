@@ -8,8 +8,9 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import ConfigurationError, LogError
 from daq.log.reader import LogReader, Origin
-from rig.derived import RECORD, DerivedSink, InBackground, from_record
-from rig.derived.sink import ORIGINS, Onward
+from rig.derived.background import InBackground
+from rig.derived.settings import RECORD, from_record
+from rig.derived.sink import ORIGINS, DerivedSink, Onward
 from rig.files.scenario import Scenario
 from rig.twin.overlay import scenario_of
 

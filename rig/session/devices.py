@@ -6,7 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from daq.errors import InstrumentError
-from drivers.protocols import AcquisitionCard, Actuator, PositionEncoder
+from drivers.protocols.actuator import Actuator
+from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
 from rig.session.drive import Motion
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import RecorderFailed
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Limit
 from rig.session.acquisition import Acquisition, Recorded

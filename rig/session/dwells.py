@@ -14,7 +14,7 @@ from pathlib import Path
 
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
-from daq.time_base import RunClock
+from daq.time_base.run_clock import RunClock
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.driven_rig import Connect, DrivenRig, connected

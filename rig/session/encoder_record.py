@@ -16,12 +16,12 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import Unwrapper
+from daq.angle.unwrap import Unwrapper
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.records import ClockRecord, Event, Gap
-from drivers.protocols import PositionBlock, PositionEncoder
+from drivers.protocols.encoder import PositionBlock, PositionEncoder
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
 from rig.session.hub import Hub

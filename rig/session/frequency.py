@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
-from daq.signals import SineFit, fit_sine
+from daq.signals.sine import SineFit, fit_sine
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 
 TOLERANCE = 2e-4

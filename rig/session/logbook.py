@@ -8,8 +8,8 @@ from types import TracebackType
 from daq.errors import RecorderFailed
 from daq.log.records import ClockRecord, Event
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import Notice
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.notice import Notice
 from rig.session.hub import Hub
 from rig.session.progress import Screen
 

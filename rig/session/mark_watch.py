@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import MarkTracker
+from daq.angle.marker import MarkTracker
 from daq.channel import Channel
 from rig.crank.shaft import shows_marks
 

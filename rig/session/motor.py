@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
-from drivers.protocols import Notice, SpeedDrive
+from drivers.protocols.notice import Notice
+from drivers.protocols.speed_drive import SpeedDrive
 from rig.session.clocks import CardClock
 from rig.session.held import Held
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive

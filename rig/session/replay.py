@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.clock import Clock
 from daq.errors import LogError
-from daq.log import Event, Impact, LogReader, Origin
-from rig.derived import derived_channels
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Event, Impact
+from rig.derived.sink import derived_channels
 from rig.files.scenario import AcquisitionSection, Scenario
-from rig.live import LiveView
+from rig.live.view import LiveView
 from rig.session.deriving import derive_again
 from rig.session.hub import Hub, Sink
 from rig.session.progress import Screen

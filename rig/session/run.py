@@ -11,13 +11,13 @@ from typing import Any
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.reader import Origin
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
-from rig.derived import derived_channels
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
+from rig.derived.sink import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
-from rig.live import LiveView
+from rig.live.view import LiveView
 from rig.rigs import RIGS
 from rig.session.acquisition import Recorded
 from rig.session.deriving import derive_live

@@ -11,8 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import MarkTracker
-from daq.angle.marker import MOST_MISSING
+from daq.angle.marker import MOST_MISSING, MarkTracker
 from daq.channel import Channel
 from daq.clock import Clock
 from rig.crank.shaft import shaft_channel, shows_marks

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.records import Event, Gap
-from drivers.protocols import CardReading, PositionEncoder
+from drivers.protocols.card import CardReading
+from drivers.protocols.encoder import PositionEncoder
 from rig.session.acquisition import Acquisition
 from rig.session.encoder_check import encoder_at_marks
 from rig.session.encoder_record import EncoderRecord

@@ -9,7 +9,7 @@ from daq.block import SampleBlock
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
 from daq.recorder import Recorder
-from rig.live import LiveView
+from rig.live.view import LiveView
 
 
 class LogSink:

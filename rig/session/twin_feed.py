@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from daq.block import SampleBlock, as_logged
-from drivers.protocols import CardReading
+from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.session.hub import Hub
 from rig.twin.alignment import Alignment

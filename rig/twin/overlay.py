@@ -8,10 +8,12 @@ from pathlib import Path
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
-from daq.log import LogReader, LogWriter, Origin
 from daq.log.codec import decode_block
+from daq.log.reader import LogReader, Origin
 from daq.log.records import Gap, Impact
-from rig.derived import RECORD, DerivedSink, derived_channels, from_record
+from daq.log.writer import LogWriter
+from rig.derived.settings import RECORD, from_record
+from rig.derived.sink import DerivedSink, derived_channels
 from rig.files.model_file import load_model, parse_model
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment, untouched

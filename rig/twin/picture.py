@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from rig.live import PICTURES, Picture
+from rig.live.picture import Picture
+from rig.live.rigs import PICTURES
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
 

@@ -13,18 +13,21 @@ from pymodbus.constants import ExcCodes
 
 from daq.errors import DeviceLost, InstrumentError
 from drivers.mitsubishi_fr.conversation import Conversation
-from drivers.mitsubishi_fr.diary import Diary
-from drivers.mitsubishi_fr.emulator import DriveFaults, InverterSetup, LineFaults
-from drivers.mitsubishi_fr.emulator.drive import EmulatedDrive, Unanswered
-from drivers.mitsubishi_fr.emulator.line_faults import Disturbance
-from drivers.mitsubishi_fr.emulator.load import FreeMotor
+from drivers.mitsubishi_fr.emulator.drive import (
+    DriveFaults,
+    EmulatedDrive,
+    FreeMotor,
+    InverterSetup,
+    Unanswered,
+)
+from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import READ, Answer, Request, checksum, find_answer, what_was_heard
-from drivers.mitsubishi_fr.keeper import Keeper
 from drivers.mitsubishi_fr.line import LineHealth, NoAnswer
-from drivers.mitsubishi_fr.motor import Motor
+from drivers.mitsubishi_fr.motor import Motor, Notices
+from drivers.mitsubishi_fr.poller import Poller
 from drivers.mitsubishi_fr.registers import FIRST_NUMBER, RUNNING_FREQUENCY, STATUS_AND_COMMAND, Command
 from drivers.mitsubishi_fr.settings import InverterSettings
-from drivers.protocols import InverterOutput
+from drivers.protocols.speed_drive import InverterOutput
 
 T = TypeVar("T")
 GAP_S = 0.002
@@ -173,8 +176,8 @@ class Bench:
     drive: EmulatedDrive
     line: VirtualLine
     motor: Motor
-    keeper: Keeper
-    diary: Diary
+    poller: Poller
+    notices: Notices
 
     @classmethod
     def new(
@@ -200,15 +203,15 @@ class Bench:
                 return b""
 
         line = VirtualLine(loop, respond, Disturbance(line_faults or LineFaults()), settings.answer_s)
-        diary = Diary(loop)
+        notices = Notices(loop)
         talk = Conversation("inverter", "nowhere", settings.station, line, loop.time)
-        motor = Motor(settings, talk, loop, diary)
-        keeper = Keeper(settings, motor, talk, line.health, loop, diary)
-        return cls(loop, load, drive, line, motor, keeper, diary)
+        motor = Motor(settings, talk, loop, notices)
+        poller = Poller(settings, motor, talk, line.health, loop, notices)
+        return cls(loop, load, drive, line, motor, poller, notices)
 
     async def run_at(self, hz: float) -> None:
         """Open, run at a frequency, and be there."""
-        await self.keeper.check_in()
+        await self.poller.check_in()
         await self.motor.set_frequency(hz, self.loop.time() + 3.0)
         await self.motor.run_forward(self.loop.time() + 3.0)
         await self.wait(self.motor.parameters.ramp_s(0.0, hz) + 0.3)
@@ -217,7 +220,7 @@ class Bench:
         """Let time pass for everybody, as somebody who looks after the motor; what was due happens."""
         end_s = self.loop.time() + seconds
         while self.loop.time() < end_s:
-            self.keeper.attended_s = self.loop.time()
+            self.poller.attended_s = self.loop.time()
             await asyncio.sleep(min(0.05, max(end_s - self.loop.time(), 1e-3)))
             self.drive.settle()
 
@@ -234,15 +237,15 @@ def on_bench(work: Callable[[Bench], Coroutine[Any, Any, T]], **setup: Any) -> T
             return await work(bench)
         finally:
             bench.line.mute = False
-            await bench.keeper.close()
+            await bench.poller.close()
 
     return in_virtual_time(run)
 
 
 async def latched(bench: Bench, within_s: float) -> InstrumentError:
-    """Return the error that the keeper finds within a time."""
+    """Return the error that the poller finds within a time."""
     end_s = bench.loop.time() + within_s
-    while bench.keeper.error is None:
+    while bench.poller.error is None:
         assert bench.loop.time() < end_s, "nothing was noticed"
         await bench.wait(0.02)
-    return bench.keeper.error
+    return bench.poller.error

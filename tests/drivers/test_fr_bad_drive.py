@@ -6,7 +6,7 @@ import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.emulator import DriveFaults
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults
 from drivers.mitsubishi_fr.frames import Request
 from drivers.mitsubishi_fr.motor import STEP_S, WITHDRAWALS
 from drivers.mitsubishi_fr.registers import Command
@@ -34,8 +34,8 @@ def test_a_set_value_that_is_acknowledged_and_forgotten_is_noticed_and_stops_the
         bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.RUNNING_FREQUENCY.number})))
         began_s = bench.loop.time()
         with pytest.raises(InstrumentRefused, match=r"not obeyed: 40014 .* it reads 667") as caught:
-            await bench.keeper.order(bench.motor.set_frequency(3.0, began_s + 3.0))
-        assert bench.keeper.error is caught.value
+            await bench.poller.order(bench.motor.set_frequency(3.0, began_s + 3.0))
+        assert bench.poller.error is caught.value
         await bench.wait(2.0)
         assert bench.load.at(bench.loop.time()) == 0.0
         return (
@@ -48,11 +48,11 @@ def test_a_set_value_that_is_acknowledged_and_forgotten_is_noticed_and_stops_the
 
 def test_a_run_command_that_is_forgotten_is_noticed() -> None:
     async def work(bench: Bench) -> None:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
         bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.STATUS_AND_COMMAND.number})))
         with pytest.raises(InstrumentRefused, match="not obeyed: run forward; it reads 0"):
-            await bench.keeper.order(bench.motor.run_forward(bench.loop.time() + 3.0))
+            await bench.poller.order(bench.motor.run_forward(bench.loop.time() + 3.0))
 
     on_bench(work)
 
@@ -98,7 +98,7 @@ def test_somebody_elses_stop_is_noticed() -> None:
 
 def test_somebody_elses_run_is_noticed_and_stopped_once_the_drive_is_ours() -> None:
     async def work(bench: Bench) -> InstrumentError:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
         await bench.wait(1.0)
         bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.FORWARD])
@@ -113,11 +113,11 @@ def test_somebody_elses_run_is_noticed_and_stopped_once_the_drive_is_ours() -> N
 
 def test_somebody_elses_run_before_anything_was_ordered_is_refused_and_left_alone() -> None:
     async def work(bench: Bench) -> InstrumentError:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [667])
         bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.FORWARD])
         error = await latched(bench, 0.5)
-        await bench.keeper.close()
+        await bench.poller.close()
         assert bench.line.writes() == []
         return error
 
@@ -144,7 +144,7 @@ def test_a_trip_is_recorded_with_code_and_time_and_never_reset() -> None:
         bench.drive.trip(0x10)
         error = await latched(bench, 1.0)
         assert error.code == "E.OC1"
-        told = next(notice for notice in bench.diary.take() if notice.code == "inverter.E.OC1")
+        told = next(notice for notice in bench.notices.take() if notice.code == "inverter.E.OC1")
         assert 0.0 <= told.arrival_s - tripped_s < 0.3  # one poll period and its answers
         await bench.wait(3.0)
         writes = bench.line.writes()
@@ -211,7 +211,7 @@ def test_a_drive_that_stays_at_its_panel_is_refused() -> None:
     async def work(bench: Bench) -> None:
         bench.drive.access(fr.OPERATION_MODE.number, 1, [fr.CHOOSE_PANEL])
         bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.OPERATION_MODE.number})))
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         with pytest.raises(InstrumentRefused, match=r"it stays in operation mode 1.* Pr\.79 and Pr\.340"):
             await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
 
@@ -222,9 +222,9 @@ def test_a_set_value_out_of_the_drives_range_changes_nothing() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
         with pytest.raises(InstrumentRefused, match=r"exception 03 .* at 40014"):
-            await bench.keeper.order(bench.motor.set_frequency(450.0, bench.loop.time() + 3.0))
+            await bench.poller.order(bench.motor.set_frequency(450.0, bench.loop.time() + 3.0))
         await bench.wait(1.0)
-        assert bench.keeper.error is None
+        assert bench.poller.error is None
         assert bench.load.at(bench.loop.time()) == HZ
 
     on_bench(work)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
-from drivers.mitsubishi_fr.emulator import LineFaults
-from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import WRITE, Request
 from drivers.mitsubishi_fr.registers import (
     CHOOSE_NETWORK,
@@ -27,7 +26,7 @@ def test_one_percent_of_bad_answers_does_not_move_the_speed(seed: int) -> None:
         for _ in range(300):
             await bench.wait(0.1)
             worst = max(worst, abs(bench.load.at(bench.loop.time()) / HZ - 1.0))
-        assert bench.keeper.error is None
+        assert bench.poller.error is None
         return worst, bench.line.health.unanswered
 
     worst, unanswered = on_bench(work)
@@ -45,7 +44,7 @@ def test_a_fifth_of_bad_answers_leaves_it_running_or_safely_stopped(
         bench.line.disturbance = Disturbance(LineFaults(0.2, kinds, seed))
         for _ in range(300):
             await bench.wait(0.1)
-            if bench.keeper.error is not None:
+            if bench.poller.error is not None:
                 break
             assert bench.load.at(bench.loop.time()) == HZ
             assert bench.motor.state is not None
@@ -53,7 +52,7 @@ def test_a_fifth_of_bad_answers_leaves_it_running_or_safely_stopped(
         else:
             assert bench.motor.state is not None
             assert bench.motor.state.degraded
-            assert any(notice.code == "inverter.line" for notice in bench.diary.take())
+            assert any(notice.code == "inverter.line" for notice in bench.notices.take())
             return
         await bench.wait(4.0)
         assert bench.load.at(bench.loop.time()) == 0.0
@@ -70,15 +69,15 @@ def test_orders_on_a_bad_line_are_done_or_the_motor_stops(seed: int) -> None:
         bench.line.disturbance = Disturbance(LineFaults(0.2, tuple(KINDS), seed))
         for hz in (3.0, 8.0, 5.0):
             try:
-                await bench.keeper.order(bench.motor.set_frequency(hz, bench.loop.time() + 3.0))
+                await bench.poller.order(bench.motor.set_frequency(hz, bench.loop.time() + 3.0))
             except InstrumentSilent:
                 continue
             except InstrumentError:
                 break
             await bench.wait(1.0)
-            if bench.keeper.error is None:
+            if bench.poller.error is None:
                 assert bench.load.at(bench.loop.time()) == hz
-        await bench.keeper.close()
+        await bench.poller.close()
         await bench.wait(4.0)
         assert bench.load.at(bench.loop.time()) == 0.0
 
@@ -103,7 +102,7 @@ def test_a_lost_answer_to_stop_is_looked_into_and_not_repeated() -> None:
         written = len(bench.line.writes())
         without_answers_to_writes(bench)
         await bench.motor.stop()
-        assert not (await bench.keeper.look()).running
+        assert not (await bench.poller.look()).running
         return bench.line.writes()[written:]
 
     assert on_bench(work) == [ZERO, ZERO, STOP]
@@ -112,7 +111,7 @@ def test_a_lost_answer_to_stop_is_looked_into_and_not_repeated() -> None:
 def test_a_lost_answer_to_the_choice_of_mode_is_looked_into_and_not_repeated() -> None:
     async def work(bench: Bench) -> list[tuple[int, int]]:
         bench.drive.access(OPERATION_MODE.number, 1, [CHOOSE_PANEL])
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         without_answers_to_writes(bench)
         await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
         return bench.line.writes()
@@ -127,7 +126,7 @@ def test_no_parameter_is_written_and_nothing_reset_in_a_whole_session_on_a_bad_l
         await bench.run_at(HZ)
         bench.line.disturbance = Disturbance(LineFaults(0.1, tuple(KINDS), 2))
         await bench.wait(10.0)
-        await bench.keeper.close()
+        await bench.poller.close()
         return {number for number, _ in bench.line.writes()}
 
     assert on_bench(work) == {STATUS_AND_COMMAND.number, OPERATION_MODE.number, RUNNING_FREQUENCY.number}
@@ -135,7 +134,7 @@ def test_no_parameter_is_written_and_nothing_reset_in_a_whole_session_on_a_bad_l
 
 def test_a_lost_answer_to_run_is_looked_into_and_not_repeated() -> None:
     async def work(bench: Bench) -> list[tuple[int, int]]:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
         without_answers_to_writes(bench)
         await bench.motor.run_forward(bench.loop.time() + 3.0)
@@ -174,7 +173,7 @@ def test_after_silence_nothing_is_sent_any_more() -> None:
         bench.line.mute = False
         sent = len(bench.line.sent)
         with pytest.raises(InstrumentSilent, match="nothing is sent any more"):
-            await bench.keeper.look()
+            await bench.poller.look()
         await bench.wait(2.0)
         assert len(bench.line.sent) == sent
 
@@ -196,7 +195,7 @@ def test_closing_without_an_answer_still_tries_to_stop() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
         bench.line.mute, began_s = True, bench.loop.time()
-        await bench.keeper.close()
+        await bench.poller.close()
         assert bench.loop.time() - began_s < 4.0
         assert ZERO in bench.line.writes()
         assert STOP in bench.line.writes()

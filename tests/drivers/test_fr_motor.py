@@ -9,10 +9,10 @@ import pytest
 
 from daq.errors import InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.emulator import DriveFaults, LineFaults
-from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, Piece
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults
+from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults, Piece
 from drivers.mitsubishi_fr.frames import Answer, Request
-from drivers.mitsubishi_fr.orders import OvertakenOrder
+from drivers.mitsubishi_fr.motor import OvertakenOrder
 from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import InverterMisconfigured
 from tests.drivers.fr_bench import FORWARD, HZ, LOOK_S, RAMP_S, SETTINGS, STOP, ZERO, Bench, latched, on_bench
@@ -23,7 +23,7 @@ def test_all_wrong_parameters_are_listed_at_once_and_nothing_is_written() -> Non
 
     async def work(bench: Bench) -> tuple[InverterMisconfigured, list[tuple[int, int]]]:
         with pytest.raises(InverterMisconfigured, match="nothing was moved") as caught:
-            await bench.keeper.check_in()
+            await bench.poller.check_in()
         return caught.value, bench.line.writes()
 
     error, writes = on_bench(work, parameters=wrong)
@@ -44,7 +44,7 @@ def test_all_wrong_parameters_are_listed_at_once_and_nothing_is_written() -> Non
 )
 def test_no_start_without_a_watchdog_that_helps(raw: int, match: str) -> None:
     async def work(bench: Bench) -> None:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
 
     with pytest.raises(InverterMisconfigured, match=match):
         on_bench(work, parameters={122: raw})
@@ -54,7 +54,7 @@ def test_a_tripped_drive_is_refused_and_not_reset() -> None:
     async def work(bench: Bench) -> list[tuple[int, int]]:
         bench.drive.trip(0x30)
         with pytest.raises(InstrumentRefused, match=r"it has tripped: E\.THT") as caught:
-            await bench.keeper.check_in()
+            await bench.poller.check_in()
         assert caught.value.code == "E.THT"
         return bench.line.writes()
 
@@ -72,8 +72,8 @@ def test_a_drive_that_already_runs_is_refused_and_left_alone(how: str) -> None:
         if how == "coming down":
             bench.drive.access(fr.STATUS_AND_COMMAND.number, 1, [Command.STOP])
         with pytest.raises(InstrumentRefused, match="inverter at nowhere: it already runs") as caught:
-            await bench.keeper.check_in()
-        await bench.keeper.close()
+            await bench.poller.check_in()
+        await bench.poller.close()
         assert caught.value.code == "running"
         return str(caught.value), bench.line.writes()
 
@@ -87,8 +87,8 @@ def test_a_drive_that_already_runs_is_refused_and_left_alone(how: str) -> None:
 def test_a_set_value_that_somebody_left_does_not_hold_up_a_start() -> None:
     async def work(bench: Bench) -> bool:
         bench.drive.access(fr.RUNNING_FREQUENCY.number, 1, [667])
-        await bench.keeper.check_in()
-        return (await bench.keeper.look()).running
+        await bench.poller.check_in()
+        return (await bench.poller.look()).running
 
     assert not on_bench(work)
 
@@ -97,11 +97,11 @@ def test_it_runs_at_the_set_speed_and_keeps_the_watchdog_quiet() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
         await bench.wait(30.0)
-        state = await bench.keeper.look()
+        state = await bench.poller.look()
         assert (state.running, state.fault, state.degraded) == (True, "", False)
         assert state.output_frequency_hz == HZ
         assert state.speed_rpm == pytest.approx(200.1, abs=1e-9)
-        assert bench.keeper.error is None
+        assert bench.poller.error is None
         assert bench.line.health.unanswered == 0
 
     on_bench(work)
@@ -117,9 +117,9 @@ def test_a_stop_ramps_to_zero_and_then_withdraws_run() -> None:
         assert bench.line.writes()[written:] == [ZERO, STOP]
         assert bench.load.at(bench.withdrawn_s()) <= 0.05
         assert bench.withdrawn_s() - began_s == pytest.approx(RAMP_S, abs=LOOK_S)
-        assert not (await bench.keeper.look()).running
+        assert not (await bench.poller.look()).running
         await bench.wait(2.0)
-        assert bench.keeper.error is None
+        assert bench.poller.error is None
 
     on_bench(work)
 
@@ -152,7 +152,7 @@ def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
         await bench.run_at(HZ)
         began_s = bench.loop.time()
         await bench.motor.stop(lambda: HZ)
-        assert any("still at 6.67 Hz" in notice.text for notice in bench.diary.take())
+        assert any("still at 6.67 Hz" in notice.text for notice in bench.notices.take())
         return bench.withdrawn_s() - began_s
 
     assert on_bench(work) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
@@ -166,9 +166,9 @@ def test_run_is_withdrawn_although_the_measured_speed_fails() -> None:
         await bench.run_at(HZ)
         written = len(bench.line.writes())
         with pytest.raises(ZeroDivisionError, match="no counts in a turn"):
-            await bench.keeper.stop(measured_hz)
+            await bench.poller.stop(measured_hz)
         assert bench.line.writes()[written:] == [ZERO, STOP]
-        assert not (await bench.keeper.look()).running
+        assert not (await bench.poller.look()).running
 
     on_bench(work)
 
@@ -181,11 +181,11 @@ def test_a_stop_that_never_ends_is_over_in_time_and_stays_an_error() -> None:
         bench.drive.put_faults(DriveFaults(stuck=True))
         began_s = bench.loop.time()
         with pytest.raises(InstrumentSilent, match="nothing more is sent, so that its watchdog stops it"):
-            await bench.keeper.stop()
+            await bench.poller.stop()
         # Four times 1.5 ramps; on top of each the order, the look before and the last look, in turns.
         over_s = bench.loop.time() - began_s - bench.motor.longest_stop_s(HZ)
         assert 0.0 < over_s < 4 * 2 * LOOK_S
-        assert isinstance(bench.keeper.error, InstrumentSilent)
+        assert isinstance(bench.poller.error, InstrumentSilent)
         bench.drive.put_faults(DriveFaults())
         await bench.wait(bench.motor.parameters.watchdog_s + 0.1)
         assert bench.drive.access(fr.FAULTS[0].number, 1, None) == [fr.COMMUNICATION_FAULT]
@@ -211,12 +211,12 @@ def test_a_stop_is_carried_through_although_its_caller_gives_up() -> None:
         written = len(bench.line.writes())
         bench.line.disturbance = SlowLine()
         with pytest.raises(asyncio.TimeoutError):
-            await asyncio.wait_for(bench.keeper.stop(), 0.3)
+            await asyncio.wait_for(bench.poller.stop(), 0.3)
         assert STOP not in bench.line.writes()[written:]
         await bench.wait(5.0)
         assert bench.line.writes()[written:] == [ZERO, STOP]
         assert bench.load.at(bench.loop.time()) == 0.0
-        assert "inverter.off" in [notice.code for notice in bench.diary.take()]
+        assert "inverter.off" in [notice.code for notice in bench.notices.take()]
 
     on_bench(work)
 
@@ -226,8 +226,8 @@ def test_a_stop_that_fails_after_its_caller_gave_up_stays_an_error() -> None:
         await bench.run_at(HZ)
         bench.drive.put_faults(DriveFaults(stuck=True))
         with pytest.raises(asyncio.TimeoutError):
-            await asyncio.wait_for(bench.keeper.stop(), 0.3)
-        assert bench.keeper.error is None
+            await asyncio.wait_for(bench.poller.stop(), 0.3)
+        assert bench.poller.error is None
         assert isinstance(await latched(bench, bench.motor.longest_stop_s(HZ) + 2.0), InstrumentSilent)
 
     on_bench(work)
@@ -243,7 +243,7 @@ def test_an_order_that_is_given_up_takes_its_stop_not_with_it() -> None:
         bench.drive.access(fr.DECELERATION_TIME.number, 1, [300])
         bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({fr.RUNNING_FREQUENCY.number})))
         order = asyncio.create_task(
-            bench.keeper.order(bench.motor.set_frequency(8.0, bench.loop.time() + 3.0))
+            bench.poller.order(bench.motor.set_frequency(8.0, bench.loop.time() + 3.0))
         )
         await latched(bench, 1.0)
         bench.drive.put_faults(DriveFaults())
@@ -261,8 +261,8 @@ def test_closing_waits_for_a_stop_that_was_given_up() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
         with pytest.raises(asyncio.TimeoutError):
-            await asyncio.wait_for(bench.keeper.stop(lambda: HZ), 0.1)
-        await bench.keeper.close()
+            await asyncio.wait_for(bench.poller.stop(lambda: HZ), 0.1)
+        await bench.poller.close()
         assert bench.line.writes()[-1] == (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL)
         sent = len(bench.line.sent)
         await asyncio.sleep(2.0)
@@ -276,7 +276,7 @@ def test_a_program_that_slept_finds_it_stopped_and_does_not_run_it_again() -> No
 
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
-        order = bench.keeper.order(bench.motor.set_frequency(9.0, bench.loop.time() + 3.0))
+        order = bench.poller.order(bench.motor.set_frequency(9.0, bench.loop.time() + 3.0))
         written = len(bench.line.writes())
         bench.loop.sleep(5.0)
         bench.drive.settle()
@@ -294,8 +294,8 @@ def test_a_motor_that_nobody_looks_after_is_stopped() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
         await asyncio.sleep(SETTINGS.unattended_s + 0.5)
-        assert bench.keeper.error is not None
-        assert bench.keeper.error.code == "unattended"
+        assert bench.poller.error is not None
+        assert bench.poller.error.code == "unattended"
         await asyncio.sleep(2.0)
         bench.drive.settle()
         assert bench.load.at(bench.loop.time()) == 0.0
@@ -307,7 +307,7 @@ def test_a_stop_overtakes_an_order_under_way() -> None:
     """Run forward waits for its answers while somebody stops: it may not run on after that."""
 
     async def work(bench: Bench) -> list[tuple[int, int]]:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         await bench.motor.set_frequency(HZ, bench.loop.time() + 3.0)
         starting = asyncio.create_task(bench.motor.run_forward(bench.loop.time() + 3.0))
         await asyncio.sleep(0.001)
@@ -325,12 +325,12 @@ def test_the_very_first_order_can_be_overtaken_too() -> None:
     """While it asks for the operation mode, the drive is not taken yet: no reason not to stop."""
 
     async def work(bench: Bench) -> list[tuple[int, int]]:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         starting = asyncio.create_task(bench.motor.run_forward(bench.loop.time() + 3.0))
         await asyncio.sleep(0.001)
         assert not bench.motor.orders.taken
         assert bench.motor.orders.may_turn
-        await bench.keeper.close()
+        await bench.poller.close()
         with pytest.raises(OvertakenOrder, match="a stop overtook it"):
             await starting
         return bench.line.writes()
@@ -341,7 +341,7 @@ def test_the_very_first_order_can_be_overtaken_too() -> None:
 def test_closing_stops_the_motor_and_hands_the_drive_back() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
-        await bench.keeper.close()
+        await bench.poller.close()
         assert bench.line.writes()[-3:] == [ZERO, STOP, (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL)]
         await bench.wait(5.0)
         assert bench.load.at(bench.loop.time()) == 0.0
@@ -354,7 +354,7 @@ def test_closing_ends_the_poll_although_an_answer_swallows_the_cancellation() ->
     """As `wait_for` of Python 3.11 does where both come at once."""
 
     async def work(bench: Bench) -> None:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         ask, asking = bench.line.ask, asyncio.Event()
 
         async def deaf(request: Request) -> Answer:
@@ -367,7 +367,7 @@ def test_closing_ends_the_poll_although_an_answer_swallows_the_cancellation() ->
 
         bench.line.ask = deaf  # type: ignore[method-assign]
         await asking.wait()
-        closing = asyncio.ensure_future(bench.keeper.close())
+        closing = asyncio.ensure_future(bench.poller.close())
         await asyncio.wait([closing], timeout=1.0)
         assert closing.done()
         sent = len(bench.line.sent)
@@ -391,7 +391,7 @@ def test_a_watchdog_of_two_seconds_is_the_longest_allowed() -> None:
     settings = replace(SETTINGS, maximum_speed_rpm=3600.0)
 
     async def work(bench: Bench) -> float:
-        await bench.keeper.check_in()
+        await bench.poller.check_in()
         return bench.motor.parameters.watchdog_s
 
     assert on_bench(work, parameters={122: 20}, settings=settings) == pytest.approx(2.0, abs=1e-9)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mitsubishi_fr.port_lock import PortTaken, lock_port
+from drivers.mitsubishi_fr.line import PortTaken, lock_port
 
 PORT = "socket://127.0.0.1:1"  # nothing is sent to it
 HOLDER = """
 import sys, time
-from drivers.mitsubishi_fr.port_lock import lock_port
+from drivers.mitsubishi_fr.line import lock_port
 held = lock_port(sys.argv[1])
 print("held", flush=True)
 time.sleep(1e3)

@@ -14,15 +14,20 @@ import can
 import canopen
 import numpy as np
 from canopen.nmt import NMT_STATES
+from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, datatypes, import_od
 
-from daq import Clock
-from drivers.canopen_cia406.emulator.dictionary import dictionary
+from daq.clock import Clock
+from drivers.canopen_cia406 import objects
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
-from drivers.protocols import Shaft
+from drivers.canopen_cia406.objects import Entry
+from drivers.protocols.encoder import Shaft
 
+ERROR_REGISTER = Entry(0x1001, 0, "error register", 8, "", "CiA 301")
+OFFSET = Entry(0x6509, 0, "offset value", 32, "counts", "CiA 406")
+_TYPES = {8: datatypes.UNSIGNED8, 16: datatypes.UNSIGNED16, 32: datatypes.UNSIGNED32}
 _STATES = {name: number for number, name in NMT_STATES.items()}
-_RESENT_S = 130e-6
+_RESENT_S = 130e-6  # as after a lost acknowledgement
 _BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040
 _GARBAGE = "< frame 18Z what >"
 _IDLE_S = 0.005
@@ -60,7 +65,9 @@ class EmulatedEncoder:
         """Boot; return where its socketcand server listens, `host:port`."""
         self._network.connect()
         self._network.add_node(self._node)
-        self._node.add_read_callback(self._on_read)
+        self._node.add_read_callback(
+            lambda index, **_: self._position(self._clock.monotonic_s()) if index == 0x6004 else None
+        )
         self._node.add_write_callback(self._on_write)
         self._network.subscribe(0x80, self._on_sync)
         self._boot()
@@ -87,15 +94,14 @@ class EmulatedEncoder:
         self._node.nmt.state = "INITIALISING"
         self._node.nmt.state = "PRE-OPERATIONAL"
 
-    def _on_read(self, index: int, **_: object) -> int | None:
-        return self._position(self._clock.monotonic_s()) if index == 0x6004 else None
-
     def _on_write(self, index: int, data: bytes, **_: object) -> None:
+        # CiA 406: a preset is the value of the position where the shaft stands as it is written
         if index == 0x6003:
             here = self._position(self._clock.monotonic_s())
             self._zero += int.from_bytes(data, "little") - here
 
     def _on_sync(self, *_: object) -> None:
+        # TPDO 2, of transmission type 1: one position with every SYNC
         if self._node.nmt.state == "OPERATIONAL":
             now_s = self._clock.monotonic_s()
             self._send(0x280, self._position(now_s).to_bytes(4, "little"), now_s)
@@ -179,7 +185,6 @@ class EmulatedEncoder:
         acts: dict[str, Callable[[], None]] = {
             "error_frame": lambda: self._report(_BUS_ERROR),
             "receive_overrun": lambda: self._report(_CONTROLLER),
-            "bus_off": self._leave_bus,
             "hang_up": self._bus.hang_up,
             "garbage": lambda: self._bus.say(_GARBAGE),
             "heartbeat_stops": self._node.nmt.stop_heartbeat,
@@ -190,13 +195,81 @@ class EmulatedEncoder:
             "restart": self._boot,
             "clock_jump": lambda: setattr(self, "_jump_s", self._jump_s + value),
         }
-        if kind in acts:
+        if kind == "bus_off":
+            self._report(_BUS_OFF)
+            self._silent = True
+            self._node.nmt.stop_heartbeat()
+        elif kind in acts:
             acts[kind]()
-
-    def _leave_bus(self) -> None:
-        self._report(_BUS_OFF)
-        self._silent = True
-        self._node.nmt.stop_heartbeat()
 
     def _report(self, error_class: int) -> None:
         self._bus.send(can.Message(arbitration_id=error_class, is_error_frame=True))
+
+
+def dictionary(setup: EncoderSetup) -> ObjectDictionary:
+    """Return a dictionary with everything that profile 406 makes mandatory for positions."""
+    od = import_od(None)
+    od.node_id = setup.node
+    values = {
+        objects.DEVICE_TYPE: setup.device_type,
+        ERROR_REGISTER: 0,
+        objects.HEARTBEAT_TIME: setup.heartbeat_ms,
+        objects.OPERATING_PARAMETERS: objects.SCALING if setup.scaling else 0,
+        objects.COUNTS_PER_REVOLUTION: setup.counts_per_revolution,
+        objects.TOTAL_RANGE: setup.total_range,
+        objects.PRESET: 0,
+        objects.POSITION: 0,
+        objects.CYCLIC_TIMER: 0,
+        objects.SINGLE_TURN_RESOLUTION: setup.counts_per_revolution,
+        objects.REVOLUTIONS: setup.revolutions,
+        OFFSET: 0,
+    }
+    for entry, value in values.items():
+        od.add_object(_variable(entry, value))
+    identity = (setup.vendor, setup.product, setup.revision, setup.serial)
+    entries = (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL)
+    od.add_object(_record("identity", 0x1018, dict(zip(entries, identity, strict=True))))
+    for number, kind in ((0, setup.transmission_type), (1, 1)):
+        _add_tpdo(od, setup, number, kind)
+    return od
+
+
+def _add_tpdo(od: ObjectDictionary, setup: EncoderSetup, number: int, kind: int) -> None:
+    cob_id = 0x180 + 0x100 * number + setup.node
+    communication, mapping = 0x1800 + number, 0x1A00 + number
+    od.add_object(
+        _record(
+            f"TPDO {number + 1} communication parameter",
+            communication,
+            {
+                Entry(communication, 1, "COB-ID", 32, "", "CiA 301", writable=True): cob_id,
+                Entry(communication, 2, "transmission type", 8, "", "CiA 301", writable=True): kind,
+            },
+        )
+    )
+    od.add_object(
+        _record(
+            f"TPDO {number + 1} mapping parameter",
+            mapping,
+            {
+                Entry(mapping, place, f"object {place}", 32, "", "CiA 301"): value
+                for place, value in enumerate(setup.mapped, 1)
+            },
+        )
+    )
+
+
+def _record(name: str, index: int, members: dict[Entry, int]) -> ODRecord:
+    record = ODRecord(name, index)
+    record.add_member(_variable(Entry(index, 0, "number of entries", 8, "", "CiA 301"), len(members)))
+    for entry, value in members.items():
+        record.add_member(_variable(entry, value))
+    return record
+
+
+def _variable(entry: Entry, value: int) -> ODVariable:
+    variable = ODVariable(entry.name, entry.index, entry.subindex)
+    variable.data_type = _TYPES[entry.bits]
+    variable.access_type = "rw" if entry.writable else "ro"
+    variable.default = value
+    return variable

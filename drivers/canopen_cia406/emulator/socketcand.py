@@ -66,7 +66,12 @@ class SocketcandBus(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Pass a frame on to every client in raw mode."""
-        self.say(_written(msg, msg.timestamp or self._stamp()))
+        stamp_s = msg.timestamp or self._stamp()
+        if msg.is_error_frame:
+            self.say(f"< error {msg.arbitration_id:03X} {stamp_s:.6f} >")
+        else:
+            width = 8 if msg.is_extended_id else 3
+            self.say(f"< frame {msg.arbitration_id:0{width}X} {stamp_s:.6f} {msg.data.hex().upper()} >")
 
     def say(self, text: str) -> None:
         """Send a line to every client in raw mode."""
@@ -134,25 +139,19 @@ class SocketcandBus(can.BusABC):
                     _write(client, "< ok >")
                 case ["echo"]:
                     _write(client, "< echo >")
-                case ["send", *frame]:
-                    with suppress(ValueError, IndexError):  # socketcand drops what it cannot read
-                        self._arrived.put(_read(frame))
+                case ["send", name, length, *content]:
+                    with suppress(ValueError):  # socketcand drops what it cannot read
+                        data = bytes(int(byte, 16) for byte in content[: int(length, 16)])
+                        extended = len(name) > 3
+                        self._arrived.put(
+                            can.Message(
+                                arbitration_id=int(name, 16), is_extended_id=extended, data=data, check=True
+                            )
+                        )
+                case ["send", *_]:
+                    pass
                 case _:
                     _write(client, "< error unknown command >")
-
-
-def _read(frame: list[str]) -> can.Message:
-    data = bytes(int(byte, 16) for byte in frame[2 : 2 + int(frame[1], 16)])
-    return can.Message(
-        arbitration_id=int(frame[0], 16), is_extended_id=len(frame[0]) > 3, data=data, check=True
-    )
-
-
-def _written(message: can.Message, stamp_s: float) -> str:
-    if message.is_error_frame:
-        return f"< error {message.arbitration_id:03X} {stamp_s:.6f} >"
-    width = 8 if message.is_extended_id else 3
-    return f"< frame {message.arbitration_id:0{width}X} {stamp_s:.6f} {message.data.hex().upper()} >"
 
 
 def _write(client: _Client, text: str) -> None:

@@ -7,13 +7,16 @@ be had; what is known from other manuals of the family or from memory (M) is mar
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Protocol
 
 from pymodbus.constants import ExcCodes
 
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Command, Status
-from drivers.protocols import InverterOutput, MotorLoad
+from drivers.protocols.speed_drive import InverterOutput, MotorLoad
 
 # Raw values. Pr.3 to 6 are those of the manual's example of a read; the rest is as rattle needs it.
 PARAMETERS = {
@@ -79,6 +82,58 @@ class Unanswered(Exception):
     """The drive does what was asked and sends no answer."""
 
 
+NO_LOAD_A = 0.6
+
+
+class OutputSink(Protocol):
+    """The way to another process, or to several: a connection is one."""
+
+    def send(self, output: InverterOutput, /) -> None:
+        """Pass on what is put out; OSError where nobody is there any more."""
+        ...
+
+
+class FreeMotor:
+    """A `MotorLoad` that turns nothing: its no-load current flows while anything is put out."""
+
+    def __init__(self) -> None:
+        self._on = False
+
+    def drive(self, output: InverterOutput) -> None:
+        """Take what is put out."""
+        self._on = output.on and (output.frequency_hz > 0.0 or output.target_hz > 0.0)
+
+    def current_a(self) -> float:
+        """Return the current in A."""
+        return NO_LOAD_A if self._on else 0.0
+
+
+class RemoteLoad:
+    """A `MotorLoad` in another process: outputs go to it, the last current (A, a float) that it sent counts.
+
+    Without `currents` the current is that of a free motor.
+    """
+
+    def __init__(self, outputs: OutputSink | None, currents: Connection | None) -> None:
+        self._outputs, self._currents = outputs, currents
+        self._free = FreeMotor()
+        self._current_a: float | None = None
+
+    def drive(self, output: InverterOutput) -> None:
+        """Pass on what is put out."""
+        self._free.drive(output)
+        if self._outputs is not None:
+            with suppress(OSError):  # the plant is gone; the drive goes on
+                self._outputs.send(output)
+
+    def current_a(self) -> float:
+        """Return the current in A."""
+        with suppress(EOFError, OSError):
+            while self._currents is not None and self._currents.poll():
+                self._current_a = float(self._currents.recv())
+        return self._free.current_a() if self._current_a is None else self._current_a
+
+
 class EmulatedDrive:
     """The drive behind its line. `now` gives monotonic seconds; `load` hears of every change of the output.
 
@@ -115,7 +170,13 @@ class EmulatedDrive:
         now_s = self._now()
         due_s = self._watchdog_due_s()
         if due_s is not None and now_s >= due_s:
-            self._trip(fr.COMMUNICATION_FAULT, due_s)
+            # As Pr.502 says: 0 coasts, 1 ramps down and shows the fault at rest (M).
+            self._run = False
+            if self._parameters[502] == RAMP_ON_SILENCE:
+                self._tripping = fr.COMMUNICATION_FAULT
+                self._put_out(True, 0.0, due_s)
+            else:
+                self._indicate(fr.COMMUNICATION_FAULT, due_s)
         if self._tripping is not None and now_s >= self.output.settled_s:
             self._indicate(self._tripping, self.output.settled_s)
 
@@ -181,26 +242,23 @@ class EmulatedDrive:
         return int(status)
 
     def _write(self, number: int, value: int) -> ExcCodes | None:
-        if not self._has(number):
-            return None
-        if number in self.faults.not_obeyed:
+        if not self._has(number) or number in self.faults.not_obeyed:
             return None
         if number >= fr.PARAMETERS:
-            return self._write_parameter(number - fr.PARAMETERS, value)
+            if self._mode != fr.NETWORK_MODE or self._run:
+                return ExcCodes.ILLEGAL_VALUE
+            self._parameters[number - fr.PARAMETERS] = value
+            return None
+        if number == RUNNING_FREQUENCY_EEPROM:
+            self._eeprom = value
         writers: dict[int, Callable[[int], ExcCodes | None]] = {
             fr.INVERTER_RESET.number: self._reset,
             fr.STATUS_AND_COMMAND.number: self._take_command,
             fr.OPERATION_MODE.number: self._take_mode,
             fr.RUNNING_FREQUENCY.number: self._take_frequency,
-            RUNNING_FREQUENCY_EEPROM: self._take_frequency_for_good,
+            RUNNING_FREQUENCY_EEPROM: self._take_frequency,
         }
         return writers[number](value) if number in writers else ExcCodes.ILLEGAL_ADDRESS
-
-    def _write_parameter(self, parameter: int, value: int) -> ExcCodes | None:
-        if self._mode != fr.NETWORK_MODE or self._run:
-            return ExcCodes.ILLEGAL_VALUE
-        self._parameters[parameter] = value
-        return None
 
     def _reset(self, value: int) -> ExcCodes | None:
         """Restart the inverter: the output goes off, a fault is forgotten, its history is not."""
@@ -235,10 +293,6 @@ class EmulatedDrive:
         self._follow(self._now())
         return None
 
-    def _take_frequency_for_good(self, value: int) -> ExcCodes | None:
-        self._eeprom = value
-        return self._take_frequency(value)
-
     def _follow(self, now_s: float) -> None:
         """Let the output go to where it is told to, unless a fault forbids it."""
         if self._fault or self._tripping is not None or self.faults.stuck:
@@ -264,15 +318,6 @@ class EmulatedDrive:
         if self._last_frame_s is None or not waits or raw == WATCHDOG_OFF:
             return None
         return self._last_frame_s + fr.WATCHDOG.value(raw)
-
-    def _trip(self, code: int, at_s: float) -> None:
-        """Trip for silence as Pr.502 says: 0 coasts, 1 ramps down and shows the fault at rest (M)."""
-        self._run = False
-        if self._parameters[502] != RAMP_ON_SILENCE:
-            self._indicate(code, at_s)
-            return
-        self._tripping = code
-        self._put_out(True, 0.0, at_s)
 
     def _indicate(self, code: int, at_s: float) -> None:
         self._run, self._tripping, self._fault = False, None, code

@@ -56,10 +56,6 @@ class Disturbance:
         return self._lot.choice(self._kinds)(exchange)
 
 
-def _late(exchange: Exchange) -> Piece:
-    return Piece(exchange.lot.uniform(*LATE_S), exchange.answer)
-
-
 def _flipped(exchange: Exchange) -> Piece:
     # The CRC finds every error of up to three bits; it lets one in 65536 of larger ones through.
     bits = exchange.lot.sample(range(8 * len(exchange.answer)), exchange.lot.randint(1, 3))
@@ -69,22 +65,6 @@ def _flipped(exchange: Exchange) -> Piece:
     return Piece(0.0, bytes(flipped))
 
 
-def _cut(exchange: Exchange) -> Piece:
-    return Piece(0.0, exchange.answer[: exchange.lot.randrange(1, len(exchange.answer))])
-
-
-def _after_garbage(exchange: Exchange) -> Piece:
-    return Piece(0.0, exchange.lot.randbytes(exchange.lot.randrange(1, 9)) + exchange.answer)
-
-
-def _from_another_station(exchange: Exchange) -> Piece:
-    return Piece(0.0, _signed(bytes([exchange.answer[0] ^ 1]) + exchange.answer[1:-2]))
-
-
-def _busy(exchange: Exchange) -> Piece:
-    return Piece(0.0, _signed(bytes([exchange.answer[0], exchange.answer[1] | 0x80, _BUSY])))
-
-
 def _signed(body: bytes) -> bytes:
     return body + checksum(body)
 
@@ -92,14 +72,20 @@ def _signed(body: bytes) -> bytes:
 KINDS: dict[str, Callable[[Exchange], Piece]] = {
     "drop": lambda exchange: Piece(0.0, b""),
     "flip": _flipped,
-    "cut": _cut,
-    "garbage": _after_garbage,
+    "cut": lambda exchange: Piece(0.0, exchange.answer[: exchange.lot.randrange(1, len(exchange.answer))]),
+    "garbage": lambda exchange: Piece(
+        0.0, exchange.lot.randbytes(exchange.lot.randrange(1, 9)) + exchange.answer
+    ),
     "echo": lambda exchange: Piece(0.0, exchange.request + exchange.answer),
     "echo alone": lambda exchange: Piece(0.0, exchange.request),
     "twice": lambda exchange: Piece(0.0, exchange.answer + exchange.answer),
     "stale": lambda exchange: Piece(0.0, exchange.previous),
     "old first": lambda exchange: Piece(0.0, exchange.previous + exchange.answer),
-    "late": _late,
-    "other station": _from_another_station,
-    "busy": _busy,
+    "late": lambda exchange: Piece(exchange.lot.uniform(*LATE_S), exchange.answer),
+    "other station": lambda exchange: Piece(
+        0.0, _signed(bytes([exchange.answer[0] ^ 1]) + exchange.answer[1:-2])
+    ),
+    "busy": lambda exchange: Piece(
+        0.0, _signed(bytes([exchange.answer[0], exchange.answer[1] | 0x80, _BUSY]))
+    ),
 }

@@ -6,7 +6,6 @@ import math
 
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
-from drivers.mitsubishi_fr.registers import Register
 from drivers.mitsubishi_fr.settings import PARITY_SETTINGS, InverterSettings
 
 
@@ -20,8 +19,4 @@ def matching_setup(settings: InverterSettings, ramp_s: float) -> InverterSetup:
         fr.ACCELERATION_TIME: fr.ACCELERATION_TIME.raw(ramp_s),
         fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
     }
-    return InverterSetup({_parameter(register): value for register, value in raw.items()})
-
-
-def _parameter(register: Register) -> int:
-    return register.number - fr.PARAMETERS
+    return InverterSetup({register.number - fr.PARAMETERS: value for register, value in raw.items()})

@@ -24,9 +24,9 @@ from drivers.mitsubishi_fr.frames import WRITE, intact
 from drivers.mitsubishi_fr.registers import FIRST_NUMBER
 
 REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
-SETTLE_S = 0.01
+SETTLE_S = 0.01  # what was due happens at its own time, however late it is looked at
 TIMER_RESOLUTION_S = 1e-6
-_REQUEST_LENGTH = 8
+_REQUEST_LENGTH = 8  # both of a read and of a write of one register
 
 
 class InverterServer:
@@ -71,6 +71,7 @@ class InverterServer:
 
     async def _open(self) -> tuple[str, str]:
         drive = SimDevice(self._station, _registers(), action=self._access)
+        # Without this one pymodbus 3.16 answers for every unknown station with exception 4.
         others = SimDevice(0, _registers(), action=_nobody)
         # It never listens itself: the wires feed its request handlers.
         self._modbus = ModbusTcpServer(

@@ -13,19 +13,73 @@ import numpy as np
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import DTypeLike, NDArray
 
-from daq import Clock
 from daq.block import NS_PER_S
-from daq.clock import wall_less_monotonic_ns
-from drivers.ni_daq.emulator.buffer import SampleBuffer
+from daq.clock import Clock, wall_less_monotonic_ns
 from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.counters import Measure
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
-from drivers.protocols import ActuatorOutput, Plant
+from drivers.protocols.actuator import ActuatorOutput
+from drivers.protocols.card import Plant
 
 Output = TypeVar("Output", bound=ActuatorOutput)
 BLOCK_S = 0.025
 LAG_S = 0.025  # samples are made this much after their time; news of the drive travels faster
 TRANSFER_S = 0.01  # and can be read so much later, however long it took to make them
+
+
+class SampleBuffer:
+    """Rows of samples, kept until they are read or overwritten; one thread puts, another reads."""
+
+    def __init__(self, rows: int, size: int, dtype: DTypeLike = np.float64) -> None:
+        self._ring: NDArray[Any] = np.zeros((rows, size), dtype=dtype)
+        self._made = self._taken = 0
+        self._fault: DaqmxError | None = None
+        self._changed = threading.Condition()
+
+    @property
+    def made(self) -> int:
+        """Samples per channel so far."""
+        return self._made
+
+    @property
+    def available(self) -> int:
+        """Samples per channel that wait to be read."""
+        return self._made - self._taken
+
+    def put(self, values: NDArray[Any]) -> None:
+        """Keep the next samples, shape (rows, n) with n up to the size."""
+        count = values.shape[1]
+        with self._changed:
+            size = self._ring.shape[1]
+            first = self._made % size
+            head = min(count, size - first)
+            self._ring[:, first : first + head] = values[:, :head]
+            self._ring[:, : count - head] = values[:, head:]
+            self._made += count
+            self._changed.notify_all()
+
+    def fail(self, fault: DaqmxError) -> None:
+        """Let whoever waits for samples that will not come know why."""
+        with self._changed:
+            self._fault = self._fault or fault
+            self._changed.notify_all()
+
+    def read(self, count: int, timeout_s: float) -> NDArray[Any]:
+        """Return the next `count` samples, shape (rows, count); waits for ever where `timeout_s` < 0."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self.available >= count or self._fault is not None,
+                None if timeout_s < 0 else timeout_s,
+            )
+            if self.available > self._ring.shape[1]:
+                text = "samples were overwritten before they were read"
+                raise DaqmxError(DAQmxErrors.SAMPLES_NO_LONGER_AVAILABLE, text)
+            if self.available < count:
+                text = f"{self.available} of {count} samples within {timeout_s:g} s"
+                raise self._fault or DaqmxError(DAQmxErrors.SAMPLES_NOT_YET_AVAILABLE, text)
+            values = self._ring.take(range(self._taken, self._taken + count), axis=1, mode="wrap")
+            self._taken += count
+        return values
 
 
 class DriveInbox(Generic[Output]):
@@ -143,7 +197,15 @@ class Acquisition:
         try:
             self._pass_on(self._inbox.take_all())
             while not self._stop.wait(self._due_s() - self._clock.monotonic_s()):
-                self._make_block()
+                self._pass_on(self._inbox.take())
+                plant = self._plant.advance(self._block)
+                for counter in self._counters:
+                    counter.take(plant)
+                values, clipped = self._converter.convert(plant)
+                self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
+                with self._clipping:
+                    self._clipped |= clipped
+                self.buffer.put(values)
         except Exception:  # the plant is not ours: whatever it raises ends the task, not the server
             traceback.print_exc(file=sys.stderr)
             fault = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")
@@ -152,17 +214,6 @@ class Acquisition:
 
     def _due_s(self) -> float:
         return self._start_s + (self.buffer.made + self._block) / self._rate + LAG_S
-
-    def _make_block(self) -> None:
-        self._pass_on(self._inbox.take())
-        plant = self._plant.advance(self._block)
-        for counter in self._counters:
-            counter.take(plant)
-        values, clipped = self._converter.convert(plant)
-        self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
-        with self._clipping:
-            self._clipped |= clipped
-        self.buffer.put(values)
 
     def _pass_on(self, outputs: Sequence[ActuatorOutput]) -> None:
         for output in outputs:

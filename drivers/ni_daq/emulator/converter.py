@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
-from drivers.ni_daq.emulator.stages import stages_of
-from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, Input
+from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, Input, Wire
 
 HALF_CODES = 2.0**23
 
@@ -54,3 +55,35 @@ class Converter:
         clipped = (highest >= HALF_CODES - 1) | (lowest <= -HALF_CODES)
         np.clip(codes, -HALF_CODES, HALF_CODES - 1, out=codes)
         return codes * self._scales, clipped
+
+
+Stage: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Takes consecutive blocks in V, shape (n,), and remembers what it has to."""
+
+
+def stages_of(wire: Wire, rate_hz: float) -> list[Stage]:
+    """The stages of a chain, in the order of the signal, all at rest."""
+    stages: list[Stage] = []
+    charge, low_pass = wire.charge, wire.low_pass
+    if charge is not None and charge.reset:
+        stages.append(np.zeros_like)
+    elif charge is not None:
+        highest_v = charge.output_v
+        if charge.corner_hz is not None:
+            stages.append(_Filter(signal.butter(1, charge.corner_hz, "highpass", fs=rate_hz, output="sos")))
+        stages.append(lambda volts: np.clip(volts, -highest_v, highest_v))
+    if low_pass is not None and low_pass.corner_hz < rate_hz / 2.0:
+        stages.append(_Filter(signal.butter(low_pass.order, low_pass.corner_hz, fs=rate_hz, output="sos")))
+    return stages
+
+
+class _Filter:
+    """A recursive filter with memory."""
+
+    def __init__(self, sections: NDArray[np.float64]) -> None:
+        self._sections = sections
+        self._state = np.zeros((len(sections), 2))
+
+    def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        filtered, self._state = signal.sosfilt(self._sections, volts, zi=self._state)
+        return np.asarray(filtered)

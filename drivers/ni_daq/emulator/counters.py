@@ -80,17 +80,14 @@ class EdgeCount:
 
     def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Return the register at each sample."""
-        up = self._levels(volts)
+        # The comparator's output: in between it stays as it was.
+        decided = np.where(volts >= self._high, 1, np.where(volts <= self._low, 0, -1))
+        where = np.maximum.accumulate(np.where(decided >= 0, np.arange(len(volts)), -1))
+        up = np.where(where >= 0, decided[where] == 1, bool(self._up))
         edges = np.diff(up.astype(np.int8), prepend=np.int8(up[0] if self._up is None else self._up)) > 0
         counts = self._count + np.cumsum(edges)
         self._up, self._count = bool(up[-1]), int(counts[-1])
         return (counts % COUNTER_STATES).astype(np.uint32)
-
-    def _levels(self, volts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """The comparator's output: in between it stays as it was."""
-        decided = np.where(volts >= self._high, 1, np.where(volts <= self._low, 0, -1))
-        where = np.maximum.accumulate(np.where(decided >= 0, np.arange(len(volts)), -1))
-        return np.where(where >= 0, decided[where] == 1, bool(self._up))
 
 
 def pulse_frequency(wire: CounterWire) -> Measure:

@@ -2,6 +2,8 @@
 
 # ruff: noqa: D102, N802 - the calls are named and described by NI's nidaqmx.proto
 
+# Attributes have the numbers by which nidaqmx asks for them; beside each stands its property there.
+
 from __future__ import annotations
 
 from typing import Any
@@ -30,29 +32,29 @@ class DeviceCalls(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         return messages.GetSystemInfoAttributeUInt32Response(value=value)
 
     def GetSystemInfoAttributeString(self, request: Any, context: Any) -> Any:
-        value = lookup({0x193B: ", ".join(self._devices)}, request.attribute_raw)
+        value = lookup({0x193B: ", ".join(self._devices)}, request.attribute_raw)  # device_names
         return messages.GetSystemInfoAttributeStringResponse(value=value)
 
     def GetDeviceAttributeString(self, request: Any, context: Any) -> Any:
         name = self._device(request.device_name)
         values = {
-            0x0631: self._wiring.product(name),
-            0x231E: ", ".join(self._devices[name]),
-            0x2324: ", ".join(self._counters.get(name, ())),
+            0x0631: self._wiring.product(name),  # product_type
+            0x231E: ", ".join(self._devices[name]),  # ai_physical_chans
+            0x2324: ", ".join(self._counters.get(name, ())),  # ci_physical_chans
         }
         chassis = chassis_of(name)
         if chassis is not None:
-            values[0x29B7] = chassis
+            values[0x29B7] = chassis  # compact_daq_chassis_device
         return messages.GetDeviceAttributeStringResponse(value=lookup(values, request.attribute_raw))
 
     def GetDeviceAttributeUInt32(self, request: Any, context: Any) -> Any:
         name = self._device(request.device_name)
-        values = {0x0632: self._wiring.serial + list(self._devices).index(name)}
+        values = {0x0632: self._wiring.serial + list(self._devices).index(name)}  # serial_num
         return messages.GetDeviceAttributeUInt32Response(value=lookup(values, request.attribute_raw))
 
     def GetDeviceAttributeBool(self, request: Any, context: Any) -> Any:
         name = self._device(request.device_name)
-        values = {0x22CA: True, 0x2FD6: bool(self._devices[name])}
+        values = {0x22CA: True, 0x2FD6: bool(self._devices[name])}  # is_simulated, hwteds_supported
         return messages.GetDeviceAttributeBoolResponse(value=lookup(values, request.attribute_raw))
 
     def ConfigureTEDS(self, request: Any, context: Any) -> Any:
@@ -64,7 +66,7 @@ class DeviceCalls(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         return messages.ConfigureTEDSResponse()
 
     def GetPhysicalChanAttributeUInt32(self, request: Any, context: Any) -> Any:
-        values = {0x21DC: self._sheet(request.physical_channel).serial}
+        values = {0x21DC: self._sheet(request.physical_channel).serial}  # teds_serial_num
         return messages.GetPhysicalChanAttributeUInt32Response(value=lookup(values, request.attribute_raw))
 
     def _sheet(self, physical: str) -> Teds:

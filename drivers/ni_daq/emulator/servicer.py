@@ -25,7 +25,7 @@ from nidaqmx.constants import (
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, DriveInbox
 from drivers.ni_daq.emulator.counters import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
@@ -49,7 +49,7 @@ from drivers.ni_daq.emulator.wiring import (
     chassis_of,
     coerced_rate,
 )
-from drivers.protocols import Plant
+from drivers.protocols.card import Plant
 
 STANDARD_GRAVITY = 9.80665
 _DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}
@@ -120,7 +120,7 @@ class CardServicer(DeviceCalls):
         self._add_iepe(
             request, Input(request.physical_channel, teds.volts_per_unit, request.max_val, iepe=True)
         )
-        self._keep(request, {0x2F81: teds.volts_per_unit * 1e3})
+        self._keep(request, {0x2F81: teds.volts_per_unit * 1e3})  # ai_force_iepe_sensor_sensitivity
         return messages.CreateTEDSAIForceIEPEChanResponse()
 
     def CreateTEDSAIAccelChan(self, request: Any, context: Any) -> Any:
@@ -128,7 +128,7 @@ class CardServicer(DeviceCalls):
         self._add_iepe(
             request, Input(request.physical_channel, teds.volts_per_unit, request.max_val, iepe=True)
         )
-        self._keep(request, {0x0692: teds.volts_per_unit * STANDARD_GRAVITY * 1e3})
+        self._keep(request, {0x0692: teds.volts_per_unit * STANDARD_GRAVITY * 1e3})  # ai_accel_sensitivity
         return messages.CreateTEDSAIAccelChanResponse()
 
     def GetChanAttributeDouble(self, request: Any, context: Any) -> Any:
@@ -144,7 +144,7 @@ class CardServicer(DeviceCalls):
         return messages.GetChanAttributeInt32Response(value_raw=lookup(values, request.attribute_raw))
 
     def SetChanAttributeBool(self, request: Any, context: Any) -> Any:
-        lookup({0x2ED0: None}, request.attribute_raw)
+        lookup({0x2ED0: None}, request.attribute_raw)  # ci_freq_enable_averaging
         if request.value:
             text = "averaging wants two pulses between any two samples, which slow shafts do not give"
             raise DaqmxError(DAQmxErrors.INVALID_ATTRIBUTE_VALUE, text)
@@ -175,7 +175,7 @@ class CardServicer(DeviceCalls):
         return messages.CfgSampClkTimingResponse()
 
     def GetTimingAttributeDouble(self, request: Any, context: Any) -> Any:
-        values = {0x1344: self._task(request).sample_rate}
+        values = {0x1344: self._task(request).sample_rate}  # samp_clk_rate
         return messages.GetTimingAttributeDoubleResponse(value=lookup(values, request.attribute_raw))
 
     def GetTimingAttributeBool(self, request: Any, context: Any) -> Any:
@@ -202,11 +202,11 @@ class CardServicer(DeviceCalls):
         return messages.GetTaskAttributeStringResponse(value=value)
 
     def GetTaskAttributeUInt32(self, request: Any, context: Any) -> Any:
-        values = {0x2181: len(self._task(request).channels)}
+        values = {0x2181: len(self._task(request).channels)}  # number_of_channels
         return messages.GetTaskAttributeUInt32Response(value=lookup(values, request.attribute_raw))
 
     def GetBufferAttributeUInt32(self, request: Any, context: Any) -> Any:
-        values = {0x186C: self._task(request).buffer_size}
+        values = {0x186C: self._task(request).buffer_size}  # input_buf_size
         return messages.GetBufferAttributeUInt32Response(value=lookup(values, request.attribute_raw))
 
     def GetReadAttributeUInt32(self, request: Any, context: Any) -> Any:
@@ -214,7 +214,7 @@ class CardServicer(DeviceCalls):
         return messages.GetReadAttributeUInt32Response(value=value)
 
     def GetReadAttributeUInt64(self, request: Any, context: Any) -> Any:
-        values = {0x192A: self._task(request).buffer().made}
+        values = {0x192A: self._task(request).buffer().made}  # total_samp_per_chan_acquired
         return messages.GetReadAttributeUInt64Response(value=lookup(values, request.attribute_raw))
 
     def GetReadAttributeBool(self, request: Any, context: Any) -> Any:
@@ -269,9 +269,10 @@ class CardServicer(DeviceCalls):
         return task
 
     def _commit(self, task: Task) -> Acquisition:
-        """The task's acquisition, ready to start."""
+        """The task's acquisition, ready to start; under the lock, for gRPC calls come in several threads."""
         if task.acquisition is not None and not task.acquisition.started:
             return task.acquisition
+        # A card has one analog converter clock: a second task with analog inputs would need it as well.
         if any(other.acquisition is not None for other in self._tasks.values()):
             raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, "the card is in use by a running task")
         acquisition = Acquisition(

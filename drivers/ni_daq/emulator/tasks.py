@@ -9,14 +9,13 @@ from typing import TypeVar
 
 from nidaqmx.error_codes import DAQmxErrors
 
-from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun
-from drivers.ni_daq.emulator.buffer import SampleBuffer
+from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, SampleBuffer
 from drivers.ni_daq.emulator.counters import CounterInput
 from drivers.ni_daq.emulator.wiring import DaqmxError, Input
 
 T = TypeVar("T")
 
-STAMP_ENABLED, STAMP_TIMESCALE = 0x3139, 0x313B
+STAMP_ENABLED, STAMP_TIMESCALE = 0x3139, 0x313B  # first_samp_timestamp_enable, ..._timescale
 DEFAULT_BUFFER = 100_000  # samples per channel at 10 kHz to 1 MHz: NI-DAQmx manual, "Buffer size"
 
 
@@ -74,11 +73,17 @@ class Task:
 
 READ_UINT32: Mapping[int, Callable[[Task], int]] = MappingProxyType(
     {
-        0x217B: lambda task: len(task.channels),
-        0x1223: lambda task: task.buffer().available,
-        0x31E8: lambda task: task.buffer().available,
+        0x217B: lambda task: len(
+            task.channels
+        ),  # num_chans: a call before each read, unless verify_array_shape is off
+        0x1223: lambda task: task.buffer().available,  # avail_samp_per_chan
+        0x31E8: lambda task: (
+            task.buffer().available
+        ),  # how many a read takes by default, asked of drivers from 24.5 on
     }
 )
+# DAQmx wants the question whether there are any before the one which they are; clipped, open, shorted inputs,
+# and those whose clock is not locked, of which this card has none.
 READ_BOOL: Mapping[int, Callable[[Task], bool]] = MappingProxyType(
     {
         0x2174: lambda task: task.report(Acquisition.clipped_inputs),

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.command_tree import (
     Command,
     CommandError,
@@ -56,7 +56,7 @@ class GeneratorState:
 
     @property
     def load_factor(self) -> float:
-        """Displayed volts per open-circuit volt."""
+        """Displayed volts per open-circuit volt: its 50 ohm and the load that it is told of divide it."""
         return 1.0 if self.load_ohm >= OPEN else self.load_ohm / (self.load_ohm + SOURCE_OHM)
 
     @property
@@ -82,9 +82,7 @@ class Emulated33220A:
         self._state = GeneratorState()
         self._errors: deque[CommandError] = deque()
         self._output = DriveSettings(False, self._state.frequency_hz, 0.1, 0.0, clock())
-        self._tree = CommandTree(
-            [*self._common_commands(), *self._source_commands(), *self._burst_commands()]
-        )
+        self._tree = CommandTree(self._commands())
         for code in pending_errors:
             self.report(CommandError(code))
 
@@ -99,7 +97,8 @@ class Emulated33220A:
         else:
             self._errors[-1] = CommandError(-350)
 
-    def _common_commands(self) -> list[Command]:
+    def _commands(self) -> list[Command]:
+        """What of chapter 4 of the User's Guide drives a sine."""
         return [
             Command("*IDN", answer=asked(lambda: self._identity)),
             Command("*RST", apply=told(lambda: self._keep(GeneratorState()))),
@@ -111,24 +110,24 @@ class Emulated33220A:
             Command("SYSTem:VERSion", answer=asked(lambda: "1999.0")),
             Command("SYSTem:REMote", apply=none),
             Command("SYSTem:LOCal", apply=none),
-        ]
-
-    def _source_commands(self) -> list[Command]:
-        return [
             Command("[SOURce:]APPLy:SINusoid", apply=self._apply_sine),
             Command("[SOURce:]FUNCtion[:SHAPe]", self._set_shape, asked(lambda: "SIN")),
-            Command("[SOURce:]FREQuency", self._set_frequency, self._frequency),
+            Command(
+                "[SOURce:]FREQuency",
+                self._set_frequency,
+                lambda p: _queried(p, self._state.frequency_hz, 1e-6, 20e6),
+            ),
             Command("[SOURce:]VOLTage", self._set_amplitude, self._amplitude),
             Command("[SOURce:]VOLTage:OFFSet", self._set_offset, self._offset),
             Command("[SOURce:]VOLTage:UNIT", self._set_unit, asked(lambda: self._state.unit)),
             Command("[SOURce:]PHASe", self._set_phase, asked(lambda: _shown(self._state.phase_deg))),
             Command("OUTPut[:STATe]", self._switch, asked(lambda: str(int(self._state.output)))),
             Command("OUTPut:LOAD", self._set_load, asked(lambda: _shown(self._state.load_ohm))),
-        ]
-
-    def _burst_commands(self) -> list[Command]:
-        return [
-            Command("[SOURce:]BURSt:MODE", self._set_burst_mode, asked(lambda: self._state.burst_mode)),
+            Command(
+                "[SOURce:]BURSt:MODE",
+                lambda p: self._change(burst_mode=word(single(p), "TRIGgered", "GATed")),
+                asked(lambda: self._state.burst_mode),
+            ),
             Command(
                 "[SOURce:]BURSt:NCYCles", self._set_count, asked(lambda: _shown(self._state.burst_count))
             ),
@@ -142,18 +141,16 @@ class Emulated33220A:
                 lambda p: self._change(burst=boolean(single(p)), burst_running=False),
                 asked(lambda: str(int(self._state.burst))),
             ),
-            Command("TRIGger[:SEQuence]:SOURce", self._set_source, asked(lambda: self._state.trigger_source)),
+            Command(
+                "TRIGger[:SEQuence]:SOURce",
+                lambda p: self._change(trigger_source=word(single(p), "IMMediate", "EXTernal", "BUS")),
+                asked(lambda: self._state.trigger_source),
+            ),
         ]
 
     def _switch(self, parameters: Sequence[str]) -> None:
         output = boolean(single(parameters))
         self._change(output=output, burst_running=self._state.burst_running and output)
-
-    def _set_burst_mode(self, parameters: Sequence[str]) -> None:
-        self._change(burst_mode=word(single(parameters), "TRIGgered", "GATed"))
-
-    def _set_source(self, parameters: Sequence[str]) -> None:
-        self._change(trigger_source=word(single(parameters), "IMMediate", "EXTernal", "BUS"))
 
     def _next_error(self) -> str:
         if not self._errors:
@@ -187,13 +184,13 @@ class Emulated33220A:
         value = self._quantity(parameters, _FREQUENCY_SUFFIXES, 1e-6, 20e6, 1e3)
         self._change(frequency_hz=round(value, 6))
 
-    def _frequency(self, parameters: Sequence[str]) -> str:
-        return _queried(parameters, self._state.frequency_hz, 1e-6, 20e6)
-
     def _set_amplitude(self, parameters: Sequence[str]) -> None:
         lowest, highest = (self._displayed(vpp) for vpp in AMPLITUDE_LIMITS_VPP)
         value = self._quantity(parameters, _VOLT_SUFFIXES, lowest, highest, self._displayed(0.2))
-        vpp = self._open_circuit(value)
+        if self._state.unit == "DBM":
+            value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._state.load_ohm)
+        volts = value if self._state.unit == "VPP" else value * math.sqrt(8.0)
+        vpp = volts / self._state.load_factor
         room = PEAK_LIMIT_V - vpp / 2.0
         offset = min(max(self._state.offset_v, -room), room)
         moved = offset != self._state.offset_v
@@ -266,6 +263,7 @@ class Emulated33220A:
         return clipped
 
     def _displayed(self, vpp: float) -> float:
+        # A sine of 1 V peak to peak has 1/sqrt(8) V rms; dBm are of 1 mW in the load.
         volts = vpp * self._state.load_factor
         if self._state.unit == "VPP":
             return volts
@@ -273,12 +271,6 @@ class Emulated33220A:
         if self._state.unit == "VRMS":
             return rms
         return 10.0 * math.log10(rms**2 / self._state.load_ohm / 1e-3)
-
-    def _open_circuit(self, value: float) -> float:
-        if self._state.unit == "DBM":
-            value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._state.load_ohm)
-        volts = value if self._state.unit == "VPP" else value * math.sqrt(8.0)
-        return volts / self._state.load_factor
 
     def _change(self, **fields: float | bool | str) -> None:
         self._keep(replace(self._state, **fields))  # type: ignore[arg-type]
@@ -295,17 +287,14 @@ class Emulated33220A:
             phase_rad=phase % math.tau,
         )
         silent = not (before.on or self._output.on)
-        if silent or (phase_rad is None and _same_output(before, self._output)):
+        same = replace(before, started_s=now, phase_rad=self._output.phase_rad) == self._output
+        if silent or (phase_rad is None and same):
             return
         self._listener(self._output)
 
     def _phase_at(self, now: float) -> float:
         before = self._output
         return before.phase_rad + math.tau * before.frequency_hz * (now - before.started_s)
-
-
-def _same_output(first: DriveSettings, second: DriveSettings) -> bool:
-    return replace(first, started_s=0.0, phase_rad=0.0) == replace(second, started_s=0.0, phase_rad=0.0)
 
 
 def _shown(value: float) -> str:

@@ -82,7 +82,10 @@ class CommandTree:
         header, *rest = text.split(maxsplit=1)
         parameters = [part.strip() for part in _PARAMETERS.findall(rest[0])] if rest else []
         full = header[1:] if header.startswith(":") else header if header.startswith("*") else path + header
-        command = self._find(full.removesuffix("?").upper())
+        plain = full.removesuffix("?").upper()
+        command = next((each for pattern, each in self._commands if pattern.fullmatch(plain)), None)
+        if command is None:
+            raise CommandError(-113)
         if full.endswith("?"):
             if command.answer is None:
                 raise CommandError(-113)
@@ -91,13 +94,8 @@ class CommandTree:
             if command.apply is None:
                 raise CommandError(-113)
             command.apply(parameters)
+        # a common command leaves the path of the message as it is
         return path if header.startswith("*") else full[: full.rfind(":") + 1]
-
-    def _find(self, header: str) -> Command:
-        for pattern, command in self._commands:
-            if pattern.fullmatch(header):
-                return command
-        raise CommandError(-113)
 
 
 def single(parameters: Sequence[str]) -> str:
@@ -163,9 +161,8 @@ def word(text: str, *choices: str) -> str:
 def _pattern(header: str) -> re.Pattern[str]:
     parts = {"[": "(?:", "]": ")?", ":": ":", "*": r"\*"}
     tokens = re.findall(r"[A-Z]+[a-z]*|[\[\]:*]", header)
-    return re.compile("".join(parts.get(token) or _mnemonic(token) for token in tokens))
-
-
-def _mnemonic(token: str) -> str:
-    short = "".join(letter for letter in token if letter.isupper())
-    return f"(?:{token.upper()}|{short})1?"
+    found = []
+    for token in tokens:
+        short = "".join(letter for letter in token if letter.isupper())
+        found.append(parts.get(token) or f"(?:{token.upper()}|{short})1?")
+    return re.compile("".join(found))

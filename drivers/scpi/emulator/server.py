@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from drivers.scpi.emulator.agilent_33220a import Emulated33220A
 from drivers.scpi.emulator.command_tree import CommandError
 
-INPUT_BUFFER = 65536
-OUTPUT_BUFFER = 65536
+INPUT_BUFFER = 65536  # bytes; beyond, -363 and all of it is dropped
+OUTPUT_BUFFER = 65536  # bytes; beyond, -430 (IEEE 488.2: deadlocked) and all of it is dropped
 
 
 @dataclass(slots=True)
@@ -47,8 +47,15 @@ class ScpiServer:
         self._selector.register(self._listener, selectors.EVENT_READ, None)
         self._wake_read, self._wake_write = os.pipe()
         self._selector.register(self._wake_read, selectors.EVENT_READ, None)
-        path = self._open_pty()
-        return f"TCPIP::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET", f"ASRL{path}::INSTR"
+        # The slave stays open here: without it a read of the master fails once a client has gone.
+        self._pty = master, slave = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        port = _Port(master, lambda count: os.read(master, count), lambda data: os.write(master, data))
+        self._selector.register(master, selectors.EVENT_READ, port)
+        self._answer(port, self._stale_answer)
+        address = self._listener.getsockname()
+        return f"TCPIP::127.0.0.1::{address[1]}::SOCKET", f"ASRL{os.ttyname(slave)}::INSTR"
 
     def serve(self) -> None:
         """Answer until `stop` is called."""
@@ -58,8 +65,16 @@ class ScpiServer:
                     return
                 if key.data is None:
                     self._accept()
-                else:
-                    self._attend(key.data, events)
+                    continue
+                try:
+                    if events & selectors.EVENT_WRITE:
+                        self._flush(key.data)
+                    if events & selectors.EVENT_READ:
+                        self._take(key.data)
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    self._drop(key.data)
 
     def stop(self) -> None:
         """End `serve`; may be called by any thread."""
@@ -76,16 +91,6 @@ class ScpiServer:
         for handle in (*(self._pty or ()), self._wake_read, self._wake_write):
             os.close(handle)
 
-    def _open_pty(self) -> str:
-        # The slave stays open here: without it a read of the master fails once a client has gone.
-        self._pty = master, slave = pty.openpty()
-        tty.setraw(slave)
-        os.set_blocking(master, False)
-        port = _Port(master, lambda count: os.read(master, count), lambda data: os.write(master, data))
-        self._selector.register(master, selectors.EVENT_READ, port)
-        self._answer(port, self._stale_answer)
-        return os.ttyname(slave)
-
     def _accept(self) -> None:
         assert self._listener is not None  # noqa: S101 - serve follows open
         try:
@@ -98,17 +103,6 @@ class ScpiServer:
         self._selector.register(connection, selectors.EVENT_READ, port)
         with suppress(OSError):  # if it has hung up, its first read says so
             self._answer(port, self._stale_answer)
-
-    def _attend(self, port: _Port, events: int) -> None:
-        try:
-            if events & selectors.EVENT_WRITE:
-                self._flush(port)
-            if events & selectors.EVENT_READ:
-                self._take(port)
-        except BlockingIOError:
-            return
-        except OSError:
-            self._drop(port)
 
     def _take(self, port: _Port) -> None:
         data = port.receive(4096)

@@ -11,5 +11,3 @@ from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 PICTURES: dict[str, type[Any]] = {
     picture.rig: picture for picture in (BeamPicture, PlanarCrankPicture, SpatialCrankPicture)
 }
-
-__all__ = ["PICTURES", "BeamPicture", "PlanarCrankPicture", "SpatialCrankPicture"]

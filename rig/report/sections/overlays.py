@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import envelope, find_impacts
-from daq.signals.impacts import largest_force
+from daq.signals.envelope import envelope
+from daq.signals.impacts import find_impacts, largest_force
 from rig.report.content import Part, Sentence
 from rig.report.mean_cycle import GROWS, Cycle, cycle_of, mean_cycle
 from rig.report.plot import PlotGrid, points_each

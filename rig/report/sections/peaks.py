@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import HalfCycles
+from daq.signals.impacts import HalfCycles
 from rig.report.content import Part, Sentence, Table
 from rig.report.plot import PlotGrid
 from rig.report.record import LOWER, ORIGINS, UPPER, RunRecord

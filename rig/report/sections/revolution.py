@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.log.reader import Origin
-from daq.signals import CycleAverage, SynchronousAverage, envelope
+from daq.signals.envelope import envelope
+from daq.signals.synchronous import CycleAverage, SynchronousAverage
 from rig.report.content import Part, Sentence
 from rig.report.plot import PlotGrid, points_each
 from rig.report.record import ORIGINS, RunRecord, Trace

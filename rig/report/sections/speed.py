@@ -6,7 +6,7 @@ from math import isfinite, nan
 
 import numpy as np
 
-from daq.signals import envelope
+from daq.signals.envelope import envelope
 from rig.report.content import Part, Sentence, Table
 from rig.report.plot import PlotGrid, points_each
 from rig.report.record import ORIGINS, RunRecord, Trace

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import Autospectrum, autospectrum, log_bands
+from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
 from rig.report import content
 from rig.reproduce.beam_runs import DRIVE_N, SETTLE_S, beam
 from rig.reproduce.chart import OURS_LINE, TEXT_LINE, Chart

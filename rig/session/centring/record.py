@@ -11,8 +11,8 @@ from typing import Final
 
 from daq.clock import Clock
 from daq.errors import RattleError, RecorderFailed
-from daq.log import LogWriter
 from daq.log.records import Event
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario

@@ -18,8 +18,8 @@ from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from daq.log.reader import Origin
 from daq.log.records import Event, Impact
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.acquisition import Acquisition

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario, edited

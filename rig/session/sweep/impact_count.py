@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import BounceGrouper, ImpactDetector, Levels
-from daq.signals.impacts import COUNTS_FROM, FAINTEST_N
+from daq.signals.impact_events import BounceGrouper, ImpactDetector
+from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
 
 BOUNCES_WITHIN = 0.25
 """Of a cycle of the drive: what touches the same side again so soon is a bounce of the same impact."""

@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 
 from daq.derived_names import CRANK_SPEED
-from daq.log import LogReader
-from rig.derived import RECORD
+from daq.log.reader import LogReader
+from rig.derived.settings import RECORD
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
-from rig.report import summarise
+from rig.report.summary import summarise
 from rig.rigs import RIGS
 from rig.session.frequency import FrequencySink
 from rig.session.sweep.state import PointState, SweepState, write_whole

@@ -12,7 +12,7 @@ from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 from sim_twin.rigs.impact_beam.structure import deflection_shapes
 from sim_twin.sensors import resonance
 from sim_twin.status import Status
-from sim_twin.switched import Simulation
+from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
 
 Array = NDArray[np.float64]

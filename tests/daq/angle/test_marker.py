@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 
-from daq.angle import Marks, MarkTracker, SpeedChange, crank_angle
 from daq.angle.edges import RisingEdges
+from daq.angle.marker import Marks, MarkTracker, SpeedChange, crank_angle
 from daq.errors import UnphysicalParameter
 
 Array = NDArray[np.float64]
@@ -174,7 +174,7 @@ def test_jittered_marks_are_marks() -> None:
 def test_more_than_three_missing_in_a_row_and_the_speed_is_not_valid(missing: int, valid: bool) -> None:
     gone = tuple(range(10, 10 + missing))
     tracker, marks, changes = tracked(marker(steady(20), without=gone))
-    assert tracker.speed_valid
+    assert tracker.samples_per_turn is not None
     assert [change.valid for change in changes] == ([True] if valid else [True, False, True])
     assert tracker.missing == (missing if valid else 0)
     assert marks.restart.tolist().count(True) == (1 if valid else 2)
@@ -186,7 +186,6 @@ def test_more_than_three_missing_in_a_row_and_the_speed_is_not_valid(missing: in
 def test_a_shaft_that_stops_makes_the_speed_invalid_without_another_mark() -> None:
     turns = np.concatenate([steady(10), np.full(4600, 10.3)])
     tracker, _, changes = tracked(marker(turns))
-    assert not tracker.speed_valid
     assert tracker.samples_per_turn is None
     assert [change.valid for change in changes] == [True, False]
 
@@ -202,7 +201,7 @@ def test_run_up_from_standstill_does_not_lock_onto_half_the_speed(start: float) 
     # just before the mark, its intervals are 1, 0.41, 0.32, 0.27 ...: the second would be an "extra" edge
     turns = run_up(30, start)
     tracker, marks, _ = tracked(marker(turns))
-    assert tracker.speed_valid
+    assert tracker.samples_per_turn is not None
     assert tracker.extra == tracker.missing == 0
     at_marks = np.interp(marks.position, np.arange(len(turns)), turns)
     # a sample is up to 2 sqrt(30) / 4000 of a turn, and the shaft speeds up within one

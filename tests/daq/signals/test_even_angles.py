@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 
 from daq.errors import UnphysicalParameter
-from daq.signals import AngleSampler, EvenAngles, to_even_angles
-from tests.daq.signals.cuts import blocks, cuts_of
+from daq.signals.even_angles import AngleSampler, EvenAngles
+from tests.daq.signals.cuts import blocks, cuts_of, to_even_angles
 
 RATE = 4096.0
 TIMES = np.arange(round(4 * RATE)) / RATE

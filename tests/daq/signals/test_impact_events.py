@@ -7,19 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from daq.signals import (
+from daq.signals.impact_events import (
     BounceGrouper,
     ImpactDetector,
     ImpactEvents,
-    Impacts,
-    Levels,
-    contacts_above,
-    drive_turns,
-    find_impacts,
     impact_events,
-    impacts_by_cycle,
-    levels_of,
 )
+from daq.signals.impacts import Impacts, Levels, contacts_above, find_impacts, levels_of
 from tests.daq.signals.cuts import blocks, cuts_of
 from tests.daq.signals.test_impacts import RATE, force
 
@@ -103,19 +97,5 @@ def test_bounces_belong_to_the_impact_before_them() -> None:
     assert len(impact_events(contacts, RATE, within_s=0.002)) == 4
 
 
-def test_cycles_have_their_impacts_or_miss_them() -> None:
-    # Drive of 20 Hz; an impact a quarter into cycles 0, 1 and 3, a second one in cycle 1.
-    values = force((0.0125, 40.0), (0.0625, 30.0), (0.080, 20.0), (0.1625, 35.0), seconds=0.25)
-    turns = drive_turns(len(values), RATE, 20.0)
-    found = impacts_by_cycle(turns[find_impacts(values, RATE).index], 0, 5)
-    assert found.count.tolist() == [1, 2, 0, 1, 0]
-    assert found.missed.tolist() == [2, 4]
-    # The peak is half a millisecond, 0.01 cycles, after the first touch.
-    assert found.first_phase[[0, 1, 3]] == pytest.approx(0.26, abs=2e-3)
-    assert np.isnan(found.first_phase[[2, 4]]).all()
-
-
-def test_without_impacts_all_cycles_are_missed() -> None:
-    found = impacts_by_cycle(np.empty(0), 3, 6)
-    assert found.missed.tolist() == [3, 4, 5]
+def test_without_impacts_there_is_no_event() -> None:
     assert len(impact_events(find_impacts(np.zeros(10), RATE), RATE, 0.01)) == 0

@@ -6,9 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.signals import cycle_figures, drive_turns
 from daq.signals.running_figures import CycleScanner
-from tests.daq.signals.cuts import blocks, cuts_of
+from tests.daq.signals.cuts import blocks, cuts_of, drive_turns
 
 COUNT = 200
 
@@ -44,15 +43,17 @@ def test_cuts_leave_no_trace(seed: int, cuts: list[int], begins: list[int]) -> N
     np.testing.assert_array_equal(scanned(values, at, cuts), scanned(values, at, []))
 
 
-def test_it_finds_what_the_meter_of_whole_records_finds() -> None:
+def test_it_finds_rms_and_largest_magnitude_of_every_cycle() -> None:
     values = np.random.default_rng(5).normal(size=10_000).astype(np.float32)
     turns = drive_turns(len(values), 1000.0, 3.7)
-    meter = cycle_figures(values, turns)
     begins = np.flatnonzero(np.diff(np.floor(turns), prepend=-1.0))
     rows = scanned(values, begins, [])[1:]
+    cycles = np.split(values.astype(np.float64), begins)[1:-1]
+    assert len(rows) == len(cycles) == 36
     # Both add some 270 squares, in another order: a rounding each.
-    np.testing.assert_allclose(rows[:, 0], meter.rms[: len(rows)], rtol=300 * np.finfo(float).eps)
-    np.testing.assert_array_equal(rows[:, 1], meter.peak[: len(rows)])
+    rms = [np.sqrt(np.mean(cycle**2)) for cycle in cycles]
+    np.testing.assert_allclose(rows[:, 0], rms, rtol=300 * np.finfo(float).eps)
+    np.testing.assert_array_equal(rows[:, 1], [np.abs(cycle).max() for cycle in cycles])
 
 
 def test_what_is_spoilt_or_not_finite_has_no_figures_and_leaves_the_next_alone() -> None:

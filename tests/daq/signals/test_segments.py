@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from daq.signals import Segmenting, flagged_ranges
+from daq.signals.segments import Segmenting
 
 
 @pytest.mark.parametrize(
@@ -18,10 +18,3 @@ from daq.signals import Segmenting, flagged_ranges
 def test_what_cannot_be_cut_is_refused(make, text: str) -> None:
     with pytest.raises(UnphysicalParameter, match=re.escape(text)):
         make()
-
-
-def test_ranges_mark_their_samples_without_the_last() -> None:
-    ranges = [(95, 102), (104, 106), (109, 400), (0, 50)]
-    assert flagged_ranges(ranges, 10, first_sample=100).tolist() == [
-        True, True, False, False, True, True, False, False, False, True,
-    ]  # fmt: skip

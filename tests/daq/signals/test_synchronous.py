@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from daq.signals import CycleAverage, SynchronousAverage, drive_turns, synchronous_average, without_mean_cycle
-from tests.daq.signals.cuts import blocks, cuts_of
+from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average
+from tests.daq.signals.cuts import blocks, cuts_of, drive_turns
 
 POINTS = 4096
 RATE = 20.0 * 4096.5  # no whole number of samples in a cycle of 20 Hz
@@ -22,13 +22,12 @@ def rms(values: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("points", [256, 5000])
-def test_the_mean_cycle_is_the_wave_and_nothing_remains(points: int) -> None:
+def test_the_mean_cycle_is_the_wave(points: int) -> None:
     turns = drive_turns(40_000, RATE, 20.0, 0.7)
     found = synchronous_average(wave(turns), turns, points)
     assert found.cycles == 8
     # Ripple of the interpolation, 1e-4 of each amplitude.
     assert found.mean == pytest.approx(wave(np.arange(points) / points), abs=2e-4)
-    assert rms(without_mean_cycle(wave(turns), turns, found.mean)) < 2e-4
 
 
 def test_noise_falls_with_the_root_of_the_number_of_cycles() -> None:

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.signals import EvenAngles, order_map, to_even_angles
+from daq.signals.even_angles import EvenAngles
+from daq.signals.orders import order_map
 from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, POINTS, TURNS, OrderLines, largest_in_bands
+from tests.daq.signals.cuts import to_even_angles
 from tests.rig.crank.turning import RATE, turns
 
 FAST_HZ = 20.0

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S, Flag, SampleBlock
-from daq.log import Impact, Origin
-from rig.derived import RECORD, DerivedSink, derived_channels, from_record
+from daq.log.reader import Origin
+from daq.log.records import Impact
+from rig.derived.settings import RECORD, from_record
+from rig.derived.sink import DerivedSink, derived_channels
 from rig.files.scenario import parse_scenario
 from tests.rig import synthetic_run as beam
 from tests.rig.derived import crank_run as crank

@@ -16,10 +16,14 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.log import Event, LogReader, LogWriter, Origin, verify_log
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Event
+from daq.log.recover import verify_log
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from rig.derived import RECORD, InBackground, derived_channels
-from rig.derived.sink import Note, Onward
+from rig.derived.background import InBackground
+from rig.derived.settings import RECORD
+from rig.derived.sink import Note, Onward, derived_channels
 from rig.files.scenario import Scenario
 from rig.session.deriving import derive_live
 from rig.session.hub import Hub

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.diagnosis.report import RunFacts, write_report
 from rig.diagnosis.report import verdict as verdicts
 from rig.diagnosis.report.content import BarTable
-from rig.diagnosis.report.reported import Reported
+from rig.diagnosis.report.page import write_report
+from rig.diagnosis.report.reported import Reported, RunFacts
 from rig.diagnosis.report.sections import SECTIONS
 from rig.diagnosis.report.sections.gap_map import parts as gap_map
 from rig.diagnosis.report.sections.latent_force import parts as latent_force

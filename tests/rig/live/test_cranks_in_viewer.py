@@ -12,11 +12,12 @@ from rerun.experimental import ViewerClient
 
 from daq.channel import Channel
 from daq.log.reader import Origin
-from rig.derived import DerivedSink, derived_channels
+from rig.derived.sink import DerivedSink, derived_channels
 from rig.files.scenario import parse_scenario
-from rig.live import LiveView
 from rig.live.crank.picture import CrankPicture
-from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
+from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
+from rig.live.view import LiveView
 from rig.session.hub import Hub
 from rig.session.sinks import ViewSink
 from tests.rig.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks

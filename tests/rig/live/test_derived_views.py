@@ -14,13 +14,14 @@ from rerun.blueprint import TimeSeriesView
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.records import Impact
-from rig.live import BeamPicture, paths
+from rig.live import paths
 from rig.live.crank.impact_picture import ImpactPicture
 from rig.live.cycle_figures import figure_views
 from rig.live.frames import BlockFrame
 from rig.live.layout import Layout, layout_of
 from rig.live.picture import Stage
-from rig.live.rigs import PlanarCrankPicture
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.scene import Scene
 from rig.live.view_process import Director
 

@@ -6,8 +6,9 @@ import pytest
 
 from daq.block import Flag, SampleBlock
 from daq.log.records import Event, Impact
-from rig.live import BeamPicture, frames
+from rig.live import frames
 from rig.live.layout import Layout, layout_of
+from rig.live.rigs.impact_beam import BeamPicture
 from tests.rig.synthetic_run import CHANNELS
 
 

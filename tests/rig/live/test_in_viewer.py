@@ -13,10 +13,11 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from daq.log.records import Event
-from rig.live import BeamPicture, LiveView, rrd_from_log
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.view import LiveView
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.live.native_viewer import needs_vulkan, shows_both, viewer
-from tests.rig.synthetic_run import CHANNELS, START_NS, blocks, write_log
+from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
 BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 NAMES = {channel.name for channel in CHANNELS}
@@ -70,14 +71,6 @@ def assert_everything_is_drawn(client: ViewerClient, folder: Path) -> None:
 @needs_vulkan
 def test_every_channel_is_shown_as_measured_and_as_predicted(live: LiveView, tmp_path: Path) -> None:
     with viewer("--connect", live.sink_url) as client:
-        assert_everything_is_drawn(client, tmp_path)
-
-
-@needs_vulkan
-def test_a_finished_log_is_shown_in_the_same_way(tmp_path: Path) -> None:
-    rrd = tmp_path / "run.rrd"
-    rrd_from_log(write_log(tmp_path / "run.mcap", seconds=2.0), rrd, BEAM)
-    with viewer(rrd) as client:
         assert_everything_is_drawn(client, tmp_path)
 
 

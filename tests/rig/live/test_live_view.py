@@ -16,7 +16,7 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.records import Event
-from rig.live import LiveView
+from rig.live.view import LiveView
 from tests.rig.synthetic_run import RATE, START_NS
 
 MANY = tuple(Channel(f"channel_{index}", "N") for index in range(16))
@@ -134,7 +134,7 @@ def test_a_view_that_works_closes_early_and_leaves_nothing_behind(view: LiveView
 
 PARENT = """
 import os, signal
-from rig.live import LiveView
+from rig.live.view import LiveView
 from daq.channel import Channel
 view = LiveView("orphans", [Channel("drive.force", "N")], []).open()
 print(*view.processes, flush=True)

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from rig.files.scenario import parse_scenario
-from rig.live import PICTURES
 from rig.live.crank.picture import CrankPicture
 from rig.live.layout import Layout, layout_of
-from rig.live.rigs import BeamPicture, PlanarCrankPicture, SpatialCrankPicture
+from rig.live.rigs import PICTURES
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
+from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.twin.picture import picture_of
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.rigs.catalogue import RIGS, model_of

@@ -12,7 +12,7 @@ from daq.channel import Channel
 from daq.log.reader import Origin
 from daq.log.records import Impact
 from daq.log.writer import LogWriter
-from rig.derived import DerivedSink, derived_channels
+from rig.derived.sink import DerivedSink, derived_channels
 from rig.files.scenario import parse_scenario
 from tests.rig.crank.turning import (
     CHANNELS,

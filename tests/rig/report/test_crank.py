@@ -16,12 +16,12 @@ from plotly.offline import get_plotlyjs
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.crank.order_lines import TURNS
-from rig.derived import RECORD
-from rig.report import RunCollector, record
+from rig.derived.settings import RECORD
+from rig.report import record
 from rig.report.blows import blows
 from rig.report.content import BigNumbers, Figure, Part, Sentence, Table
 from rig.report.page import render
-from rig.report.record import RunRecord, Trace, read_run
+from rig.report.record import RunCollector, RunRecord, Trace, read_run
 from rig.report.sections.blows import parts as blow_parts
 from rig.report.sections.orders import parts as order_parts
 from rig.report.sections.revolution import parts as revolution_parts

@@ -8,7 +8,7 @@ from plotly.offline import get_plotlyjs
 
 from daq.channel import Channel
 from daq.log.writer import LogWriter
-from rig.report import write_report
+from rig.report.page import write_report
 from rig.report.sections import SECTIONS
 from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
 

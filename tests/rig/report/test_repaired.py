@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.report import overall_closeness
-from rig.report.closeness import closeness
+from rig.report.closeness import closeness, overall_closeness
 from rig.report.content import BigNumbers, Figure, Table
 from rig.report.mean_cycle import Cycle, cycle_of, mean_cycle
 from rig.report.page import render

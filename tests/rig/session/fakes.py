@@ -14,8 +14,9 @@ from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from daq.log import Event, Impact, Origin
-from drivers.protocols import CardReading
+from daq.log.reader import Origin
+from daq.log.records import Event, Impact
+from drivers.protocols.card import CardReading
 from rig.session.progress import Screen
 
 RATE = 51_200.0

@@ -11,7 +11,7 @@ from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from drivers.protocols import CardReading, Finding
+from drivers.protocols.card import CardReading, Finding
 from rig.files.scenario import Limit
 from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Recorded
 from rig.session.hub import Hub

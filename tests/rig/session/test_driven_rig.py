@@ -11,8 +11,8 @@ import pytest
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import RecorderFailed
-from daq.log import Event
-from daq.time_base import RunClock
+from daq.log.records import Event
+from daq.time_base.run_clock import RunClock
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
 from rig.session.devices import Devices

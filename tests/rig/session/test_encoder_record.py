@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from daq.block import Flag
 from daq.errors import DeviceLost, InterlockTripped
 from daq.log.records import Event, Gap
-from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.notice import Notice
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.hub import Hub

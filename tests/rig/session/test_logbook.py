@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from daq.log import LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import Notice
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.notice import Notice
 from rig.session.hub import Hub
 from rig.session.logbook import Logbook
 from rig.session.motor import Motor

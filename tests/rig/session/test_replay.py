@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
-from daq.log import Event, LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.records import Event
+from daq.log.writer import LogWriter
 from rig.session.replay import _ShapeFollower, replay_log
 from rig.session.signals import Stopped
 from rig.twin.overlay import overlay_run, predicting_twin, scenario_of

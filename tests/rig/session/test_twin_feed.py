@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from daq.block import Flag
-from drivers.protocols import CardReading
+from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.session.twin_feed import TwinFeed
 from rig.twin.worker import Drive, Recorded

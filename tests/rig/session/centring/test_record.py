@@ -9,7 +9,7 @@ import pytest
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import DeviceLost, RecorderFailed
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
 from rig.session.centring.record import RECORD, CentringRecord

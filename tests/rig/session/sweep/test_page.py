@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S
-from daq.log import Impact, LogWriter
+from daq.log.records import Impact
+from daq.log.writer import LogWriter
 from rig.files.sweep import Sweep
 from rig.session.sweep.page import headings_of, rows_of, write_page
 from rig.session.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, figures_of, write_results

@@ -1,4 +1,9 @@
-"""Polls an inverter for as long as it is open, and stops it where anything is wrong with it."""
+"""Polls an inverter for as long as it is open, and stops it where anything is wrong with it.
+
+All of it runs in the event loop of one `FrInverter`, in that inverter's own thread. A poll that went on by
+itself would keep the drive's watchdog quiet while the program that ordered the motor hangs: so it stops a
+running motor that nobody has looked after, and once a stop cannot be seen to work nothing is sent any more.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +14,19 @@ from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
-from drivers.mitsubishi_fr.carried_through import CarriedThrough
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
-from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.line import LineHealth
-from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor
+from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor, Notices
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings, problems
-from drivers.protocols import MotorState
+from drivers.protocols.speed_drive import MotorState
 
 _GONE = (DeviceLost, InstrumentSilent)
 _T = TypeVar("_T")
 
 
-class Keeper:
+class Poller:
     """Looks after a motor from `check_in` to `close`; the first error that endangers it stays in `error`."""
 
     def __init__(
@@ -33,12 +36,13 @@ class Keeper:
         talk: Conversation,
         health: LineHealth,
         clock: Clock,
-        diary: Diary,
+        notices: Notices,
     ) -> None:
         self._settings, self._motor, self._talk, self._health = settings, motor, talk, health
-        self._clock, self._diary = clock, diary
-        self._stops = CarriedThrough()
+        self._clock, self._notices = clock, notices
+        self._stops: set[asyncio.Task[None]] = set()  # a loop alone keeps no task alive
         self._watch: asyncio.Task[None] | None = None
+        # When the last look began, and when the program last called the driver, in s of the monotonic clock.
         self._looked_s = self.attended_s = clock.monotonic_s()
         self._was_degraded = self._closing = False
         self.error: InstrumentError | None = None
@@ -73,7 +77,14 @@ class Keeper:
 
         Goes on where whoever waits for it gives up; what goes wrong then stands in `error`.
         """
-        await self._stops.do(self._stop(measured_hz))
+        await self._carry_through(self._stop(measured_hz))
+
+    async def _carry_through(self, stop: Coroutine[Any, Any, None]) -> None:
+        """Wait for a stop, which goes on where the wait is cancelled: half a stop stops nothing."""
+        task = asyncio.create_task(stop)
+        self._stops.add(task)
+        task.add_done_callback(self._stops.discard)
+        await asyncio.shield(task)
 
     async def _stop(self, measured_hz: Callable[[], float] | None) -> None:
         try:
@@ -90,8 +101,8 @@ class Keeper:
         """Stop what may be turning, hand the drive back, and cease to poll. Never raises."""
         if self._motor.orders.may_turn:
             with suppress(InstrumentError):
-                await self._stops.do(self._motor.stop())
-                await self._stops.ended()
+                await self._carry_through(self._motor.stop())
+                await asyncio.gather(*self._stops, return_exceptions=True)
                 await self._motor.hand_back()
         if self._watch is not None:
             # Before Python 3.12 wait_for swallows a cancellation that comes together with an answer.
@@ -99,7 +110,7 @@ class Keeper:
             self._watch.cancel()
             with suppress(asyncio.CancelledError):
                 await self._watch
-        await self._stops.ended()
+        await asyncio.gather(*self._stops, return_exceptions=True)
 
     async def _keep(self) -> None:
         while not self._closing:
@@ -109,7 +120,7 @@ class Keeper:
             except InstrumentError as error:
                 await self._make_safe(error)
                 if isinstance(error, _GONE):
-                    return
+                    return  # a drive that comes back is a matter for a person
             except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
                 traceback.print_exc(file=sys.stderr)
                 await self._make_safe(
@@ -120,12 +131,14 @@ class Keeper:
             await asyncio.sleep(max(self._settings.poll_s - (self._clock.monotonic_s() - began_s), 0.0))
 
     async def _look_after(self, now_s: float) -> None:
+        # A process that was frozen (SIGSTOP, swap) for longer than the watchdog waits finds a drive that has
+        # tripped or coasts; its own orders are of before, and none of them may go on.
         slept_s = now_s - self._looked_s
         longest_s = self._motor.parameters.watchdog_s + self._settings.silent_s
         if self.error is None and slept_s > longest_s:
             raise self._motor.refused(f"this program did not look at it for {slept_s:.1f} s", "", "late")
         orders = self._motor.orders
-        given = orders.given
+        given = orders.given  # an order that comes while the drive is asked makes the answer one of before
         try:
             state = await self.look()
         except InstrumentSilent:
@@ -136,7 +149,7 @@ class Keeper:
                 return  # one answer missed; the next look follows
             raise
         if state.degraded and not self._was_degraded:
-            self._diary.note("warning", "inverter.line", "more than 5 requests within 10 s went wrong")
+            self._notices.note("warning", "inverter.line", "more than 5 requests within 10 s went wrong")
         self._was_degraded = state.degraded
         if self.error is None:
             self._judge(state, steady=given == orders.given and orders.under_way == 0)
@@ -168,19 +181,20 @@ class Keeper:
         self._latch(error)
         if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
             return
+        # Of a drive that has tripped or is silent no ramp can be seen: run is withdrawn at once.
         tripped = self._motor.state is not None and self._motor.state.fault != ""
         stop: Callable[[], Coroutine[Any, Any, None]] = self._motor.stop
         if tripped or isinstance(error, InstrumentSilent):
             stop = self._motor.withdraw
         try:
-            await self._stops.do(stop())
+            await self._carry_through(stop())
         except InstrumentError as worse:
-            self._diary.note("error", "inverter.stop", str(worse))
+            self._notices.note("error", "inverter.stop", str(worse))
 
     def _latch(self, error: InstrumentError) -> None:
         if self.error is None:
             self.error = error
-            self._diary.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
+            self._notices.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
 
     def _refuse_running(self, state: MotorState) -> None:
         """Raise for a motor that turns though nobody here has told it to."""
