@@ -18,8 +18,8 @@ from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
 from drivers.scpi.emulator.process import start_function_generator
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.shaft_wiring import inverter_setup
 from rig.twin.plant import BeamPlantFactory, resting_at
 from rig.twin.plant_crank import CrankPlantFactory

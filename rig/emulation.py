@@ -16,8 +16,8 @@ from drivers.ni_daq.emulator.process import start_daq_card
 from rig.card_wiring import wiring_of
 from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 from rig.shaft_wiring import encoder_setup
 from rig.twin.shaft import ShaftFactory
