@@ -15,8 +15,8 @@ from drivers.protocols.encoder import PositionEncoder
 from rig.card_wiring import card_channel, chain_record
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 

@@ -15,8 +15,8 @@ from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.twin import AnyTwin
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 
 _COMPILED_S: Final = 300.0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from daq.errors import UnphysicalParameter
+from daq.quantity import Bound, bounds_of
 
 
 def require(
@@ -18,13 +20,21 @@ def require(
 ) -> None:
     """Raise UnphysicalParameter unless `value` lies between `low` and `high` (in `unit`).
 
-    `above` leaves `low` itself out. `owner` is the part that the parameter belongs to.
+    For what hangs on other parameters. `above` leaves `low` itself out; `owner` is the part that the
+    parameter belongs to.
     """
-    if math.isfinite(value) and low <= value <= high and not (above and value == low):
-        return
-    raise UnphysicalParameter(owner, name, value, _allowed(low, high, unit, above))
+    bound = Bound(unit, low, high, above)
+    if not bound.holds(value):
+        raise UnphysicalParameter(owner, name, value, str(bound))
 
 
-def _allowed(low: float, high: float, unit: str, above: bool) -> str:
-    first = f"{'above' if above else 'at least'} {low:g}"
-    return f"{first} {unit}".rstrip() if math.isinf(high) else f"{first}, at most {high:g} {unit}".rstrip()
+def require_bounds(owner: str, part: Any) -> None:
+    """Raise UnphysicalParameter unless the fields of the dataclass `part` are within their declared bounds.
+
+    A field that is None is not there; of a tuple each number counts.
+    """
+    for name, bound in bounds_of(type(part)).items():
+        value = getattr(part, name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if number is not None and not bound.holds(number):
+                raise UnphysicalParameter(owner, name, number, str(bound))

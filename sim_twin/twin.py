@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
 from sim_twin.sensors import Sensor
 
+if TYPE_CHECKING:
+    from sim_twin.rigs.rig_model import RigModel
+
 
 class Rig(Protocol):
-    """The parameters of a rig."""
+    """The parameters of a rig; `kind` is what a scenario calls it."""
+
+    kind: ClassVar[str]
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that a twin of it predicts."""
+
+    @property
+    def model(self) -> RigModel:
+        """What is known of all rigs of its kind; loaded when it is asked for."""
 
 
 RigT = TypeVar("RigT", bound=Rig)
@@ -33,6 +42,11 @@ class Twin(Generic[RigT, DriveT]):
     def channels(self) -> tuple[str, ...]:
         """Names of the rows of its samples."""
         return self.rig.channels
+
+    @property
+    def model(self) -> RigModel:
+        """What is known of all rigs of its kind."""
+        return self.rig.model
 
 
 AnyTwin: TypeAlias = Twin[Any, Any]

@@ -79,7 +79,7 @@ def found_lines(middle: Middle, plan: CentringPlan) -> list[str]:
 
 def _write(path: Path, scenario: Scenario, middle: Middle, plan: CentringPlan, said: list[str]) -> None:
     from rig.files.faults import read_toml
-    from rig.files.sweep_axes import with_values
+    from rig.files.scenario import with_values
     from rig.files.toml_text import toml_of
 
     settings = {

@@ -50,20 +50,13 @@ def dwell(
 
 def at_speeds(scenario: Scenario, speeds: str) -> list[Scenario]:
     """The scenario at each of the speeds, such as "100 rpm, 250 rpm"; raises ConfigurationError."""
-    from rig.files.faults import read_toml
-    from rig.files.scenario import parse_scenario
-    from rig.files.sweep_axes import with_values
-    from rig.files.toml_text import toml_of
+    from rig.files.scenario import edited
 
     named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
     if not 1 <= len(named) <= _MOST:
         allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'
         raise ConfigurationError("rattle dwell", [Problem("--speeds", speeds, allowed)])
-    table = read_toml(scenario.text, scenario.name)
-    return [
-        parse_scenario(toml_of(with_values(table, {"drive.speed": speed})), f"--speeds {speed}")
-        for speed in named
-    ]
+    return [edited(scenario, {"drive.speed": speed}, f"--speeds {speed}") for speed in named]
 
 
 def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:
@@ -79,9 +72,10 @@ def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:
 
 
 def _seconds(given: str) -> float:
-    from rig.files.fields import FieldError, Measured
+    from daq.quantity import Quantity
+    from rig.files.table import FieldError, quantity_field
 
-    time = Measured("s", 1.0, 600.0)
+    time = quantity_field(Quantity("s", 1.0, 600.0))
     try:
         return float(time.read(given))
     except FieldError as error:

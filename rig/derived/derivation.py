@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping
 from daq.channel import Channel
 from daq.derived_names import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, derived_name
 from daq.log.reader import Origin
-from rig.derived.reference import nominal_of
-from rig.derived.roles import DRIVE, reference_of, role_of
-from rig.derived.settings import RECORD, Settings, as_record
+from rig.derived.reference import nominal_of, reference_of
+from rig.derived.settings import RECORD, Settings, as_record, has_figures, role_of
 from rig.files.scenario import Scenario
 from rig.stream import Block, Consumer, Metadata, Record
+from sim_twin.rigs.channel_table import Role
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 
@@ -70,10 +70,10 @@ def derived_channels(
         reference = reference_of(tuple(channel.name for channel in declared))
         if reference is None:
             continue
-        if reference != DRIVE:
+        if role_of(reference) is not Role.DRIVE:
             found.append(Channel(derived_name(origin, CRANK_SPEED), "rpm", "speed", "crank"))
         for channel in declared:
-            if role_of(channel.name).has_figures:
+            if has_figures(channel.name):
                 found += [_figure(origin, channel, which) for which in (CYCLE_RMS, CYCLE_PEAK)]
     return found
 

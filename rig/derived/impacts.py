@@ -13,8 +13,7 @@ from daq.angle.begins import Cycles
 from daq.block import SampleBlock, sample_time_ns
 from daq.log.records import Impact
 from daq.signals.impact_events import BounceGrouper, ImpactDetector, ImpactEvents
-from rig.derived.roles import role_of
-from rig.derived.settings import Settings, magnitude
+from rig.derived.settings import Settings, magnitude, role_of
 from rig.stream import Consumer
 
 _LOOK_S = 0.5

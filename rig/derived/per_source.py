@@ -13,11 +13,11 @@ from daq.block import BLIND, SampleBlock, sample_time_ns
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
 from rig.derived.impacts import ImpactWatch
-from rig.derived.reference import Nominal, cycles_of, first_look
-from rig.derived.roles import DRIVE, reference_of, role_of
+from rig.derived.reference import Nominal, cycles_of, first_look, reference_of
 from rig.derived.series import CrankSpeed, CycleFigures
-from rig.derived.settings import Settings, settled
+from rig.derived.settings import Settings, has_figures, is_watched, role_of, settled
 from rig.stream import Consumer
+from sim_twin.rigs.channel_table import Role
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
@@ -41,7 +41,7 @@ class OriginDeriver:
         self._names = tuple(channels)
         self._nominal = nominal
         self._reference = reference_of(self._names) if nominal is not None else None
-        self._watched = tuple(name for name in self._names if role_of(name).watch is not None)
+        self._watched = tuple(name for name in self._names if is_watched(name))
         self._waiting: list[SampleBlock] = []
         self._ends = dict.fromkeys((*self._watched, *((self._reference,) if self._reference else ())), 0)
         self._cycles: Cycles | None = None
@@ -53,7 +53,7 @@ class OriginDeriver:
 
     def add(self, block: SampleBlock, publish: Consumer) -> None:
         """Take the next block of a channel; one that nothing is derived from may lie on another grid."""
-        if block.channel not in self._ends and not role_of(block.channel).has_figures:
+        if block.channel not in self._ends and not has_figures(block.channel):
             return
         if self._ready:
             self._derive(block, publish)
@@ -136,10 +136,10 @@ class OriginDeriver:
         start_ns = sample_time_ns(block.time_ns, -block.first_sample, rate)
         if self._reference is not None and self._cycles is None:
             self._cycles = cycles_of(self._reference, settings, rate)
-        if name == self._reference and name != DRIVE and self._cycles is not None:
+        if name == self._reference and role_of(name) is not Role.DRIVE and self._cycles is not None:
             marker = self._cycles if isinstance(self._cycles, MarkerCycles) else None
             self._speed = CrankSpeed(derived_name(self.origin, CRANK_SPEED), marker, rate, start_ns)
-        if self._cycles is not None and settings.cycle_hz is not None and role_of(name).has_figures:
+        if self._cycles is not None and settings.cycle_hz is not None and has_figures(name):
             series = derived_name(self.origin, name)
             self._figures[name] = CycleFigures(series, self._cycles, settings.cycle_hz, rate, start_ns)
         if name in settings.levels:

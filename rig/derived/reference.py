@@ -14,11 +14,11 @@ from daq.angle.begins import Cycles
 from daq.angle.crank_cycles import AngleCycles, MarkerCycles
 from daq.angle.drive_cycles import DriveCycles
 from daq.angle.marker import MarkTracker
-from rig.derived.roles import ANGLE, DRIVE
-from rig.derived.settings import Settings
+from rig.derived.settings import Settings, role_of
 from rig.files.scenario import Scenario
-from rig.twin.rigs import KINDS
-from rig.twin.scenario_twin import twin_of
+from rig.rigs import RIGS
+from rig.twin.reference import reference_among
+from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 _CYCLES = 3
 _LEAST_S = 1.0
@@ -43,24 +43,31 @@ class Nominal:
 
 def nominal_of(scenario: Scenario) -> Nominal:
     """What a scenario says."""
-    kind = KINDS[scenario.rig]
-    reference = kind.reference((DRIVE,))
-    drive = twin_of(scenario).drive
+    table, drive = RIGS[scenario.rig].channels, scenario.drive
+    reference = reference_among(table, (table.drive,))
 
     def align(values: NDArray[Any], sample_rate: float) -> tuple[float, float] | None:
         found = reference.align(values, sample_rate, 0, drive)
         return (found.frequency, found.phase) if found.trusted else None
 
-    return Nominal(kind.untouched(drive).frequency, align)
+    return Nominal(drive.cycle_hz, align)
+
+
+def reference_of(channels: tuple[str, ...]) -> str | None:
+    """The channel that counts the cycles: the encoder rather than a marker, the drive where nothing turns."""
+    by_role = {role_of(name): name for name in channels if name != ENCODER_ANGLE.name}
+    return next((by_role[role] for role in (Role.ANGLE, Role.MARKER, Role.DRIVE) if role in by_role), None)
 
 
 def first_look(
     reference: str, values: NDArray[np.floating], sample_rate: float, nominal: Nominal
 ) -> tuple[float | None, float]:
     """Rate of the cycles in Hz, None if nothing counts them, and the drive's phase in rad (0 of a crank)."""
-    if reference == DRIVE:
+    if role_of(reference) is Role.DRIVE:
         return nominal.align(values, sample_rate) or (None, 0.0)
-    seen = _angle_hz(values, sample_rate) if reference == ANGLE else _marks_hz(values, sample_rate)
+    seen = (
+        _angle_hz(values, sample_rate) if role_of(reference) is Role.ANGLE else _marks_hz(values, sample_rate)
+    )
     return nominal.cycle_hz if seen is None else seen, 0.0
 
 
@@ -68,9 +75,9 @@ def cycles_of(reference: str, settings: Settings, sample_rate: float) -> Cycles 
     """What counts the cycles by the reference channel."""
     if settings.cycle_hz is None:
         return None
-    if reference == DRIVE:
+    if role_of(reference) is Role.DRIVE:
         return DriveCycles(sample_rate, settings.cycle_hz, settings.phase_rad)
-    return AngleCycles(sample_rate) if reference == ANGLE else MarkerCycles(sample_rate)
+    return AngleCycles(sample_rate) if role_of(reference) is Role.ANGLE else MarkerCycles(sample_rate)
 
 
 def _angle_hz(angle: NDArray[np.floating], sample_rate: float) -> float | None:

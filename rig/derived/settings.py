@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from daq.errors import LogError
 from daq.signals.impacts import Levels, largest_force, levels_of
-from rig.derived.roles import Role, Watch, role_of
+from rig.rigs import declared
+from sim_twin.rigs.channel_table import Role
 
 RECORD = "derived"
 """Name of the metadata record."""
@@ -56,24 +57,45 @@ def settled(
     """Apply the rule to what was `seen` of the watched channels."""
     largest: dict[str, float] = {}
     for name, values in seen.items():
-        group = role_of(name).group or name
+        group = _group(name)
         largest[group] = max(largest.get(group, 0.0), largest_force(magnitude(role_of(name), values)))
     return Settings(
         settle_s,
         cycle_hz,
         phase_rad,
-        {name: _levels(role_of(name), largest[role_of(name).group or name]) for name in seen},
+        {name: _levels(role_of(name), largest[_group(name)]) for name in seen},
         {name: _within(role_of(name), cycle_hz) for name in seen},
     )
 
 
+def role_of(channel: str) -> Role:
+    """What a channel is to its rig; a response where no rig has it."""
+    known = declared(channel)
+    return Role.RESPONSE if known is None else known.role
+
+
+def is_watched(channel: str) -> bool:
+    """Whether impacts are looked for in it."""
+    return role_of(channel) in (Role.CONTACT, Role.VIBRATION)
+
+
+def has_figures(channel: str) -> bool:
+    """Whether there are figures of its cycles."""
+    return role_of(channel) not in (Role.ANGLE, Role.MARKER)
+
+
+def _group(channel: str) -> str:
+    known = declared(channel)
+    return (known.group if known is not None else "") or channel
+
+
 def magnitude(role: Role, values: NDArray[np.floating]) -> NDArray[np.floating]:
     """What is compared with the levels."""
-    return np.abs(values) if role.watch is Watch.VIBRATION else values
+    return np.abs(values) if role is Role.VIBRATION else values
 
 
 def _levels(role: Role, largest: float) -> Levels:
-    if role.watch is Watch.VIBRATION:
+    if role is Role.VIBRATION:
         counts, released = _BURST_COUNTS * largest, _BURST_RELEASED * largest
     else:
         levels = levels_of(largest)
@@ -82,7 +104,7 @@ def _levels(role: Role, largest: float) -> Levels:
 
 
 def _within(role: Role, cycle_hz: float | None) -> float:
-    return _RING_S if role.watch is Watch.VIBRATION or cycle_hz is None else _BOUNCE_CYCLES / cycle_hz
+    return _RING_S if role is Role.VIBRATION or cycle_hz is None else _BOUNCE_CYCLES / cycle_hz
 
 
 def as_record(settings: Mapping[str, Settings]) -> dict[str, str]:

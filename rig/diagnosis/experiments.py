@@ -12,10 +12,9 @@ from daq.errors import ConfigurationError
 from rig.diagnosis.recordings import setting_of
 from rig.files.scenario import parse_scenario
 from rig.files.toml_text import toml_of
-from rig.twin.rigs import KINDS
+from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.rigs.rig_model import RigModel
 
 _MOST = 5
 _QUANTITY = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*)")
@@ -55,10 +54,10 @@ def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: flo
     They are looked at like the runs that were made, at `rate` Hz with the share `quiet` of the noise.
     """
     table = tomllib.loads(scenario_text)
-    kind = KINDS[table["rig"]]
+    kind = RIGS[table["rig"]]
     found = []
     for variation in kind.variations:
-        changed = _changed(table, variation, kind.model)
+        changed = _changed(table, variation, kind.name)
         if changed is None:
             continue
         text = toml_of(changed)
@@ -67,15 +66,13 @@ def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: flo
             twin = twin_of(scenario, tuple(channels))
         except ConfigurationError:
             continue
-        whole = int(scenario.acquisition.duration * kind.untouched(twin.drive).frequency - 1.5)
+        whole = int(scenario.acquisition.duration * twin.drive.cycle_hz - 1.5)
         setting = replace(setting_of(twin, channels, rate, whole), quiet=quiet)
         found.append(Option(text, Campaign((setting,))))
     return found[:_MOST]
 
 
-def _changed(
-    table: Mapping[str, Any], variation: Mapping[str, float], model: RigModel
-) -> dict[str, Any] | None:
+def _changed(table: Mapping[str, Any], variation: Mapping[str, float], rig: str) -> dict[str, Any] | None:
     """The scenario with some quantities multiplied; None where it does not give one of them."""
     changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
     said = []
@@ -88,7 +85,7 @@ def _changed(
         changed[section][key] = f"{scaled:g} {unit}".strip() if unit else scaled
         said.append(f"{key} {changed[section][key]}")
     _make_long_enough(changed, min([1.0, *(variation[key] for key in _SLOWER & set(variation))]))
-    changed["name"] = f"{table.get('name', model.name)}: {', '.join(said)}"
+    changed["name"] = f"{table.get('name', rig)}: {', '.join(said)}"
     return changed
 
 

@@ -19,7 +19,6 @@ from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.files.effects_file import load_effects
 from rig.session.progress import Screen
-from rig.twin.scenario_twin import catalogue_of
 from sim_twin.diagnosis.draw import Draw, Named
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import gap_between
@@ -39,7 +38,7 @@ def measured_gap(
     for remark in data.remarks:
         screen.warn(remark)
     rig = model_of(data.campaign.runs[0].twin)
-    given = () if effects is None else tuple(load_effects(effects, catalogue_of(rig)))
+    given = () if effects is None else tuple(load_effects(effects, rig.effects))
     alone = given if len(given) > 1 else ()
     wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
     healthy, *others = _simulated(data, wanted, seed, screen)

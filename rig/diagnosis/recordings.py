@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -15,11 +15,10 @@ from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader
 from rig.diagnosis.losses import lost_of, span, usable
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
-from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
+from rig.rigs import RIGS
+from rig.twin.alignment import FREQUENCY_TOLERANCE
 from rig.twin.logged import followed_scenario
-from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import twin_of
 from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
@@ -133,8 +132,8 @@ def _of_one_rig(runs: Sequence[_Run]) -> None:
 def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
     """Keys of [model] in which two runs differ though no lab sets them between runs."""
     set_up = RIGS[first.scenario.rig].set_up
-    for key in (field.name for field in fields(first.scenario.model)):
-        one, two = (getattr(run.scenario.model, key) for run in (first, other))
+    for key in RIGS[first.scenario.rig].model:
+        one, two = (run.scenario.model.get(key) for run in (first, other))
         if one != two and key not in set_up:
             told = ["default" if value is None else str(value) for value in (one, two)]
             what = f"{told[0]} in {first.path.name}, {told[1]} in {other.path.name}"
@@ -157,7 +156,7 @@ def _read(path: Path) -> _Run:
     step, records, kept = _resampled(path, table, sound, twin)
     rate = table[model.reference].sample_rate / step
     cycles = _cycles(path, twin, records[model.reference], rate)
-    drive = kind_of(twin).in_step(twin.drive, Alignment(cycles.frequency, cycles.phase))
+    drive = twin.drive.at_cycle_hz(cycles.frequency)
     whole = _whole(cycles, kept)
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
@@ -208,7 +207,7 @@ def _remarks(
 def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
     """The measured cycles; raises LogError where they are not the scenario's."""
     model = model_of(twin)
-    nominal = kind_of(twin).untouched(twin.drive).frequency
+    nominal = twin.drive.cycle_hz
     if rate / nominal < _FEWEST_SAMPLES:
         raise LogError(f"{path}: {rate / nominal:.3g} samples a cycle; a diagnosis needs {_FEWEST_SAMPLES}")
     if len(reference) * nominal / rate < _FEWEST_CYCLES:
@@ -281,7 +280,7 @@ def _bridged(values: Array) -> Array:
 def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:
     """How a run of so many `whole` cycles is looked at, at `rate` Hz."""
     model = model_of(twin)
-    frequency = kind_of(twin).untouched(twin.drive).frequency
+    frequency = twin.drive.cycle_hz
     coupled = tuple(
         name for name in channels if model.channel_unit(name) in _COUPLED and name != model.reference
     )

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
-from pydantic.dataclasses import dataclass
-
-from rig.files.fields import Measured, Switch, Text, Whole, Word
+from daq.quantity import Check, Key, Quantity, Text, Whole
 from rig.files.loopback import misplaced
-from rig.files.section import SECTION, Check
 
 _VISA: Final = Text(
     'a VISA address, such as "TCPIP::192.168.0.5::5025::SOCKET"',
@@ -26,7 +24,7 @@ _MOST_HZ: Final = 400.0
 _BAUDRATES: Final = (4800, 9600, 19200, 38400)
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class SignalGenerator:
     """The generator that drives the shaker's amplifier.
 
@@ -34,14 +32,14 @@ class SignalGenerator:
     `maximum_amplitude` in N.
     """
 
-    force_per_volt: Annotated[float, Measured("N/V", 0.001, 1000)]
-    maximum_amplitude: Annotated[float, Measured("N", 0, 1000, above=True)]
-    driver: Annotated[Literal["scpi_33220a"], Word(("scpi_33220a",))] = "scpi_33220a"
+    force_per_volt: Annotated[float, Quantity("N/V", 0.001, 1000)]
+    maximum_amplitude: Annotated[float, Quantity("N", 0, 1000, above=True)]
+    driver: Annotated[Literal["scpi_33220a"], Key()] = "scpi_33220a"
     resource: Annotated[str | None, _VISA] = None
-    emulated: Annotated[bool, Switch()] = False
+    emulated: Annotated[bool, Key()] = False
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class Inverter:
     """The inverter that turns the crank, in SI.
 
@@ -50,18 +48,18 @@ class Inverter:
     `silent` without an answer, and stopped when nobody has looked after it for `unattended` (all in s).
     """
 
-    rpm_per_hz: Annotated[float, Measured("", 0, 10_000, above=True)]
-    maximum_speed: Annotated[float, Measured("rpm", 0, 100_000, above=True)]
-    driver: Annotated[Literal["mitsubishi_fr"], Word(("mitsubishi_fr",))] = "mitsubishi_fr"
+    rpm_per_hz: Annotated[float, Quantity("", 0, 10_000, above=True)]
+    maximum_speed: Annotated[float, Quantity("rpm", 0, 100_000, above=True)]
+    driver: Annotated[Literal["mitsubishi_fr"], Key()] = "mitsubishi_fr"
     port: Annotated[str | None, _PORT] = None
     station: Annotated[int, Whole(1, 247)] = 1
     baudrate: Annotated[int, Whole(_BAUDRATES[0], _BAUDRATES[-1])] = 19200
-    parity: Annotated[Literal["E", "O", "N"], Word(("E", "O", "N"))] = "E"
-    answer: Annotated[float, Measured("s", 0.05, 2)] = 0.2
-    poll: Annotated[float, Measured("s", 0.02, 0.5)] = 0.1
-    silent: Annotated[float, Measured("s", 0.2, 5)] = 0.8
-    unattended: Annotated[float, Measured("s", 1, 60)] = 5.0
-    emulated: Annotated[bool, Switch()] = False
+    parity: Annotated[Literal["E", "O", "N"], Key()] = "E"
+    answer: Annotated[float, Quantity("s", 0.05, 2)] = 0.2
+    poll: Annotated[float, Quantity("s", 0.02, 0.5)] = 0.1
+    silent: Annotated[float, Quantity("s", 0.2, 5)] = 0.8
+    unattended: Annotated[float, Quantity("s", 1, 60)] = 5.0
+    emulated: Annotated[bool, Key()] = False
 
 
 def _generator_reachable(generator: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -75,7 +73,7 @@ def _generator_reachable(generator: Mapping[str, Any]) -> Iterator[tuple[str, st
 def _inverter_reachable(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     port = inverter["port"]
     if port is None and not inverter["emulated"]:
-        yield "port", f"{_PORT.allowed}; or emulated = true"
+        yield "port", f"{_PORT.meaning}; or emulated = true"
     if port is not None and port.startswith(_SOCKET) and (wrong := misplaced(port.removeprefix(_SOCKET))):
         yield "port", wrong
 

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic.dataclasses import dataclass
-
+from daq.quantity import Check, Key, Quantity, Text, Whole
 from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, SignalGenerator
 from rig.files.channels import BenchChannel, read_channels
 from rig.files.encoder import Encoder, read_encoder, with_emulated_defaults
 from rig.files.faults import Faults, read_toml
-from rig.files.fields import Field, FieldError, Measured, Switch, Text, Whole, Word
 from rig.files.file_kind import read_file
 from rig.files.loopback import misplaced
-from rig.files.rigs import RIGS
-from rig.files.rigs.kind import RigKind
-from rig.files.section import SECTION, Check, read_section, unknown_keys
+from rig.files.table import read_table, unknown_keys
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind
 
 _Actuator = TypeVar("_Actuator")
 _ADDRESS: Final = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
@@ -40,41 +39,21 @@ _ENCODER_BESIDE: Final = {
 _INSTRUMENTS: Final = (*_ACTUATORS, "daq_card", "encoder")
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _CardSection:
-    driver: Annotated[Literal["nidaqmx"], Word(("nidaqmx",))] = "nidaqmx"
+    driver: Annotated[Literal["nidaqmx"], Key()] = "nidaqmx"
     grpc: Annotated[str | None, _ADDRESS] = None
-    emulated: Annotated[bool, Switch()] = False
-    buffer: Annotated[float, Measured("s", 0.5, 120)] = 10.0
+    emulated: Annotated[bool, Key()] = False
+    buffer: Annotated[float, Quantity("s", 0.5, 120)] = 10.0
 
 
-class RestOffset(Field):
-    """A place between the stops, or "drawn"."""
-
-    _PLACE: ClassVar = Measured("mm", -10, 10)
-
-    @property
-    def allowed(self) -> str:
-        """Both."""
-        return f'{self._PLACE.allowed}, or "drawn"'
-
-    def read(self, value: object) -> float | str:
-        """The place in m, or the word."""
-        if value == "drawn":
-            return "drawn"
-        try:
-            return self._PLACE.read(value)
-        except FieldError as error:
-            raise FieldError(self.allowed) from error
-
-
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _EmulationSection:
     effects: Annotated[str | None, Text("the path of an effects file, seen from the bench file")] = None
     seed: Annotated[int | None, Whole(0, 2**63 - 1)] = None
-    healthy: Annotated[bool, Switch()] = True
-    rest_offset: Annotated[float | str | None, RestOffset()] = None
-    encoder_lag: Annotated[float | None, Measured("ms", 0, 1000)] = None
+    healthy: Annotated[bool, Key()] = True
+    rest_offset: Annotated[float | Literal["drawn"] | None, Quantity("mm", -10, 10)] = None
+    encoder_lag: Annotated[float | None, Quantity("ms", 0, 1000)] = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -180,7 +159,7 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     table = _with_defaults(given, kind, faults)
     unknown_keys(table, (*_INSTRUMENTS, "emulation"), "", faults)
     section, checks = _ACTUATORS[kind.actuator]
-    actuator = read_section(section, table[kind.actuator], kind.actuator, faults, checks)
+    actuator = read_table(section, table[kind.actuator], kind.actuator, faults, checks)
     card = _card(table["daq_card"], faults)
     encoder = None
     if "encoder" in kind.extras and "encoder" in given:
@@ -275,7 +254,7 @@ def _card(table: object, faults: Faults) -> DaqCard | None:
         faults.add("daq_card", table, "a table [daq_card]")
         return None
     plain = {key: value for key, value in table.items() if key != "channels"}
-    section = read_section(_CardSection, plain, "daq_card", faults, _CARD_CHECKS)
+    section = read_table(_CardSection, plain, "daq_card", faults, _CARD_CHECKS)
     channels = read_channels(table.get("channels", []), "daq_card.channels", faults)
     if section is None:
         return None
@@ -284,13 +263,13 @@ def _card(table: object, faults: Faults) -> DaqCard | None:
 
 def _emulation(table: Any, kind: RigKind, lags: bool, folder: Path, faults: Faults) -> Emulation | None:
     """Read the table; `lags` is whether an emulated encoder is there that could."""
-    section = read_section(_EmulationSection, table, "emulation", faults)
+    section = read_table(_EmulationSection, table, "emulation", faults)
     if section is None:
         return None
     effects = None if section.effects is None else folder / section.effects
     if effects is not None and not effects.is_file():
         faults.add("emulation.effects", section.effects, f"an existing file (looked for {effects})")
-    if section.rest_offset is not None and "rest_offset" not in kind.model.__dataclass_fields__:
+    if section.rest_offset is not None and "rest_offset" not in kind.model:
         faults.add_from(table, "rest_offset", "emulation", f"none: the {kind.name} has no such place")
     if section.encoder_lag is not None and not lags:
         faults.add_from(table, "encoder_lag", "emulation", "none: this bench has no emulated [encoder]")

@@ -7,19 +7,15 @@ import datetime
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
-from pydantic.dataclasses import dataclass
-
+from daq.quantity import Check, Key, Quantity, Text, Whole, settings_of
 from rig.files.faults import Faults, dotted
-from rig.files.fields import Day, FieldError, Measured, Raw, Switch, Table, Text, Whole, Word
-from rig.files.rigs import channel_names, unit_of
-from rig.files.section import SECTION, Check, read_section, sound_values
 from rig.files.sensing import (
     GAIN,
     HIGHEST_FULL_SCALE_V,
     INPUTS,
-    KINDS,
     LOWEST_FULL_SCALE_V,
     MEANINGS,
     RANGES,
@@ -30,6 +26,8 @@ from rig.files.sensing import (
     sort_of_input,
 )
 from rig.files.stages import AMPLIFIER_CHECKS, CALIBRATION, FILTER_CHECKS, AmplifierStage, FilterStage
+from rig.files.table import FieldError, quantity_field, read_table, sound_values
+from rig.rigs import channel_names, unit_of
 
 _INPUT: Final = Text(
     f"an input of the card: {' or '.join(INPUTS.values())}", r"[A-Za-z0-9_.-]+/(?i:ai|_?ctr)\d{1,3}"
@@ -40,23 +38,23 @@ Kind = Literal[
 ]
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _ChannelSection:
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]
     physical: Annotated[str, _INPUT]
-    kind: Annotated[Kind, Word(KINDS)]
-    sensitivity: Annotated[str | float | None, Raw(MEANINGS["sensitivity"])] = None
-    range: Annotated[str | float | None, Raw(MEANINGS["range"])] = None
+    kind: Annotated[Kind, Key()]
+    sensitivity: Annotated[str | float | None, Text(MEANINGS["sensitivity"])] = None
+    range: Annotated[str | float | None, Text(MEANINGS["range"])] = None
     gain: Annotated[float | None, GAIN] = None
     pulses_per_revolution: Annotated[int | None, Whole(1, 10_000_000)] = None
-    decoding: Annotated[str | None, Word(tuple(_DECODINGS))] = None
-    index: Annotated[bool | None, Switch()] = None
-    initial_angle: Annotated[float | None, Measured("deg", 0, 359.999)] = None
-    amplifier: Annotated[dict[str, Any] | None, Table("a table [daq_card.channels.amplifier]")] = None
-    filter: Annotated[dict[str, Any] | None, Table("a table [daq_card.channels.filter]")] = None
+    decoding: Annotated[Literal["x1", "x2", "x4"] | None, Key()] = None
+    index: Annotated[bool | None, Key()] = None
+    initial_angle: Annotated[float | None, Quantity("deg", 0, 359.999)] = None
+    amplifier: Annotated[dict[str, Any] | None, Text("a table [daq_card.channels.amplifier]")] = None
+    filter: Annotated[dict[str, Any] | None, Text("a table [daq_card.channels.filter]")] = None
     serial: Annotated[str, Text("the sensor's serial number")] = ""
-    calibrated: Annotated[datetime.date | None, Day()] = None
-    valid_until: Annotated[datetime.date | None, Day()] = None
+    calibrated: Annotated[datetime.date | None, Key()] = None
+    valid_until: Annotated[datetime.date | None, Key()] = None
 
 
 _OPTIONAL: Final = tuple(dict.fromkeys(key for sensing in SENSINGS.values() for key in keys_of(sensing)))
@@ -156,8 +154,8 @@ def _note_clockless(tables: list[Any], key: str, faults: Faults) -> None:
 
 
 def _channel(table: object, key: str, faults: Faults) -> BenchChannel | None:
-    section = read_section(_ChannelSection, table, key, faults, _CHECKS)
-    values = sound_values(_ChannelSection, table)
+    section = read_table(_ChannelSection, table, key, faults, _CHECKS)
+    values = sound_values(settings_of(_ChannelSection), table)
     name = values.get("name")
     unit = None if name is None else unit_of(name)
     if name is not None and unit is None:
@@ -173,7 +171,7 @@ def _channel(table: object, key: str, faults: Faults) -> BenchChannel | None:
 
 
 def _stage(kind: type[Any], table: object, key: str, faults: Faults, checks: tuple[Check, ...]) -> Any:
-    return None if table is None else read_section(kind, table, key, faults, checks)
+    return None if table is None else read_table(kind, table, key, faults, checks)
 
 
 def _sensing(channel: Mapping[str, Any]) -> Sensing | None:
@@ -262,9 +260,9 @@ def _pulses(section: _ChannelSection) -> PulseSource | None:
     )
 
 
-def _quantity(field: Measured, value: str | float, key: str, faults: Faults) -> float | None:
+def _quantity(field: Quantity, value: str | float, key: str, faults: Faults) -> float | None:
     try:
-        return field.read(value)
+        return float(quantity_field(field).read(value))
     except FieldError as error:
         faults.add(key, value, str(error))
         return None

@@ -5,53 +5,27 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.faults import Faults, read_text
+from sim_twin.effects.effect import Catalogue, Parameter
 
-Effect = tuple[str, dict[str, float | str]]
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterRange:
-    """What a parameter may be: in one of `intervals` (ends included, in `unit`), or one of `words`."""
-
-    intervals: tuple[tuple[float, float], ...] = ()
-    unit: str = ""
-    words: tuple[str, ...] = ()
-
-    @property
-    def allowed(self) -> str:
-        """The ranges, or the words, in the operator's words."""
-        if self.words:
-            return f"one of {', '.join(self.words)}"
-        ranges = " or ".join(f"{low:g} to {high:g}" for low, high in self.intervals)
-        return f"{ranges} {self.unit}".rstrip()
-
-    def holds(self, value: object) -> bool:
-        """Whether `value` is allowed."""
-        if self.words:
-            return value in self.words
-        return isinstance(value, float) and any(low <= value <= high for low, high in self.intervals)
+Named = tuple[str, dict[str, float | str]]
+"""An effect and its parameters, numbers as floats in SI."""
 
 
-Catalogue = Mapping[str, Mapping[str, ParameterRange]]
-
-
-def load_effects(path: str | Path, catalogue: Catalogue) -> tuple[Effect, ...]:
+def load_effects(path: str | Path, catalogue: Catalogue) -> tuple[Named, ...]:
     """Read an effects file; raises ConfigurationError with every fault in it."""
     return parse_effects(read_text(path), str(path), catalogue)
 
 
-def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Effect, ...]:
+def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Named, ...]:
     """Read `[{"name": ..., "parameters": {...}}]` as (name, parameters), numbers as floats in SI.
 
-    `catalogue` holds the effects of the rig, and for each its parameters, all of which have to be given. An
-    effect with a parameter `channel` may be there once a channel, any other once. Raises ConfigurationError
-    with every fault.
+    `catalogue` holds the effects of the rig; all that they ask for has to be given. An effect on a channel
+    may be there once a channel, any other once. Raises ConfigurationError with every fault.
     """
     faults = Faults(source)
     entries = _read_json(text, source)
@@ -85,7 +59,7 @@ def _once_each(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 def _effect(
     entry: object, key: str, catalogue: Catalogue, seen: set[tuple[str, object]], faults: Faults
-) -> Effect | None:
+) -> Named | None:
     if not isinstance(entry, dict):
         faults.add(key, entry, 'an object with "name" and "parameters"')
         return None
@@ -102,7 +76,7 @@ def _effect(
         faults.add(f"{key}.parameters", given, "an object")
         return None
     _note_repeated(name, given, key, seen, faults)
-    return name, _parameters(given, catalogue[name], f"{key}.{name}", faults)
+    return name, _parameters(given, catalogue[name].asked, f"{key}.{name}", faults)
 
 
 def _note_repeated(
@@ -116,13 +90,13 @@ def _note_repeated(
 
 
 def _parameters(
-    given: dict[str, Any], ranges: Mapping[str, ParameterRange], key: str, faults: Faults
+    given: dict[str, Any], asked: Mapping[str, Parameter], key: str, faults: Faults
 ) -> dict[str, float | str]:
     values: dict[str, float | str] = {}
     for name in given:
-        if name not in ranges:
-            faults.unknown(f"{key}.{name}", given[name], name, ranges)
-    for name, allowed in ranges.items():
+        if name not in asked:
+            faults.unknown(f"{key}.{name}", given[name], name, asked)
+    for name, allowed in asked.items():
         if name not in given:
             faults.missing(f"{key}.{name}", allowed.allowed)
             continue

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
-from pydantic.dataclasses import dataclass
-
+from daq.quantity import Key, Quantity, Text, Whole
 from rig.files.faults import Faults, dotted
-from rig.files.fields import Measured, Switch, Table, Text, Whole, Word
 from rig.files.loopback import misplaced
-from rig.files.section import SECTION, read_section, unknown_keys
+from rig.files.table import read_table, unknown_keys
 
 Option = str | int | float | bool
 _WORD32: Final = Whole(0, 2**32 - 1)
@@ -20,7 +19,7 @@ _OPTIONS: Final[Mapping[str, tuple[str, ...]]] = {"socketcand": ("host", "port",
 """The keys of interfaces that are known here; of any other, python-can judges."""
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class EncoderIdentity:
     """What the encoder must say of itself; None is taken as it says."""
 
@@ -33,14 +32,14 @@ class EncoderIdentity:
     serial: Annotated[int | None, _WORD32] = None
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _EncoderSection:
     node: Annotated[int, Whole(1, 127)]
     interface: Annotated[str, Text('an interface of python-can, such as "socketcand"', r"[a-z0-9_]+")]
-    driver: Annotated[Literal["canopen_cia406"], Word(("canopen_cia406",))] = "canopen_cia406"
-    period: Annotated[float, Measured("ms", 1, 65535)] = 1e-3
-    emulated: Annotated[bool, Switch()] = False
-    identity: Annotated[dict[str, Any] | None, Table("a table [encoder.identity]")] = None
+    driver: Annotated[Literal["canopen_cia406"], Key()] = "canopen_cia406"
+    period: Annotated[float, Quantity("ms", 1, 65535)] = 1e-3
+    emulated: Annotated[bool, Key()] = False
+    identity: Annotated[dict[str, Any] | None, Text("a table [encoder.identity]")] = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -70,13 +69,13 @@ def read_encoder(table: object, key: str, faults: Faults) -> Encoder | None:
     """Return the encoder, or None after noting in `faults` all that is wrong with it."""
     given = with_emulated_defaults(table)
     own = {name: given[name] for name in _OWN if name in given} if isinstance(given, dict) else given
-    section = read_section(_EncoderSection, own, key, faults)
+    section = read_table(_EncoderSection, own, key, faults)
     if not isinstance(given, dict):
         return None
     options = {name: value for name, value in given.items() if name not in _OWN}
     emulated, interface = given.get("emulated") is True, given.get("interface")
     sound = _options_hold(options, interface, emulated, key, faults)
-    identity = read_section(EncoderIdentity, given.get("identity", {}), f"{key}.identity", faults)
+    identity = read_table(EncoderIdentity, given.get("identity", {}), f"{key}.identity", faults)
     if section is None or identity is None or not sound:
         return None
     return Encoder(

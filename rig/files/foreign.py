@@ -15,9 +15,9 @@ from daq.formats.recording import Recording, Stretch, TimeBase, Track
 from daq.formats.samples import Samples, Scaled
 from rig.files.faults import Faults
 from rig.files.quantity import QuantityError, si_value
-from rig.files.rigs import RIGS
-from rig.files.rigs.kind import RigKind
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -104,9 +104,9 @@ class _Matching:
         if len(alike) == 1 and given == column.name:
             self.say(f"{column.name} is taken for {alike[0]}")
             return alike[0]
-        near = difflib.get_close_matches(given, self.kind.channels, n=1, cutoff=0.5)
+        near = difflib.get_close_matches(given, self.kind.channels.told, n=1, cutoff=0.5)
         meant = near[0] if near else "NAME"
-        known = "" if near else f": {', '.join(self.kind.channels)}"
+        known = "" if near else f": {', '.join(self.kind.channels.told)}"
         self.faults.add(
             "channel",
             given,

@@ -4,56 +4,38 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
-from pydantic.dataclasses import dataclass
+from pydantic import Strict
 
+from daq.quantity import Quantity, Text
 from rig.files.faults import Faults, dotted, read_toml
-from rig.files.fields import Field, FieldError, Measured, Text
 from rig.files.file_kind import read_file
-from rig.files.rigs import RIGS
-from rig.files.section import SECTION, read_section, unknown_keys
+from rig.files.table import read_table, unknown_keys
+from rig.rigs import RIGS
 from sim_twin.matched import Matched
 
 _KEYS = ("rig", "runs", "scenarios", "tolerances")
 _MOST = 400
-_NAME = Text("a text of one line, up to 200 characters")
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Correlations(Field):
-    """Numbers from -1 to 1."""
-
-    @property
-    def allowed(self) -> str:
-        """What they are."""
-        return "a list of numbers from -1 to 1, one for each tolerance before this one"
-
-    def read(self, value: object) -> tuple[float, ...]:
-        """Return them."""
-        if not isinstance(value, list) or not all(_within_one(each) for each in value):
-            raise FieldError(self.allowed)
-        return tuple(float(each) for each in value)
+_CORRELATIONS: Final = "a list of numbers from -1 to 1, one for each tolerance before this one"
+Correlation = Annotated[float, Strict(), Ge(-1), Le(1)]
 
 
-def _within_one(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return math.isfinite(value) and abs(value) <= 1
-
-
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _ToleranceSection:
-    name: Annotated[str, _NAME]
-    nominal: Annotated[float, Measured("", -1e18, 1e18)]
-    mean: Annotated[float, Measured("", -4, 4)]
-    deviation: Annotated[float, Measured("", 0, 1)]
-    correlations: Annotated[tuple[float, ...], _Correlations()]
+    name: Annotated[str, Text("a text of one line, up to 200 characters")]
+    nominal: Annotated[float, Quantity("", -1e18, 1e18)]
+    mean: Annotated[float, Quantity("", -4, 4)]
+    deviation: Annotated[float, Quantity("", 0, 1)]
+    correlations: Annotated[tuple[Correlation, ...], Text(_CORRELATIONS)]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -107,7 +89,7 @@ def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:
     read: list[_ToleranceSection] = []
     for index, table in enumerate(tables):
         key = f"tolerances[{index + 1}]"
-        section = read_section(_ToleranceSection, table, key, faults)
+        section = read_table(_ToleranceSection, table, key, faults)
         if section is None:
             continue
         if len(section.correlations) != index:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
-from rig.crank.shaft import shaft_channel
 from rig.files.bench import Bench
 from rig.files.faults import dotted
-from rig.files.rigs import RIGS
 from rig.files.scenario import Limit, Scenario
+from rig.rigs import RIGS
+from rig.rigs.shaft import shaft_channel
 
 SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
@@ -61,7 +61,7 @@ def check_bench(bench: Bench, today: datetime.date) -> None:
 
 
 def _too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
-    peak = RIGS[scenario.rig].drive_peak(scenario.drive)
+    peak = scenario.drive.peak
     highest = bench.signal_generator.maximum_amplitude
     if peak > highest:
         allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
@@ -111,7 +111,7 @@ def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
     for channel in bench.daq_card.channels:
         if kind.channel_unit(channel.name) is None:
             key = dotted("daq_card.channels", channel.name)
-            yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels)}")
+            yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels.told)}")
 
 
 def _shaft(bench: Bench) -> Iterator[Problem]:

@@ -2,42 +2,42 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
-from pydantic.dataclasses import dataclass
-
+from daq.quantity import Depending, Quantity, Setting, Text, settings_of
 from rig.files.faults import Faults, as_written, dotted, read_toml
-from rig.files.fields import FieldError, Measured, Raw, Text, Word
 from rig.files.file_kind import read_file
-from rig.files.rigs import RIGS
-from rig.files.rigs.kind import RigKind
-from rig.files.section import SECTION, read_section, sound_values, unknown_keys
+from rig.files.table import (
+    FieldError,
+    read_table,
+    read_values,
+    sound_values,
+    text_field,
+    unknown_keys,
+)
+from rig.files.toml_text import toml_of
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind
 
 # Nyquist with the usual margin for the anti-alias filter of a vibration analyser
-SAMPLES_PER_PERIOD = 2.56
-_LARGEST_LIMIT = 1e6
+SAMPLES_PER_PERIOD: Final = 2.56
+LEVEL_UP_TO: Final = 1e6
+"""Of a limit or a level, in the channel's unit."""
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class AcquisitionSection:
     """Sample rate in Hz; `settle` (driven, not recorded) and `duration` (recorded) in s."""
 
-    sample_rate: Annotated[float, Measured("Hz", 1000, 204_800)]
-    duration: Annotated[float, Measured("s", 0.001, 86_400)]
-    settle: Annotated[float, Measured("s", 0, 3600)] = 1.0
+    sample_rate: Annotated[float, Quantity("Hz", 1000, 204_800)]
+    duration: Annotated[float, Quantity("s", 0.001, 86_400)]
+    settle: Annotated[float, Quantity("s", 0, 3600)] = 1.0
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
-class _LimitSection:
-    warning: Annotated[str | float | None, Raw("a quantity in the channel's unit")] = None
-    abort: Annotated[str | float | None, Raw("a quantity in the channel's unit")] = None
-    hold: Annotated[float, Measured("s", 0, 60)] = 0.0
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Limit:
     """What a channel's absolute value may reach, in its `unit`: a warning, and the end of the run.
 
@@ -48,25 +48,29 @@ class Limit:
     unit: str
     warning: float | None
     abort: float | None
-    hold: float
+    hold: Annotated[float, Quantity("s", 0, 60)] = 0.0
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Scenario:
-    """A checked scenario in SI; `model` and `drive` are its rig's sections, `text` is the file as written."""
+    """A checked scenario in SI; `text` is the file as written.
+
+    `model` holds what the operator says of the rig, by key of [model]: what is not there is nominal. `drive`
+    is what the rig's physics calls its drive.
+    """
 
     name: str
     rig: str
-    model: Any
+    model: Mapping[str, Any]
     drive: Any
     acquisition: AcquisitionSection
     limits: tuple[Limit, ...]
     text: str
 
 
-_NAME = Text("a text of one line, up to 200 characters")
-_RIG = Word(tuple(RIGS))
-_KEYS = ("name", "rig", "model", "drive", "acquisition", "limits")
+_NAME: Final = text_field(Text("a text of one line, up to 200 characters"))
+_RIG_WORDS: Final = " or ".join(f'"{name}"' for name in RIGS)
+_KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -76,42 +80,65 @@ def load_scenario(path: str | Path) -> Scenario:
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Read a scenario's text; `source` names it in the ConfigurationError, which lists every fault."""
-    table = read_toml(text, source)
+    return scenario_of(read_toml(text, source), source, text)
+
+
+def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) -> Scenario:
+    """The scenario that a file's table holds; its text is written anew where none is given.
+
+    Raises ConfigurationError with every fault.
+    """
     faults = Faults(source)
     unknown_keys(table, _KEYS, "", faults)
-    name = _read(_NAME, table, "name", faults) if "name" in table else table.get("rig")
-    rig = _read(_RIG, table, "rig", faults)
-    kind = RIGS.get(rig or "")
+    name = _name(table, faults)
+    rig = table.get("rig")
+    kind = RIGS[rig] if isinstance(rig, str) and rig in RIGS else None
+    if kind is None:
+        faults.add_from(table, "rig", "", _RIG_WORDS)
     model: Any = None
     drive: Any = None
     if kind is not None:
-        model = read_section(kind.model, table.get("model", {}), "model", faults, kind.model_checks)
-        drive = read_section(kind.drive, table.get("drive", {}), "drive", faults, kind.drive_checks)
-    acquisition = read_section(AcquisitionSection, table.get("acquisition", {}), "acquisition", faults)
-    if rig is None or kind is None:
+        model = read_values(kind.model, table.get("model", {}), "model", faults, kind.checks)
+        drive = read_table(kind.drive, table.get("drive", {}), "drive", faults)
+    acquisition = read_table(AcquisitionSection, table.get("acquisition", {}), "acquisition", faults)
+    if kind is None:
         raise faults.error()
     limits = tuple(_limits(table.get("limits", {}), kind, faults))
     _check_rate(table, kind, faults)
-    if faults or name is None or model is None or drive is None or acquisition is None:
+    if faults or name is None or acquisition is None:
         raise faults.error()
-    return Scenario(name, rig, model, drive, acquisition, limits, text)
+    return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table))
 
 
-def _read(field: Text | Word, table: Mapping[str, object], key: str, faults: Faults) -> str | None:
-    if key not in table:
-        faults.missing(key, field.allowed)
-        return None
+def edited(scenario: Scenario, settings: Mapping[str, object], source: str) -> Scenario:
+    """The scenario with other values behind some keys, such as drive.frequency; raises like `scenario_of`."""
+    return scenario_of(with_values(read_toml(scenario.text, scenario.name), settings), source)
+
+
+def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dict[str, Any]:
+    """A scenario's table with the values of `settings` (by key, such as drive.frequency) in it."""
+    changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    for key, value in settings.items():
+        section, _, name = key.partition(".")
+        if isinstance(held := changed.setdefault(section, {}), dict):  # anything else is told as a fault
+            held[name] = value
+    return changed
+
+
+def _name(table: Mapping[str, Any], faults: Faults) -> Any:
+    if "name" not in table:
+        return table.get("rig")
     try:
-        return field.read(table[key])
+        return _NAME.read(table["name"])
     except FieldError as error:
-        faults.add(key, table[key], str(error))
+        faults.add("name", table["name"], str(error))
         return None
 
 
 def _check_rate(table: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
     acquisition = table.get("acquisition")
-    rate = sound_values(AcquisitionSection, acquisition).get("sample_rate")
-    frequency = kind.drive_frequency(sound_values(kind.drive, table.get("drive")))
+    rate = sound_values(settings_of(AcquisitionSection), acquisition).get("sample_rate")
+    frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
     if acquisition is None or rate is None or frequency is None:
         return
     lowest = SAMPLES_PER_PERIOD * frequency
@@ -128,11 +155,9 @@ def _limits(table: object, kind: RigKind, faults: Faults) -> Iterator[Limit]:
         key = dotted("limits", channel)
         unit = kind.channel_unit(channel)
         if unit is None:
-            faults.unknown(key, entry, channel, kind.channels)
-            continue
-        section = read_section(_LimitSection, entry, key, faults)
-        if section is not None:
-            yield from _limit(section, channel, unit, key, faults)
+            faults.unknown(key, entry, channel, kind.channels.told)
+        else:
+            yield from _limit(channel, unit, entry, key, faults)
 
 
 def _by_channel(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, object]]:
@@ -145,22 +170,19 @@ def _by_channel(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield name, entry
 
 
-def _limit(section: _LimitSection, channel: str, unit: str, key: str, faults: Faults) -> Iterator[Limit]:
-    level = Measured(unit, 0, _LARGEST_LIMIT, above=True)
-    levels: dict[str, float | None] = {}
-    sound = True
-    for name, given in (("warning", section.warning), ("abort", section.abort)):
-        try:
-            levels[name] = None if given is None else level.read(given)
-        except FieldError as error:
-            faults.add(f"{key}.{name}", given, str(error))
-            sound = False
-    if not sound:
+def _limit(channel: str, unit: str, entry: object, key: str, faults: Faults) -> Iterator[Limit]:
+    level = Depending(
+        "a quantity in the channel's unit", lambda _: Quantity(unit, 0, LEVEL_UP_TO, above=True)
+    )
+    levels = {name: Setting(name, name, float | None, None, level) for name in ("warning", "abort")}
+    values = read_values({**levels, **settings_of(Limit)}, entry, key, faults)
+    if values is None:
         return
-    warning, abort = levels["warning"], levels["abort"]
+    warning, abort = values.get("warning"), values.get("abort")
     if warning is None and abort is None:
         faults.missing(key, "warning or abort, or both")
     elif warning is not None and abort is not None and warning > abort:
-        faults.add(f"{key}.warning", section.warning, f"not above abort, {as_written(section.abort)}")
+        written: Any = entry
+        faults.add(f"{key}.warning", written["warning"], f"not above abort, {as_written(written['abort'])}")
     else:
-        yield Limit(channel, unit, warning, abort, section.hold)
+        yield Limit(channel, unit, warning, abort, values.get("hold", 0.0))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from rig.files.fields import Measured
+from daq.quantity import Quantity
 
 FORCE: Final = "N"
 ACCELERATION: Final = "m/s2"
@@ -33,14 +33,14 @@ class Sensing:
     needs: tuple[str, ...]
     takes: tuple[str, ...] = ()
 
-    def sensitivity(self, unit: str) -> Measured:
+    def sensitivity(self, unit: str) -> Quantity:
         """The sensitivity's unit and the range that any sensor's lies in; for volts a divider's ratio."""
         if unit == VOLTAGE:
-            return Measured("", 0, 1000, above=True)
+            return Quantity("", 0, 1000, above=True)
         per = f"({unit})" if "/" in unit else unit
         if self.output == "C":
-            return Measured(f"pC/{per}", 0, 1e6, above=True)
-        return Measured(f"mV/{per}", 0, 1e9, above=True)
+            return Quantity(f"pC/{per}", 0, 1e6, above=True)
+        return Quantity(f"mV/{per}", 0, 1e9, above=True)
 
 
 SENSINGS: Mapping[tuple[str, str], Sensing] = MappingProxyType(
@@ -65,20 +65,20 @@ KINDS: Final = tuple(dict.fromkeys(kind for kind, _ in SENSINGS))
 INPUTS: Mapping[str, str] = MappingProxyType(
     {"ai": 'an analog input, such as "cDAQ1Mod1/ai0"', "ctr": 'a counter, such as "cDAQ1Mod3/ctr0"'}
 )
-GAIN: Final = Measured("mV/pC", 0, 1e6, above=True)
-RANGES: Mapping[str, Measured] = MappingProxyType(
+GAIN: Final = Quantity("mV/pC", 0, 1e6, above=True)
+RANGES: Mapping[str, Quantity] = MappingProxyType(
     {
-        FORCE: Measured("N", 0, 1e6, above=True),
-        ACCELERATION: Measured("m/s2", 0, 1e6, above=True),
-        VOLTAGE: Measured("V", 0, 1e3, above=True),
-        SPEED: Measured("rad/s", 0, 1e5, above=True),
+        FORCE: Quantity("N", 0, 1e6, above=True),
+        ACCELERATION: Quantity("m/s2", 0, 1e6, above=True),
+        VOLTAGE: Quantity("V", 0, 1e3, above=True),
+        SPEED: Quantity("rad/s", 0, 1e5, above=True),
     }
 )
 MEANINGS: Mapping[str, str] = MappingProxyType(
     {
         "sensitivity": 'a sensitivity, such as "100 mV/N"',
         "range": 'the full scale, such as "100 N"',
-        "gain": f"the charge amplifier's gain, {GAIN.allowed}",
+        "gain": f"the charge amplifier's gain, {GAIN}",
         "pulses_per_revolution": "the pulses of one track for each revolution, a whole number",
     }
 )

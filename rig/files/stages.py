@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
-from pydantic.dataclasses import dataclass
-
-from rig.files.fields import Day, Measured, Text, Whole, Word
-from rig.files.section import SECTION, Check
+from daq.quantity import Check, Key, Quantity, Text, Whole
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class AmplifierStage:
     """A charge amplifier in SI; its gain stands with the channel.
 
@@ -21,22 +19,22 @@ class AmplifierStage:
     """
 
     serial: Annotated[str, Text("the amplifier's serial number")] = ""
-    corner: Annotated[float | None, Measured("Hz", 0, 1000, above=True)] = None
-    output: Annotated[float | None, Measured("V", 0.1, 100)] = None
-    state: Annotated[Literal["operate", "reset"], Word(("operate", "reset"))] = "operate"
-    calibrated: Annotated[datetime.date | None, Day()] = None
-    valid_until: Annotated[datetime.date | None, Day()] = None
+    corner: Annotated[float | None, Quantity("Hz", 0, 1000, above=True)] = None
+    output: Annotated[float | None, Quantity("V", 0.1, 100)] = None
+    state: Annotated[Literal["operate", "reset"], Key()] = "operate"
+    calibrated: Annotated[datetime.date | None, Key()] = None
+    valid_until: Annotated[datetime.date | None, Key()] = None
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class FilterStage:
     """A programmable low-pass before the card, in SI: `corner` in Hz, `order` of its Butterworth."""
 
-    corner: Annotated[float, Measured("Hz", 0.1, 1e6)]
+    corner: Annotated[float, Quantity("Hz", 0.1, 1e6)]
     serial: Annotated[str, Text("the filter's serial number")] = ""
     order: Annotated[int, Whole(1, 16)] = 8
-    calibrated: Annotated[datetime.date | None, Day()] = None
-    valid_until: Annotated[datetime.date | None, Day()] = None
+    calibrated: Annotated[datetime.date | None, Key()] = None
+    valid_until: Annotated[datetime.date | None, Key()] = None
 
 
 def calibrated_before(part: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

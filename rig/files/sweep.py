@@ -5,22 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from pydantic.dataclasses import dataclass
-
 from daq.errors import ConfigurationError, Problem
+from daq.quantity import Check, Key, Quantity, Text, Whole, settings_of
 from rig.files.faults import Faults, read_toml
-from rig.files.fields import Field, FieldError, Measured, Raw, Switch, Table, Text, Whole
 from rig.files.file_kind import read_file
-from rig.files.rigs import RIGS
-from rig.files.rigs.kind import RigKind
-from rig.files.scenario import Scenario, parse_scenario
-from rig.files.section import SECTION, Check, read_section, sound_values, unknown_keys
-from rig.files.sweep_axes import Axis, Value, read_axes, there_and_back, with_values
+from rig.files.scenario import LEVEL_UP_TO, Scenario, scenario_of, with_values
+from rig.files.sweep_axes import Axis, Value, read_axes, there_and_back
+from rig.files.table import FieldError, quantity_field, read_table, sound_values, unknown_keys
 from rig.files.toml_text import toml_of
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind
 
 _KEYS: Final = ("sweep", "scenario", "axes", "acquisition")
 _MOST_POINTS: Final = 10_000
@@ -28,49 +27,29 @@ _ONCE: Final = "each key of [axes] once"
 _LONGEST_NAME: Final = 200
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Names(Field):
-    """A list of texts."""
-
-    meaning: str
-
-    @property
-    def allowed(self) -> str:
-        """The meaning."""
-        return self.meaning
-
-    def read(self, value: object) -> tuple[str, ...]:
-        """Return them."""
-        if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
-            raise FieldError(self.allowed)
-        return tuple(value)
-
-
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _SweepSection:
     name: Annotated[str, Text("a text of one line, up to 120 characters", longest=120)]
-    order: Annotated[tuple[str, ...] | None, _Names(f"{_ONCE}, the one that changes least often first")] = (
-        None
-    )
-    up_and_down: Annotated[tuple[str, ...], _Names("keys of [axes] that go there and back")] = ()
-    until: Annotated[dict[str, Any] | None, Table('such as { impacts = 15, longest = "60 s" }')] = None
-    centre: Annotated[bool, Switch()] = False
+    order: Annotated[tuple[str, ...] | None, Text(f"{_ONCE}, the one that changes least often first")] = None
+    up_and_down: Annotated[tuple[str, ...], Text("keys of [axes] that go there and back")] = ()
+    until: Annotated[dict[str, Any] | None, Text('such as { impacts = 15, longest = "60 s" }')] = None
+    centre: Annotated[bool, Key()] = False
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _UntilSection:
     impacts: Annotated[int, Whole(1, 1_000_000)]
-    longest: Annotated[float | None, Measured("s", 0.01, 86_400)] = None
-    channels: Annotated[tuple[str, ...] | None, _Names("a list of force channels of the rig")] = None
-    above: Annotated[str | float | None, Raw("a quantity in the channels' unit")] = None
+    longest: Annotated[float | None, Quantity("s", 0.01, 86_400)] = None
+    channels: Annotated[tuple[str, ...] | None, Text("a list of force channels of the rig")] = None
+    above: Annotated[str | float | None, Text("a quantity in the channels' unit")] = None
 
 
-@dataclass(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _PointAcquisition:
-    sample_rate: Annotated[float | None, Measured("Hz", 1000, 204_800)] = None
-    settle: Annotated[float | None, Measured("s", 0, 3600)] = None
-    duration: Annotated[float | None, Measured("s", 0.001, 86_400)] = None
-    cycles: Annotated[float | None, Measured("", 1, 1e7)] = None
+    sample_rate: Annotated[float | None, Quantity("Hz", 1000, 204_800)] = None
+    settle: Annotated[float | None, Quantity("s", 0, 3600)] = None
+    duration: Annotated[float | None, Quantity("s", 0.001, 86_400)] = None
+    cycles: Annotated[float | None, Quantity("", 1, 1e7)] = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -125,8 +104,8 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     table = read_toml(text, source)
     unknown_keys(table, _KEYS, "", faults)
     base, base_text = _base(table, folder, faults)
-    section = read_section(_SweepSection, _sweep_table(table), "sweep", faults)
-    acquisition = read_section(
+    section = read_table(_SweepSection, _sweep_table(table), "sweep", faults)
+    acquisition = read_table(
         _PointAcquisition, table.get("acquisition", {}), "acquisition", faults, (_ONE_LENGTH,)
     )
     kind = RIGS.get(str(base.get("rig")))
@@ -198,17 +177,19 @@ def _ordered(axes: Mapping[str, Axis], section: _SweepSection, faults: Faults) -
 def _until(given: object, base: Mapping[str, Any], kind: RigKind, faults: Faults) -> Until | None:
     if given is None:
         return None
-    section = read_section(_UntilSection, given, "sweep.until", faults)
+    section = read_table(_UntilSection, given, "sweep.until", faults)
     if section is None:
         return None
     channels = kind.contacts if section.channels is None else section.channels
     units = {channel: kind.channel_unit(channel) for channel in channels}
     if not channels or None in units.values() or len(set(units.values())) > 1:
-        allowed = f"channels of the {kind.name} with one unit: {', '.join(kind.channels)}"
+        allowed = f"channels of the {kind.name} with one unit: {', '.join(kind.channels.told)}"
         faults.add("sweep.until.channels", list(channels), allowed)
         return None
     above = _level(section.above, str(units[channels[0]]), faults)
-    longest = section.longest or sound_values(_PointAcquisition, base.get("acquisition")).get("duration")
+    longest = section.longest or sound_values(settings_of(_PointAcquisition), base.get("acquisition")).get(
+        "duration"
+    )
     if longest is None:
         faults.missing("sweep.until.longest", "the longest that a point may take, such as 60 s")
         return None
@@ -219,7 +200,7 @@ def _level(given: str | float | None, unit: str, faults: Faults) -> float | None
     try:
         if given is None and unit == "N":
             return None
-        return Measured(unit, 0, 1e6, above=True).read(given)
+        return float(quantity_field(Quantity(unit, 0, LEVEL_UP_TO, above=True)).read(given))
     except FieldError as error:
         faults.add("sweep.until.above", given or "(missing)", str(error))
         return None
@@ -258,12 +239,12 @@ def _points(
         settings = {axis.key: value for axis, value in zip(axes, values, strict=True)}
         table = with_values(base, settings)
         if cycles is not None and isinstance(table["acquisition"], dict):
-            frequency = kind.drive_frequency(sound_values(kind.drive, table.get("drive")))
+            frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
             table["acquisition"]["duration"] = cycles / frequency if frequency else 1.0
         said = ", ".join(f"{key.partition('.')[2]} {value}" for key, value in settings.items())
         table["name"] = f"{name}, point {number}: {said}"[:_LONGEST_NAME]
         try:
-            yield Point(number, settings, parse_scenario(toml_of(table), f"point {number}"))
+            yield Point(number, settings, scenario_of(table, f"point {number}"))
         except ConfigurationError as error:
             for problem in error.problems:
                 found.setdefault(problem, []).append(number)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic.dataclasses import dataclass as section_class
 
+from daq.quantity import Key, Quantity, Text, Whole, settings_of
 from rig.files.faults import Faults, dotted
-from rig.files.fields import Field, FieldError, Measured, Raw, Whole, Word
-from rig.files.rigs.kind import RigKind
-from rig.files.section import SECTION, field_of, read_section
+from rig.files.table import Field, FieldError, field_of, read_table
+from rig.rigs.kind import RigKind
 
 Value = str | float | bool
 _MOST_VALUES: Final = 1000
@@ -38,13 +37,13 @@ class Axis:
     both_ways: bool = False
 
 
-@section_class(frozen=True, slots=True, config=SECTION)
+@dataclass(frozen=True, slots=True)
 class _RangeSection:
     """`steps` values from `from` to `to`, both among them."""
 
-    to: Annotated[str | float, Raw("a quantity")]
+    to: Annotated[str | float, Text("a quantity")]
     steps: Annotated[int, Whole(2, _MOST_VALUES)]
-    spacing: Annotated[Literal["linear", "log"], Word(("linear", "log"))] = "linear"
+    spacing: Annotated[Literal["linear", "log"], Key()] = "linear"
 
 
 def read_axes(table: object, kind: RigKind, faults: Faults) -> dict[str, Axis]:
@@ -79,19 +78,9 @@ def there_and_back(axis: Axis) -> Axis:
     return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand, both_ways=True)
 
 
-def with_values(table: Mapping[str, Any], settings: Mapping[str, Value]) -> dict[str, Any]:
-    """A scenario's table with the values of `settings` (by key, such as drive.frequency) in it."""
-    changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
-    for key, value in settings.items():
-        section, _, name = key.partition(".")
-        if isinstance(held := changed.setdefault(section, {}), dict):  # anything else is told as a fault
-            held[name] = value
-    return changed
-
-
 def _known(kind: RigKind) -> dict[str, Field]:
-    drive = {f"drive.{name}": field_of(kind.drive, name) for name in kind.drive.__dataclass_fields__}
-    return drive | {f"model.{name}": field_of(kind.model, name) for name in kind.by_hand}
+    drive = {f"drive.{name}": field_of(setting) for name, setting in settings_of(kind.drive).items()}
+    return drive | {f"model.{name}": field_of(kind.model[name]) for name in kind.by_hand}
 
 
 def _flat(table: dict[str, Any]) -> Iterator[tuple[str, object]]:
@@ -133,10 +122,10 @@ def _read(value: object, field: Field, key: str, faults: Faults) -> Value | None
 
 
 def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> list[Value]:
-    if not isinstance(field, Measured):
+    if not isinstance(field.meaning, Quantity):
         faults.add(key, given, f"a list of values, each {field.allowed}")
         return []
-    section = read_section(
+    section = read_table(
         _RangeSection, {name: value for name, value in given.items() if name != "from"}, key, faults
     )
     if "from" not in given:
@@ -149,7 +138,7 @@ def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> 
 
 
 def _steps(
-    first: Value, last: Value, section: _RangeSection, field: Measured, key: str, faults: Faults
+    first: Value, last: Value, section: _RangeSection, field: Field, key: str, faults: Faults
 ) -> list[Value]:
     """In the unit of `from` where `to` has the same; in SI otherwise."""
     (low, unit), (high, other) = _number(first), _number(last)

@@ -16,11 +16,11 @@ from daq.channel import Channel
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import LogReader, Origin
 from daq.log.records import Event, Gap, Impact
-from rig.crank.channels import CrankChannels
-from rig.files.rigs import RIGS
-from rig.files.rigs.kind import RigKind
 from rig.report.scenario_facts import scenario_facts
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind
 from rig.stream import Block, Consumer, Record, Stream
+from sim_twin.rigs.channel_table import ChannelTable
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 """In the order in which they are drawn, the last on top."""
@@ -101,7 +101,7 @@ class RunRecord:
         return RIGS.get(scenario_facts(self.scenario).rig)
 
     @property
-    def crank(self) -> CrankChannels | None:
+    def crank(self) -> ChannelTable | None:
         """What the channels of its crank are; None where no crank turns."""
         return self.kind.crank if self.kind else None
 

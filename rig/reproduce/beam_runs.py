@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ def first_peaks(
     return peaks_of(forces(rig, SineDrive(amplitude, frequency), duration, settle))
 
 
-def beam(clearance_mm: float = 0.127, material: str = "steel") -> ImpactBeam:
+def beam(clearance_mm: float = 0.127, material: Literal["steel", "aluminium"] = "steel") -> ImpactBeam:
     """The source's rig with one of its beams, rigid base, at a clearance in mm."""
     return replace(nominal(material), clearance=1e-3 * clearance_mm)
 
@@ -76,5 +76,5 @@ WHAT_IF_AMPLITUDE_N = 8.9
 
 def what_if_beam(clearance_mm: float) -> ImpactBeam:
     """The steel beam as the source may have cut it, with a small electrodynamic shaker on it."""
-    rig = replace(nominal(modes=4, damping=0.02), clearance=1e-3 * clearance_mm)
+    rig = replace(nominal(modes=4, modal_damping=0.02), clearance=1e-3 * clearance_mm)
     return replace(rig, shaker_mass=0.020, shaker_stiffness=3e3, shaker_damping=20.0)

@@ -13,10 +13,10 @@ from daq.log.records import ClockRecord
 from drivers.protocols.actuator import Actuator
 from drivers.protocols.generator import DriveGenerator
 from drivers.protocols.notice import Notice
-from rig.files.rigs.impact_beam import DriveSection
 from rig.session.clocks import CardClock
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
+from sim_twin.rigs.impact_beam.model import SineDrive
 
 RAMP_S = 0.4
 _RAMP_STEPS = 16
@@ -121,7 +121,7 @@ class Shaker:
     """
 
     generator: DriveGenerator
-    drive: DriveSection
+    drive: SineDrive
     force_per_volt: float
     wait: Callable[[float], None]
 
@@ -140,14 +140,14 @@ class Shaker:
         """Nothing: `ramp_down` waits by `wait`, and `off` is one command."""
         return 0.0
 
-    def arm(self, soft: bool, path: Sequence[DriveSection] = ()) -> None:
+    def arm(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
         """Prepare the sine, without its offset; nothing moves yet."""
         first = path[0] if path else self.drive
         volts = first.amplitude / self.force_per_volt
         amplitude = min(_SMALLEST_V, volts) if soft else volts
         self.generator.arm_sine(first.frequency, amplitude, 0.0, triggered=not soft)
 
-    def start(self, soft: bool, path: Sequence[DriveSection] = ()) -> None:
+    def start(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
         """Let it move: softly in steps up to the full amplitude, or at once from phase zero."""
         self.generator.start()
         if soft:
@@ -185,7 +185,7 @@ class Shaker:
         """None: it is not polled."""
         return []
 
-    def _go(self, before: DriveSection, after: DriveSection) -> None:
+    def _go(self, before: SineDrive, after: SineDrive) -> None:
         """From one drive to another, in steps."""
         for step in range(1, _RAMP_STEPS + 1):
             share = step / _RAMP_STEPS

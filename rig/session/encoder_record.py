@@ -22,16 +22,16 @@ from daq.channel import Channel
 from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.records import ClockRecord, Event, Gap
 from drivers.protocols.encoder import PositionBlock, PositionEncoder
-from rig.crank.channels import ENCODER_ANGLE
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
 from rig.session.shaft_speed import ByAngle, SpeedReading
 from rig.session.speed_guard import SpeedGuard
 from rig.stream import Block, Stream
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 
 Array = NDArray[np.float64]
 
-ENCODER_CHANNEL = ENCODER_ANGLE
+ENCODER_CHANNEL = ENCODER_ANGLE.name
 ENCODER_DEVICE = "encoder"
 """As `/clock` names it."""
 _BACKLOG_S = 2.0

@@ -10,9 +10,9 @@ from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
 from drivers.protocols.notice import Notice
 from drivers.protocols.speed_drive import SpeedDrive
-from rig.files.rigs.speed import SpeedSection
 from rig.session.clocks import CardClock
 from rig.session.debounce import Debounced
+from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _STEP_S = 0.02
@@ -108,14 +108,14 @@ class Motor:
         """How long a stop may take."""
         return self._drive.longest_stop_s
 
-    def arm(self, soft: bool, path: Sequence[SpeedSection] = ()) -> None:
+    def arm(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         """Set the speed; the motor stands."""
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)
         first_rpm = path[0].speed * _RPM_PER_RAD_S if path else self._wanted_rpm
         self._kept_rpm = self._drive.set_speed(first_rpm)
 
-    def start(self, soft: bool, path: Sequence[SpeedSection] = ()) -> None:
+    def start(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         """Come up on the ramp, through the speeds of `path`, and trim until the shaft turns as wanted.
 
         Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no

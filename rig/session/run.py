@@ -17,8 +17,8 @@ from rig.derived.background import DerivationProcess
 from rig.derived.derivation import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.acquisition import Reader
 from rig.session.devices import Connect, connected
 from rig.session.driven_rig import DrivenRig

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from daq.angle.marker import MOST_MISSING, MarkTracker
 from daq.channel import Channel
 from daq.clock import Clock
-from rig.crank.shaft import shaft_channel, shows_marks
+from rig.rigs.shaft import shaft_channel, shows_marks
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 STALE_S = 0.5

@@ -14,7 +14,7 @@ from daq.clock import Clock
 from daq.log.records import Event
 from drivers.protocols.card import CardReading
 from drivers.protocols.encoder import PositionEncoder
-from rig.crank.shaft import shows_marks
+from rig.rigs.shaft import shows_marks
 from rig.session.acquisition import Acquisition
 from rig.session.encoder_check import encoder_at_marks
 from rig.session.encoder_record import EncoderRecord

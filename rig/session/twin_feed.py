@@ -11,7 +11,7 @@ from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.stream import Block, Consumer, Shape
 from rig.twin.alignment import Alignment
-from rig.twin.rigs import kind_of
+from rig.twin.reference import reference_among
 from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
@@ -37,7 +37,7 @@ class TwinFeed:
         unseen: Callable[[str], None],
     ) -> None:
         self._names, self._publish, self._tell, self._unseen = names, publish, tell, unseen
-        self._reference = kind_of(twin).reference(names).channel
+        self._reference = reference_among(twin.model.channels, names).channel
         self._last = self._ends = False
         task = Predict(twin, self._reference, sample_rate, settle_s)
         self.worker = WorkerProcess("twin", task, self._deliver)

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
 from daq.signals.impact_events import BounceGrouper, ImpactDetector
 from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
 from rig.files.bench import Bench
-from rig.files.faults import read_toml
 from rig.files.model_file import ModelFile
-from rig.files.rigs import RIGS
-from rig.files.scenario import Scenario, parse_scenario
+from rig.files.scenario import Scenario, edited
 from rig.files.sweep import Point, Sweep, points_named
-from rig.files.sweep_axes import with_values
-from rig.files.toml_text import toml_of
 from rig.session.devices import Connect
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
@@ -213,8 +207,7 @@ class _Sweeping:
         until = self._request.sweep.until
         if until is None:
             return None
-        drive: Mapping[str, Any] = dataclasses.asdict(scenario.drive)
-        frequency = RIGS[scenario.rig].drive_frequency(drive) or math.inf
+        frequency = scenario.drive.cycle_hz
         rate = scenario.acquisition.sample_rate
         return ImpactCount(until.channels, until.impacts, rate, 1 / frequency, until.above)
 
@@ -229,8 +222,7 @@ def centred(scenario: Scenario, found: CentreState) -> Scenario:
     Both, so that the twin's beam is centred as the rig's is.
     """
     settings = {"drive.offset": found.offset_n, "model.rest_offset": found.rest_offset_m}
-    table = with_values(read_toml(scenario.text, scenario.name), settings)
-    return parse_scenario(toml_of(table), f"{scenario.name}, centred")
+    return edited(scenario, settings, f"{scenario.name}, centred")
 
 
 class ImpactCount:

@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files.rigs import RIGS
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import Axis, numbers_of
 from rig.report.content import Figure, Part, Sentence, Table
 from rig.report.page import page
 from rig.report.plot import PlotGrid
+from rig.rigs import RIGS
 from rig.sweep.results import A_CYCLE, HELD, PEAK_MEAN, PEAK_SD, impacts_recorded
 from rig.sweep.state import PointState, SweepState, write_whole
 

@@ -12,10 +12,10 @@ from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
 from rig.files.faults import raised_by
 from rig.files.pairing import SOFT_START_FROM_S, check_pair, check_scenario
-from rig.files.rigs import RIGS
 from rig.files.scenario import Limit
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
+from rig.rigs import RIGS
 from rig.session.centring.probe import check_centring
 from rig.session.centring.probe import plan_of as centring_plan
 from rig.session.drive import RAMP_S
@@ -198,7 +198,7 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
-    highest, asked = kind.highest, max(kind.drive_peak(point.scenario.drive) for point in sweep.points)
+    highest, asked = kind.highest, max(point.scenario.drive.peak for point in sweep.points)
     allowed = f"{highest.of(bench.actuator) * highest.per_si:g} {highest.unit}"
     said = f"{asked * highest.per_si:g} of {allowed} ({kind.actuator}.{highest.key})"
     yield f"guard      drive at most {said}"

@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 
 from rig.derived.settings import RECORD
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.report.record import RunRecord, read_run
 from rig.report.summary import summary_of
+from rig.rigs import RIGS
 from rig.session.frequency import OFF, UNKNOWN, FrequencyCheck
 from rig.sweep.state import PointState, SweepState, write_whole
 
@@ -74,7 +74,7 @@ def _impacts(run: RunRecord, scenario: Scenario, duration_s: float) -> dict[str,
     if not on:
         on = tuple(channel for channel, _ in Counter(impact.channel for impact in seen).most_common(1))
     peaks = np.array([impact.peak for impact in seen if impact.channel in on])
-    cycle_hz = kind.drive_frequency(dataclasses.asdict(scenario.drive)) or math.nan
+    cycle_hz = scenario.drive.cycle_hz
     found: dict[str, float] = {IMPACTS: len(peaks), A_CYCLE: len(peaks) / (duration_s * cycle_hz or math.nan)}
     if len(peaks):
         found |= {PEAK_MEAN: float(peaks.mean()), PEAK_SD: float(peaks.std())}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ class Alignment:
     phase: float
     onset: float | None = None
     trusted: bool = True
+
+
+def untouched(drive: Any) -> Alignment:
+    """What the scenario says of the drive of any rig, where nothing was measured."""
+    return Alignment(drive.cycle_hz, 0.0, trusted=False)
 
 
 def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, drive: SineDrive) -> Alignment:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import pi
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
+from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment, untouched
+from sim_twin.rigs.crank_drive import SpeedDrive
 
 _FEWEST_MARKS = 2
 MARKED_TURNS = 3.0
@@ -18,21 +19,8 @@ _LEAST_TURN = 0.05
 """Revolutions that a record has to show before its speed is believed."""
 
 
-class Turning(Protocol):
-    """A drive with a mean speed."""
-
-    @property
-    def mean_speed(self) -> float:
-        """Revolutions over time, rad/s."""
-
-
-def untouched(drive: Turning) -> Alignment:
-    """The scenario's speed, from angle zero."""
-    return Alignment(drive.mean_speed / (2 * pi), 0.0, trusted=False)
-
-
 def align_angle(
-    angle: NDArray[Any], sample_rate: float, first_sample: int, drive: Turning, counts: int = 4096
+    angle: NDArray[Any], sample_rate: float, first_sample: int, drive: SpeedDrive, counts: int = 4096
 ) -> Alignment:
     """Align to a crank angle (rad, unwrapped, shape (n,)) by an encoder of `counts` a revolution."""
     samples = first_sample + np.arange(len(angle))
@@ -44,7 +32,7 @@ def align_angle(
     return _fit(samples[known], centred, sample_rate, drive)  # whole turns stay: the prediction has them too
 
 
-def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, drive: Turning) -> Alignment:
+def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, drive: SpeedDrive) -> Alignment:
     """Align to a once-per-revolution marker (V, shape (n,)) that rises at crank angle zero."""
     high = np.asarray(marker, dtype=float)
     level = (np.nanmin(high) + np.nanmax(high)) / 2 if len(high) else 0.0
@@ -59,7 +47,9 @@ def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, dr
     return replace(fit, phase=fit.phase % (2 * pi))
 
 
-def _fit(samples: NDArray[Any], angle: NDArray[np.float64], sample_rate: float, drive: Turning) -> Alignment:
+def _fit(
+    samples: NDArray[Any], angle: NDArray[np.float64], sample_rate: float, drive: SpeedDrive
+) -> Alignment:
     wanted = drive.mean_speed / (2 * pi)
     slope, _ = np.polyfit(samples - samples[0], angle, 1)
     found = float(slope) * sample_rate / (2 * pi)

@@ -6,9 +6,9 @@ from daq.errors import LogError
 from daq.log.reader import LogReader
 from rig.files.model_file import parse_model
 from rig.files.scenario import Scenario, parse_scenario
-from rig.twin.alignment import Alignment
+from rig.twin.alignment import Alignment, untouched
 from rig.twin.matched_twin import with_model
-from rig.twin.rigs import kind_of
+from rig.twin.reference import reference_among
 from rig.twin.scenario_twin import twin_of, with_effects_of
 from sim_twin.twin import AnyTwin
 
@@ -45,10 +45,10 @@ def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
 def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
     """Phase and mean frequency that the log's reference channel shows (within its first `until_s`)."""
     measured = log.channels("measured")
-    reference = kind_of(twin).reference(measured)
+    reference = reference_among(twin.model.channels, measured)
     if reference.channel not in measured:
-        return kind_of(twin).untouched(twin.drive)
+        return untouched(twin.drive)
     if until_s is not None:
-        until_s = max(until_s, reference.cycles / kind_of(twin).untouched(twin.drive).frequency)
+        until_s = max(until_s, reference.cycles / twin.drive.cycle_hz)
     seen = log.series("measured", reference.channel, end_s=until_s)
     return reference.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)

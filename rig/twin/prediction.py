@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock, as_logged, sample_time_ns
 from rig.twin.alignment import Alignment
-from rig.twin.rigs import kind_of
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.sensors import SensorChain
 from sim_twin.stream import TwinStream
@@ -46,15 +45,16 @@ class AlignedTwin:
     def __init__(self, twin: AnyTwin, alignment: Alignment, sample_rate: float, settle_s: float) -> None:
         self.sample_rate = sample_rate
         self._stream = model_of(twin).stream(twin, sample_rate)
-        drive = kind_of(twin).in_step(twin.drive, alignment)
+        drive = twin.drive.at_cycle_hz(alignment.frequency)
         self.samples = 0
-        phase_at = kind_of(twin).phase_at
         if alignment.onset is not None:
-            phase = phase_at(drive, alignment, alignment.onset / sample_rate)
+            phase = drive.phase_after(alignment.phase, alignment.frequency, alignment.onset / sample_rate)
             self._stream.drive(drive, phase, alignment.onset)
             return
         before = round(settling_s(twin, settle_s) * sample_rate)
-        self._stream.drive(drive, phase_at(drive, alignment, -before / sample_rate), 0.0)
+        self._stream.drive(
+            drive, drive.phase_after(alignment.phase, alignment.frequency, -before / sample_rate), 0.0
+        )
         skip(self._stream, before)
 
     def advance(self, count: int) -> NDArray[np.float64]:

@@ -14,7 +14,6 @@ from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
 from rig.twin.prediction import BLOCK_S, settling_s, skip
-from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import predicted_channels
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.stream import TwinStream
@@ -75,7 +74,7 @@ def removed_if_it_fails(path: Path) -> Iterator[None]:
 
 def _whole_turns(twin: AnyTwin, phase: float, before_s: float) -> float:
     """What the phase has in whole turns by sample 0, rad: a crank's angle begins below one revolution."""
-    cycles = phase / (2 * np.pi) + kind_of(twin).untouched(twin.drive).frequency * before_s
+    cycles = phase / (2 * np.pi) + twin.drive.cycle_hz * before_s
     return float(2 * np.pi * np.floor(cycles))
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from daq.channel import Channel
 from daq.errors import ConfigurationError, Problem, UnphysicalParameter
-from rig.files.effects_file import Catalogue, ParameterRange, parse_effects
+from rig.files.effects_file import parse_effects
 from rig.files.faults import read_text
 from rig.files.scenario import Scenario
-from rig.twin.rigs import KINDS
-from sim_twin.rigs.catalogue import model_of
-from sim_twin.rigs.rig_model import RigModel
+from rig.rigs import RIGS
 from sim_twin.sensors import oversampling
 from sim_twin.twin import AnyTwin
 
@@ -23,7 +21,7 @@ def twin_of(scenario: Scenario, channels: Iterable[str] = ()) -> AnyTwin:
     Raises ConfigurationError for parameters that no rig can have.
     """
     try:
-        return KINDS[scenario.rig].build(scenario.model, scenario.drive, tuple(channels))
+        return RIGS[scenario.rig].twin(scenario.model, scenario.drive, tuple(channels))
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
 
@@ -33,7 +31,7 @@ def check_twin(scenario: Scenario) -> None:
     twin = twin_of(scenario)
     try:
         rate = scenario.acquisition.sample_rate
-        model_of(twin).truth(twin, rate * oversampling(rate), False)
+        twin.model.truth(twin, rate * oversampling(rate), False)
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
 
@@ -45,24 +43,8 @@ def _as_fault(error: UnphysicalParameter, scenario: Scenario) -> ConfigurationEr
 
 def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:
     """What the twin's rows are, as a log describes them."""
-    unit = model_of(twin).channel_unit
-    return tuple(_described(name, unit(name)) for name in twin.channels)
-
-
-def _described(name: str, unit: str) -> Channel:
-    location, _, quantity = name.partition(".")
-    return Channel(name, unit, quantity.split("_")[0], location)
-
-
-def catalogue_of(model: RigModel) -> Catalogue:
-    """The effects that a file may name for a rig, with the ranges of their parameters."""
-    table: dict[str, Mapping[str, ParameterRange]] = {}
-    for effect in model.effects.values():
-        ranges = {p.name: ParameterRange(p.intervals, p.unit) for p in effect.parameters}
-        if effect.channels:
-            ranges["channel"] = ParameterRange((), words=effect.channels)
-        table[effect.name] = ranges
-    return table
+    declared = twin.model.channels
+    return tuple(declared[name].described for name in twin.channels)
 
 
 def with_effects(twin: AnyTwin, path: Path) -> AnyTwin:
@@ -72,9 +54,8 @@ def with_effects(twin: AnyTwin, path: Path) -> AnyTwin:
 
 def with_effects_of(twin: AnyTwin, text: str, source: str) -> AnyTwin:
     """Return `twin` with the effects of an effects file's `text` in; raises like `with_effects`."""
-    model = model_of(twin)
-    effects = parse_effects(text, source, catalogue_of(model))
+    effects = parse_effects(text, source, twin.model.effects)
     try:
-        return model.with_effects(twin, effects)
+        return twin.model.with_effects(twin, effects)
     except ValueError as error:
         raise ConfigurationError(source, [Problem("effects", "(together)", str(error))]) from error

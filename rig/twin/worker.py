@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rig.stream import Block, Shape
 from rig.twin.alignment import Alignment
-from rig.twin.rigs import kind_of
+from rig.twin.reference import reference_among
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
 
@@ -84,8 +84,8 @@ class _Prediction:
         settle_s: float,
     ) -> None:
         self._send, self._twin, self._rate, self._settle_s = send, twin, sample_rate, settle_s
-        self._reference = kind_of(twin).reference((reference,))
-        cycle_s = 1.0 / kind_of(twin).untouched(twin.drive).frequency
+        self._reference = reference_among(twin.model.channels, (reference,))
+        cycle_s = 1.0 / twin.drive.cycle_hz
         self._enough_s = max(_ALIGN_ON_S, self._reference.cycles * cycle_s)
         self._drive: list[Drive] = []
         self._aligned: AlignedTwin | None = None
@@ -111,7 +111,8 @@ class _Prediction:
             self._send(Shape(record.end_sample / self._rate, self._aligned.shape()))
 
     def _enough(self) -> bool:
-        return sum(len(each.values) for each in self._drive) >= self._enough_s * self._rate
+        taken = sum(len(each.values) for each in self._drive)
+        return bool(taken >= self._enough_s * self._rate)
 
     def _forget_old(self) -> None:
         """Keep the newest seconds of a long settling time; the rest adds nothing to the alignment."""

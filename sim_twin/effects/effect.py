@@ -17,21 +17,30 @@ Coordinates: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number with its unit and the intervals in which a rig may plausibly lie.
+    """A number with its unit and the intervals (ends included) in which a rig may plausibly lie.
 
-    `whole`: where it is guessed, only whole numbers are.
+    `whole`: where it is guessed, only whole numbers are. One with `words` is one of them instead.
     """
 
     name: str
-    unit: str
-    intervals: tuple[tuple[float, float], ...]
+    unit: str = ""
+    intervals: tuple[tuple[float, float], ...] = ()
     whole: bool = False
+    words: tuple[str, ...] = ()
 
-    def check(self, owner: str, value: float) -> None:
-        """Raise ValueError where `value` lies outside the intervals."""
-        if not any(low <= value <= high for low, high in self.intervals):
-            ranges = " or ".join(f"{low:g} to {high:g}" for low, high in self.intervals)
-            raise ValueError(f"{owner}.{self.name} = {value:g}: {ranges} {self.unit}".rstrip())
+    @property
+    def allowed(self) -> str:
+        """The intervals with their unit, or the words, for people."""
+        if self.words:
+            return f"one of {', '.join(self.words)}"
+        ranges = " or ".join(f"{low:g} to {high:g}" for low, high in self.intervals)
+        return f"{ranges} {self.unit}".rstrip()
+
+    def holds(self, value: object) -> bool:
+        """Whether `value` is allowed."""
+        if self.words:
+            return value in self.words
+        return isinstance(value, float) and any(low <= value <= high for low, high in self.intervals)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +63,12 @@ class Effect:
     sensing: bool = False
     coordinates: Coordinates | None = None
 
+    @property
+    def asked(self) -> Mapping[str, Parameter]:
+        """All that has to be said of it, by name: its parameters, and the channel that it sits on."""
+        channel = (Parameter("channel", words=self.channels),) if self.channels else ()
+        return {each.name: each for each in (*self.parameters, *channel)}
+
     def apply(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
         """Return `twin` with the effect in; raises ValueError for what it cannot have or be."""
         reason = self.refusal(twin)
@@ -74,7 +89,9 @@ class Effect:
                 f"{self.name} sits on one of {', '.join(self.channels)}, not {values['channel']}"
             )
         for parameter in self.parameters:
-            parameter.check(self.name, float(values[parameter.name]))
+            value = float(values[parameter.name])
+            if not parameter.holds(value):
+                raise ValueError(f"{self.name}.{parameter.name} = {value:g}: {parameter.allowed}")
         wrong = self.together(values)
         if wrong:
             raise ValueError(f"{self.name}: {wrong}")

@@ -2,37 +2,63 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan, pi, sin, sqrt, tan
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.ranges import require
+from daq.quantity import Bound, Quantity
+from sim_twin.ranges import require_bounds
 
 _MARK = np.deg2rad(5.0)
 _MARK_V = 5.0
+_POINTS = 720
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedDrive:
     """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
 
-    speed: float
-    fluctuation: float = 0.0
-    order: float = 1.0
-    phase: float = 0.0
+    speed: Annotated[float, Quantity("rpm", 1, 3000), Bound("rad/s", 0.0)]
+    fluctuation: Annotated[float, Bound("", 0.0, 0.5)] = 0.0
+    order: Annotated[float, Bound("", 0.0, 100.0, above=True)] = 1.0
+    phase: Annotated[float, Bound("rad", -1e3, 1e3)] = 0.0
 
     def __post_init__(self) -> None:
-        require("drive", "speed", self.speed, 0.0, unit="rad/s")
-        require("drive", "fluctuation", self.fluctuation, 0.0, 0.5)
-        require("drive", "order", self.order, 0.0, 100.0, above=True)
-        require("drive", "phase", self.phase, -1e3, 1e3, "rad")
+        require_bounds("drive", self)
 
     @property
     def mean_speed(self) -> float:
         """Revolutions over time, rad/s: less than `speed`, since a turn lingers where it is slow."""
         return self.speed * sqrt(1 - self.fluctuation**2)
+
+    @property
+    def cycle_hz(self) -> float:
+        """Revolutions a second."""
+        return self.mean_speed / (2 * pi)
+
+    @property
+    def peak(self) -> float:
+        """What it asks of the motor, rad/s."""
+        return self.speed
+
+    def at_cycle_hz(self, cycle_hz: float) -> SpeedDrive:
+        """The same with another mean speed."""
+        return replace(self, speed=2 * pi * cycle_hz / sqrt(1 - self.fluctuation**2))
+
+    def phase_after(self, phase: float, cycle_hz: float, time: float) -> float:
+        """Crank angle in rad at `time` s since sample 0.
+
+        Its mean line is at `phase` in sample 0 and rises by `cycle_hz` turns a second, which this drive keeps
+        already. A speed that fluctuates makes the angle swing about that line.
+        """
+        swing = 1 / (cycle_hz * self.order)
+        times = swing * np.arange(_POINTS) / _POINTS
+        mean_line = [angle_after(self, 0.0, t) - 2 * pi * cycle_hz * t for t in times]
+        late = (phase - float(np.mean(mean_line))) / (2 * pi * cycle_hz)
+        return angle_after(self, 0.0, late + time)
 
 
 def speed_at(drive: SpeedDrive, angle: float) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
 from sim_twin.healthy import Tolerance, moved
 from sim_twin.matched import Matched
+from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.rigs.joint_record import JointRecord
 from sim_twin.rigs.side_by_side import SideBySide
@@ -46,7 +47,7 @@ class Deferred:
 class RigModel:
     """One rig, as functions of its twin; `parameters` is the class of `twin.rig`.
 
-    - `channel_unit(name)`: unit; KeyError for a channel that the rig cannot have.
+    - `channels`: all that its sensors can show.
     - `nominal_sensors(rig, drive)`: the chains without tolerances, noise in place.
     - `draw_healthy(twin, rng, run_rng)`: the twin as a healthy rig may really be; `rng` draws what belongs to
       the rig, `run_rng` what is set anew for each run.
@@ -65,10 +66,9 @@ class RigModel:
       besides.
     """
 
-    name: str
     parameters: type[Any]
     effects: Catalogue
-    channel_unit: Callable[[str], str]
+    channels: ChannelTable
     nominal_sensors: Callable[[Any, Any], dict[str, Sensor]]
     draw_healthy: Callable[[Any, np.random.Generator, np.random.Generator], Any]
     truth: Callable[[Any, float, bool], Truth]
@@ -82,6 +82,15 @@ class RigModel:
     tolerances: Callable[[Any], tuple[Tolerance, ...]] = lambda _: ()
     joint_records: JointRecords = lambda _, __, ___: ()
     stray: Callable[[Any, Array, np.random.Generator], Array] = lambda _, signals, __: signals
+
+    @property
+    def name(self) -> str:
+        """What a scenario calls it."""
+        return str(self.parameters.kind)
+
+    def channel_unit(self, name: str) -> str:
+        """Unit of a channel; KeyError for one that the rig cannot have."""
+        return self.channels[name].unit
 
     def stream(
         self,

@@ -20,7 +20,7 @@ from benchmarks.blind.recording import Recording
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from rig.files.scenario import parse_scenario
-from rig.twin.scenario_twin import catalogue_of, twin_of
+from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.catalogue import RIGS
 
 
@@ -112,7 +112,7 @@ def test_the_twin_takes_every_scenario_and_effect(campaign: Campaign) -> None:
         if campaign.kind != "outside":
             values: Any = [(each["name"], each["parameters"]) for each in campaign.effects]
             RIGS[campaign.rig].with_effects(twin, values)
-            assert all(name in catalogue_of(RIGS[campaign.rig]) for name, _ in values)
+            assert all(name in RIGS[campaign.rig].effects for name, _ in values)
 
 
 def test_scenario_and_engine_are_given_the_same_numbers() -> None:
@@ -122,7 +122,7 @@ def test_scenario_and_engine_are_given_the_same_numbers() -> None:
         names = ("frequency", "amplitude") if "beam" in point else ("speed",)
         held |= {name: getattr(scenario.drive, name) for name in names}
         gaps = ("clearance",) if "beam" in point else ("clearance_1", "clearance_2")
-        held |= {name: getattr(scenario.model, name) for name in gaps}
+        held |= {name: scenario.model[name] for name in gaps}
         # Texts have three decimals of rpm; all else is exact but for rounding.
         assert held == pytest.approx({name: point[name] for name in held}, rel=1e-6)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rig.files.benches.impact_beam import BENCH
-from rig.files.benches.planar_slider_crank import BENCH as PLANAR_BENCH
+from rig.rigs import RIGS
 
+BENCH, PLANAR_BENCH = RIGS["impact_beam"].bench, RIGS["planar_slider_crank"].bench
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 CHANNELS = ("drive.force", "contact.force_upper", "contact.force_lower", "yoke.force", "base.acceleration")
 

@@ -10,7 +10,7 @@ import pytest
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from rig.files.bench import embedded_bench
-from rig.files.rigs import RIGS
+from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Command, await_gone, command, rattle
 from tests.end_to_end.files import write_crank, write_scenario

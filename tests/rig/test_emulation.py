@@ -8,7 +8,7 @@ import pytest
 
 from rig.emulation import starting
 from rig.files.bench import embedded_bench, parse_bench
-from rig.files.rigs import RIGS
+from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 
 

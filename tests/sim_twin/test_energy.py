@@ -119,7 +119,7 @@ def test_power_balance_over_each_impact() -> None:
 
 
 def test_a_whole_run_without_losses_keeps_its_energy() -> None:
-    rig = replace(nominal(damping=0.0), contact_damping=0.0)
+    rig = replace(nominal(modal_damping=0.0), contact_damping=0.0)
     ledger = Ledger(rig)
     simulation = Simulation(ledger.system, 1 / RATE)
     simulation.drive(SineDrive(9.0, 20.0).phasors()[1:2], 2 * np.pi * 20.0)
@@ -137,7 +137,7 @@ def test_a_whole_run_without_losses_keeps_its_energy() -> None:
 
 
 def test_contact_damping_alone_can_only_lose_energy() -> None:
-    ledger = Ledger(nominal(damping=0.0))
+    ledger = Ledger(nominal(modal_damping=0.0))
     simulation = Simulation(ledger.system, 1 / RATE)
     simulation.drive(SineDrive(9.0, 20.0).phasors()[1:2], 2 * np.pi * 20.0)
     simulation.advance(round(0.03 * RATE))

@@ -27,7 +27,7 @@ REFERENCE = [
 @cache
 def first_contact(frequency: float, g_mm: float, damping: float, rate: float = RATE) -> tuple[Trace, float]:
     """The motion from rest and the first peak."""
-    rig = replace(nominal(damping=damping), clearance=g_mm * 1e-3)
+    rig = replace(nominal(modal_damping=damping), clearance=g_mm * 1e-3)
     trace = solve(rig, SineDrive(9.0, frequency), 0.013, rate)
     begin, end = (trace.switch_times[:2] / trace.step).astype(int)
     return trace, float(trace.outputs[0, begin : end + 2].max())
@@ -68,7 +68,7 @@ def test_first_peak_falls_with_the_number_of_modes_as_published() -> None:
     expected = {6: 22.47, 8: 19.82, 10: 18.61, 20: 18.31, 30: 18.28}
     found = {}
     for modes in expected:
-        trace = solve(nominal(modes=modes, damping=0.005), SineDrive(9.0, 5.0), 0.0078, 16 * RATE)
+        trace = solve(nominal(modes=modes, modal_damping=0.005), SineDrive(9.0, 5.0), 0.0078, 16 * RATE)
         begin, end = (trace.switch_times[:2] / trace.step).astype(int)
         found[modes] = float(np.max(trace.outputs[0, begin:end]))
     assert found == pytest.approx(expected, rel=1e-3)

@@ -27,7 +27,7 @@ REFERENCE = [
 @cache
 def statistics(frequency: float, g_mm: float, damping: float = 0.01) -> HalfCycles:
     """Half cycles of the solver's force after the first second."""
-    rig = replace(nominal(damping=damping), clearance=g_mm * 1e-3)
+    rig = replace(nominal(modal_damping=damping), clearance=g_mm * 1e-3)
     simulation = driven(rig, SineDrive(9.0, frequency), orders=(1,))
     simulation.advance(round(RATE))
     outputs = simulation.advance(round(HALF_CYCLES / 2 / frequency * RATE)).outputs
@@ -65,7 +65,7 @@ def test_sides_take_turns_and_are_alike() -> None:
 def test_two_runs_part_within_a_second_at_1_percent_damping_and_never_at_3() -> None:
     apart = {}
     for damping in (0.01, 0.03):
-        rig = nominal(damping=damping)
+        rig = nominal(modal_damping=damping)
         outputs = []
         for clearance in (rig.clearance, rig.clearance + 1e-9):
             simulation = driven(replace(rig, clearance=clearance), SineDrive(9.0, 5.0), orders=(1,))

@@ -114,7 +114,7 @@ def test_minutes_without_any_contact_cost_no_more_than_seconds_with(drive: SineD
 
 
 def test_stopping_the_drive_lets_the_motion_die_without_slowing_down() -> None:
-    simulation = driven(nominal(damping=0.05), SINE, orders=(1,))
+    simulation = driven(nominal(modal_damping=0.05), SINE, orders=(1,))
     simulation.advance(20_480)
     simulation.drive(np.zeros(1, complex), 2 * np.pi * 20.0)
     begin = time.process_time()

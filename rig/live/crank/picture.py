@@ -13,7 +13,6 @@ from daq.block import SampleBlock
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import Origin
 from daq.log.records import Impact
-from rig.crank.channels import CrankChannels
 from rig.derived.last_seconds import LastSeconds
 from rig.derived.order_lines import OrderLines
 from rig.derived.turns import KEPT_S, Turns, turns_from
@@ -24,6 +23,7 @@ from rig.live.crank.plots import ImpactPicture, OrderPicture, SpeedPlot, impact_
 from rig.live.displayed_channels import DisplayedChannels
 from rig.live.picture import OwnViews, Stage
 from rig.stream import Block, Record, Shape
+from sim_twin.rigs.channel_table import ChannelTable
 
 _LOOKS_EVERY_S = 0.25
 _DRAWS_EVERY_S = 1.0
@@ -34,7 +34,7 @@ class CrankPicture(ABC):
 
     rig: ClassVar[str]
     __dataclass_fields__: ClassVar[dict[str, Any]]
-    channels: ClassVar[CrankChannels]
+    channels: ClassVar[ChannelTable]
 
     @property
     @abstractmethod
@@ -86,7 +86,7 @@ class CrankPicture(ABC):
         return tuple(name for name in self.channels.ordered if name in shown.units)
 
     def heard(self, shown: DisplayedChannels) -> dict[str, tuple[str, ...]]:
-        """Those of the channels whose blows are shown, in their groups."""
+        """Those of the channels whose impacts are shown, in their groups."""
         return self.channels.heard(shown.units)
 
     def _mechanism_view(self, shown: DisplayedChannels) -> rrb.Spatial3DView:

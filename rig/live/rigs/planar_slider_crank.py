@@ -9,10 +9,11 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.crank.channels import PLANAR_SLIDER_CRANK, CrankChannels
 from rig.live.crank.joints import Joint
 from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
 from rig.live.crank.picture import CrankPicture
+from sim_twin.rigs.channel_table import ChannelTable
+from sim_twin.rigs.planar_slider_crank.channels import CHANNELS
 
 if TYPE_CHECKING:
     from sim_twin.rigs.crank_drive import SpeedDrive
@@ -27,7 +28,7 @@ class PlanarCrankPicture(CrankPicture):
     """Crank around the origin, slider along +x, gravity along -y. In m and rad/s."""
 
     rig: ClassVar[str] = "planar_slider_crank"
-    channels: ClassVar[CrankChannels] = PLANAR_SLIDER_CRANK
+    channels: ClassVar[ChannelTable] = CHANNELS
 
     crank_m: float
     rod_m: float

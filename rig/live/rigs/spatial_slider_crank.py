@@ -10,10 +10,11 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.crank.channels import SPATIAL_SLIDER_CRANK, CrankChannels
 from rig.live.crank.joints import Joint
 from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
 from rig.live.crank.picture import CrankPicture
+from sim_twin.rigs.channel_table import ChannelTable
+from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
 
 if TYPE_CHECKING:
     from sim_twin.rigs.crank_drive import SpeedDrive
@@ -28,7 +29,7 @@ class SpatialCrankPicture(CrankPicture):
     """Guide along x, z up, the crank's circle spanned by z and the horizontal across its axis. SI."""
 
     rig: ClassVar[str] = "spatial_slider_crank"
-    channels: ClassVar[CrankChannels] = SPATIAL_SLIDER_CRANK
+    channels: ClassVar[ChannelTable] = CHANNELS
 
     crank_m: float
     rod_m: float

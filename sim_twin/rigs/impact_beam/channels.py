@@ -1,34 +1,37 @@
-"""The channels of the impact beam: names, units, quantities."""
+"""The channels of the impact beam."""
 
 from __future__ import annotations
 
-import re
+from sim_twin.rigs.channel_table import ChannelTable, RigChannel, Role
 
-STATION = re.compile(r"beam\.acceleration_(0[1-9]|[1-9][0-9]|100)")
-_UNITS = {
-    "drive.force": "N",
-    "contact.force_upper": "N",
-    "contact.force_lower": "N",
-    "yoke.force": "N",
-    "base.acceleration": "m/s2",
+DRIVE = RigChannel("drive", "force", "N", Role.DRIVE)
+UPPER = RigChannel("contact", "force", "N", Role.CONTACT, "upper", group="stops")
+LOWER = RigChannel("contact", "force", "N", Role.CONTACT, "lower", group="stops")
+YOKE = RigChannel("yoke", "force", "N", Role.VIBRATION)
+BASE = RigChannel("base", "acceleration", "m/s2")
+COVER = tuple(RigChannel("cover", "acceleration", "m/s2", place=place) for place in ("center", "corner"))
+STATIONS = {
+    percent: RigChannel(
+        "beam",
+        "acceleration",
+        "m/s2",
+        place=f"{percent:02d}",
+        family="beam.acceleration_NN (NN: 01 to 100, % of the length)",
+    )
+    for percent in range(1, 101)
 }
-COVER_UNITS = {"cover.acceleration_center": "m/s2", "cover.acceleration_corner": "m/s2"}
+"""Accelerometers on the beam, by their place in percent of its length."""
+_ALWAYS = (DRIVE, UPPER, LOWER, YOKE, BASE)
+CHANNELS = ChannelTable((*_ALWAYS, *COVER, *STATIONS.values()))
 
 
 def channel_names(stations: tuple[int, ...], covered: bool = False) -> tuple[str, ...]:
     """Channels of a rig with accelerometers on the beam at `stations` (percent of L), and maybe a cover."""
-    on_beam = (f"beam.acceleration_{percent:02d}" for percent in stations)
-    return (*_UNITS, *on_beam, *(COVER_UNITS if covered else ()))
-
-
-def channel_unit(name: str) -> str:
-    """Unit of a channel; raises KeyError for a name that the rig does not have."""
-    if STATION.fullmatch(name):
-        return "m/s2"
-    return {**_UNITS, **COVER_UNITS}[name]
+    shown = (*_ALWAYS, *(STATIONS[percent] for percent in stations), *(COVER if covered else ()))
+    return tuple(channel.name for channel in shown)
 
 
 def stations_of(names: tuple[str, ...]) -> tuple[int, ...]:
     """Stations (percent of L) of those `names` that are accelerometers on the beam."""
-    matches = (STATION.fullmatch(name) for name in names)
-    return tuple(int(match[1]) for match in matches if match)
+    percents = {channel.name: percent for percent, channel in STATIONS.items()}
+    return tuple(percents[name] for name in names if name in percents)

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
-from sim_twin.rigs.impact_beam.channels import COVER_UNITS
+from sim_twin.rigs.impact_beam.channels import COVER, DRIVE, LOWER, UPPER, YOKE
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
 
 if TYPE_CHECKING:
     from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 _LEAST_DISTORTION = 0.04
-_FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
-_ACCELERATIONS = tuple(COVER_UNITS)
-_SENSED = ("drive.force", *_FORCES, *_ACCELERATIONS)
+_FORCES = (UPPER.name, LOWER.name, YOKE.name)
+_ACCELERATIONS = tuple(each.name for each in COVER)
+_SENSED = (DRIVE.name, *_FORCES, *_ACCELERATIONS)
 
 
 def _number(values: ParameterValues, name: str) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_twin.healthy import Tolerance, drawn, factor, of_sensors
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
-from sim_twin.rigs.impact_beam.channels import channel_unit
+from sim_twin.rigs.impact_beam.channels import BASE, CHANNELS, DRIVE, LOWER, UPPER, YOKE
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 from sim_twin.sensors import Sensor, SensorChain
 
@@ -63,7 +63,7 @@ def tolerances(twin: BeamTwin) -> tuple[Tolerance, ...]:
         *_PARTS,
         *_dampings(twin.rig.modes),
         *(_BASE if isinstance(twin.rig.base, FlexibleBase) else ()),
-        *of_sensors(twin, {"yoke.force": _YOKE_GAIN}),
+        *of_sensors(twin, {YOKE.name: _YOKE_GAIN}),
         *_EACH_RUN,
     )
 
@@ -87,14 +87,14 @@ def stray(twin: BeamTwin, signals: Array, rng: np.random.Generator) -> Array:
     names = twin.channels
     if twin.rig.base is not None:
         return signals
-    upper, lower = (signals[names.index(f"contact.force_{side}")] for side in ("upper", "lower"))
+    upper, lower = (signals[names.index(side.name)] for side in (UPPER, LOWER))
     picked = signals.copy()
-    picked[names.index("base.acceleration")] += _STRAY * rng.uniform() * (upper - lower)
+    picked[names.index(BASE.name)] += _STRAY * rng.uniform() * (upper - lower)
     return picked
 
 
 def _noise_of(channel: str) -> float:
-    return _DRIVE_NOISE if channel == "drive.force" else _NOISE[channel_unit(channel)]
+    return _DRIVE_NOISE if channel == DRIVE.name else _NOISE[CHANNELS[channel].unit]
 
 
 def _dampings(modes: int) -> list[Tolerance]:

@@ -16,13 +16,14 @@ from scipy import fft
 from scipy.interpolate import make_smoothing_spline
 
 from sim_twin.rigs.cycles import Cycles
+from sim_twin.rigs.impact_beam.channels import DRIVE, LOWER, UPPER
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import structure_of
 from sim_twin.rigs.joint_record import JointRecord
 from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.float64]
-_NEEDED = ("drive.force", "contact.force_upper", "contact.force_lower")
+_NEEDED = (DRIVE.name, UPPER.name, LOWER.name)
 _TOUCHES_N, _LEAVES_N = 1.0, 0.5
 _FEWEST_CONTACTS = 20
 _SETTLE_S = 0.25

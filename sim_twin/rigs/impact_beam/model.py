@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import pi
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.quantity import Bound, Check, Key, Quantity, Whole
 from sim_twin.parts.beam import Beam
-from sim_twin.ranges import require
-from sim_twin.rigs.impact_beam.base.model import FlexibleBase
+from sim_twin.ranges import require, require_bounds
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
 from sim_twin.rigs.impact_beam.channels import channel_names
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.rig_model import RigModel
 
 FLEXURE_ROTATION = 0.16
 """N m/rad: EI/l of the flexure 4 x 19 x 0.127 mm as the source states it (Table 2)."""
@@ -22,14 +29,12 @@ FLEXURE_TRANSLATION = 1.258e5
 class BaseMass:
     """The yoke as a mass on spring and damper: `frequency` Hz, `mass` kg, `damping_ratio`."""
 
-    frequency: float
-    mass: float
-    damping_ratio: float
+    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
+    mass: Annotated[float, Bound("kg", 0.0, above=True)]
+    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
-        require("BaseMass", "frequency", self.frequency, 0.0, unit="Hz", above=True)
-        require("BaseMass", "mass", self.mass, 0.0, unit="kg", above=True)
-        require("BaseMass", "damping_ratio", self.damping_ratio, 0.0, 1.0)
+        require_bounds("BaseMass", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,41 +47,40 @@ class ImpactBeam:
     `yoke_frequency` is the impedance head's mode. `stations` (percent of L) carry accelerometers.
     """
 
+    kind: ClassVar[str] = "impact_beam"
+
     beam: Beam
     clamped: bool
-    contact_stiffness: float
-    contact_damping: float
-    modal_damping: tuple[float, ...]
-    clearance: float = 0.127e-3
-    rest_offset: float = 0.0
-    rotation_stiffness: float = FLEXURE_ROTATION
-    pivot_stiffness: float | None = None
-    drive_position: float = 0.69
-    shaker_mass: float = 0.0
-    shaker_stiffness: float = 0.0
-    shaker_damping: float = 0.0
-    hertz: float | None = None
-    pivot_friction: float = 0.0
+    contact_stiffness: Annotated[float, Quantity("N/m", 1e3, 1e10), Bound("N/m", 0.0)]
+    contact_damping: Annotated[float, Quantity("N s/m", 0, 1e5), Bound("N s/m", 0.0)]
+    modal_damping: Annotated[tuple[float, ...], Bound("", 0.0, 1.0)]
+    clearance: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0)] = 0.127e-3
+    rest_offset: Annotated[float, Quantity("mm", -10, 10)] = 0.0
+    rotation_stiffness: Annotated[float, Bound("N m/rad", 0.0, above=True)] = FLEXURE_ROTATION
+    pivot_stiffness: Annotated[float | None, Bound("N/m", 0.0, above=True)] = None
+    drive_position: Annotated[float, Quantity("", 0.01, 1), Bound("L", 0.0, 1.0)] = 0.69
+    shaker_mass: Annotated[float, Quantity("kg", 0, 10), Bound("kg", 0.0)] = 0.0
+    shaker_stiffness: Annotated[float, Quantity("N/m", 0, 1e7), Bound("N/m", 0.0)] = 0.0
+    shaker_damping: Annotated[float, Quantity("N s/m", 0, 1e4), Bound("N s/m", 0.0)] = 0.0
+    hertz: Annotated[float | None, Bound("N/m^1.5", 0.0, above=True)] = None
+    pivot_friction: Annotated[float, Bound("N m", 0.0)] = 0.0
     base: BaseMass | FlexibleBase | None = None
-    yoke_frequency: float = 700.0
-    yoke_damping: float = 0.03
+    yoke_frequency: Annotated[float, Bound("Hz", 0.0, above=True)] = 700.0
+    yoke_damping: Annotated[float, Bound("", 0.0, 1.0)] = 0.03
     stations: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, unit in _NOT_NEGATIVE.items():
-            require("ImpactBeam", name, getattr(self, name), 0.0, unit=unit)
-        for ratio in self.modal_damping:
-            require("ImpactBeam", "modal_damping", ratio, 0.0, 1.0)
-        fixed = 2 if self.clamped else int(self.pivot_stiffness is None)
-        require("ImpactBeam", "modes", self.modes, 1, 2 * (self.beam.elements + 1) - fixed)
-        require("ImpactBeam", "drive_position", self.drive_position, 0.0, 1.0, "L")
-        for name, unit in (("hertz", "N/m^1.5"), ("pivot_stiffness", "N/m")):
-            if getattr(self, name) is not None:
-                require("ImpactBeam", name, getattr(self, name), 0.0, unit=unit, above=True)
+        require_bounds("ImpactBeam", self)
+        slides = not self.clamped and self.pivot_stiffness is not None
+        require("ImpactBeam", "modes", self.modes, 1, freedoms(self.beam.elements, self.clamped) + slides)
         require("ImpactBeam", "rest_offset", abs(self.rest_offset), 0.0, self.clearance, "m")
-        require("ImpactBeam", "rotation_stiffness", self.rotation_stiffness, 0.0, unit="N m/rad", above=True)
-        require("ImpactBeam", "yoke_frequency", self.yoke_frequency, 0.0, unit="Hz", above=True)
-        require("ImpactBeam", "yoke_damping", self.yoke_damping, 0.0, 1.0)
+
+    @property
+    def model(self) -> RigModel:
+        """Effects, tolerances and motion of every such rig."""
+        from sim_twin.rigs.impact_beam.rig import MODEL  # they are made of these parameters
+
+        return MODEL
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -90,26 +94,76 @@ class ImpactBeam:
         return len(self.modal_damping)
 
 
-_NOT_NEGATIVE = {
-    "contact_stiffness": "N/m",
-    "contact_damping": "N s/m",
-    "clearance": "m",
-    "shaker_mass": "kg",
-    "shaker_stiffness": "N/m",
-    "shaker_damping": "N s/m",
-    "pivot_friction": "N m",
-}
-_BEAMS = {
+def freedoms(elements: int, clamped: bool) -> int:
+    """Degrees of freedom of the mesh: two a node; the pin takes one at x = 0, the clamp both."""
+    return 2 * (elements + 1) - (2 if clamped else 1)
+
+
+_BEAMS: Final = {
     "steel": (Beam(207e9, 7800.0, 0.28, 0.019, 0.00635, 37), False, 1.5e7, 20.0),
     "aluminium": (Beam(70e9, 2700.0, 0.28, 0.019, 0.00318, 37), True, 9.6e6, 7.0),
 }
 
 
-def nominal(beam: str = "steel", modes: int = 15, elements: int = 37, damping: float = 0.01) -> ImpactBeam:
-    """Return the rig of the source with its `steel` or `aluminium` beam (Table 2)."""
+def nominal(
+    beam: Annotated[Literal["steel", "aluminium"], Key()] = "steel",
+    modes: Annotated[int, Whole(1, 400)] = 15,
+    elements: Annotated[int, Whole(2, 200)] = 37,
+    modal_damping: Annotated[float, Quantity("", 0, 0.5)] = 0.01,
+    base: Annotated[Literal["rigid", "flexible"], Key()] = "rigid",
+    cover: Annotated[Literal["none", "aluminium", "fibreglass"], Key()] = "none",
+    flexure_translation: Annotated[bool, Key()] = False,
+) -> ImpactBeam:
+    """Return the rig of the source with its steel or aluminium beam (Table 2)."""
     part, clamped, stiffness, contact_damping = _BEAMS[beam]
-    resized = Beam(part.E, part.rho, part.length, part.width, part.thickness, elements)
-    return ImpactBeam(resized, clamped, stiffness, contact_damping, (damping,) * modes)
+    return ImpactBeam(
+        replace(part, elements=elements),
+        clamped,
+        stiffness,
+        contact_damping,
+        (modal_damping,) * modes,
+        pivot_stiffness=FLEXURE_TRANSLATION if flexure_translation else None,
+        base=flexible_base(cover) if base == "flexible" else None,
+    )
+
+
+def _mesh_has_modes(model: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
+    modes, elements = model["modes"], model["elements"]
+    most = freedoms(elements, model["beam"] == "aluminium")
+    if modes > most:
+        allowed = f"no more modes than the mesh has: {most} for {elements} elements, {modes} asked for"
+        yield ("modes", "elements"), allowed
+
+
+def _rests_inside(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if abs(model["rest_offset"]) >= model["clearance"]:
+        yield "rest_offset", f"less than the clearance, {model['clearance'] * 1e3:g} mm, to either side"
+
+
+def _covers_a_base(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if model["cover"] != "none" and model["base"] != "flexible":
+        yield "cover", '"none", or with base = "flexible", which is what a cover acts on'
+
+
+def _clamp_does_not_move(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if model["beam"] == "aluminium" and model["flexure_translation"]:
+        yield "flexure_translation", "false (the aluminium beam is clamped)"
+
+
+CHECKS: Final = (
+    Check(("beam", "modes", "elements"), _mesh_has_modes),
+    Check(("clearance", "rest_offset"), _rests_inside),
+    Check(("base", "cover"), _covers_a_base),
+    Check(("beam", "flexure_translation"), _clamp_does_not_move),
+)
+"""Of what may be asked for together."""
+_LARGEST_FORCE_N: Final = 100.0
+
+
+def _peak_in_range(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    peak = drive["amplitude"] + abs(drive["offset"])
+    if peak > _LARGEST_FORCE_N:
+        yield "offset", f"amplitude and offset together up to {_LARGEST_FORCE_N:g} N, not {peak:g} N"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,16 +173,33 @@ class SineDrive:
     `amplitude` A and `offset` in N, `frequency` f in Hz; `second`, `third` are fractions of A.
     """
 
-    amplitude: float
-    frequency: float
-    offset: float = 0.0
-    second: float = 0.0
-    third: float = 0.0
+    amplitude: Annotated[float, Quantity("N", 0, _LARGEST_FORCE_N, default=9.0), Bound("", -1e6, 1e6)]
+    frequency: Annotated[float, Quantity("Hz", 0.1, 2000), Bound("Hz", 0.0, above=True)]
+    offset: Annotated[float, Quantity("N", -_LARGEST_FORCE_N, _LARGEST_FORCE_N), Bound("", -1e6, 1e6)] = 0.0
+    second: Annotated[float, Bound("", -1e6, 1e6)] = 0.0
+    third: Annotated[float, Bound("", -1e6, 1e6)] = 0.0
+    CHECKS: ClassVar = (Check(("amplitude", "offset"), _peak_in_range),)
 
     def __post_init__(self) -> None:
-        require("SineDrive", "frequency", self.frequency, 0.0, unit="Hz", above=True)
-        for name in ("amplitude", "offset", "second", "third"):
-            require("SineDrive", name, getattr(self, name), -1e6, 1e6)
+        require_bounds("SineDrive", self)
+
+    @property
+    def cycle_hz(self) -> float:
+        """Cycles a second."""
+        return self.frequency
+
+    @property
+    def peak(self) -> float:
+        """Largest absolute force in N."""
+        return self.amplitude + abs(self.offset)
+
+    def at_cycle_hz(self, cycle_hz: float) -> SineDrive:
+        """The same at another frequency."""
+        return replace(self, frequency=cycle_hz)
+
+    def phase_after(self, phase: float, cycle_hz: float, time: float) -> float:
+        """Phase in rad at `time` s since sample 0, which is at `phase`; `cycle_hz` is its own frequency."""
+        return phase + 2 * pi * self.frequency * time
 
     def phasors(self) -> NDArray[np.complex128]:
         """Complex amplitudes of orders 0, 1, 2, 3, shape (4,): the force is the sum of Re(U_k exp(i k p))."""

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
+from daq.quantity import Bound, Check, Key, Quantity
 from sim_twin.contact.stiffness import Elastic, generalised_stiffness
-from sim_twin.ranges import require
+from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS, CRANK_X, CRANK_Y, PISTON_Y
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.rig_model import RigModel
 
 _RIG = "planar slider-crank"
 
@@ -31,26 +37,23 @@ MATERIALS = {
 class FrameMode:
     """The frame under an accelerometer: an oscillator of `mass` kg, `frequency` Hz, `damping_ratio`."""
 
-    mass: float
-    frequency: float
-    damping_ratio: float = 0.03
+    mass: Annotated[float, Bound("kg", 0.0, above=True)]
+    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
+    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)] = 0.03
 
     def __post_init__(self) -> None:
-        require("frame", "mass", self.mass, 0.0, unit="kg", above=True)
-        require("frame", "frequency", self.frequency, 0.0, unit="Hz", above=True)
-        require("frame", "damping_ratio", self.damping_ratio, 0.0, 1.0)
+        require_bounds("frame", self)
 
 
 @dataclass(frozen=True, slots=True)
 class RodBending:
     """The rod's bending mode sin(pi s/L) between its joints: `frequency` Hz, `damping_ratio`."""
 
-    frequency: float
-    damping_ratio: float
+    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
+    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
-        require("rod", "frequency", self.frequency, 0.0, unit="Hz", above=True)
-        require("rod", "damping_ratio", self.damping_ratio, 0.0, 1.0)
+        require_bounds("rod", self)
 
 
 def _frames() -> dict[str, FrameMode]:
@@ -71,59 +74,50 @@ class PlanarSliderCrank:
     ramp is `guide_v_1` wide. `approach_floor` is the least approach speed that a contact latches.
     """
 
-    crank_length: float = 0.150
-    rod_length: float = 0.564
-    crank_mass: float = 0.4506
-    rod_mass: float = 1.6403
-    piston_mass: float = 2.0205
-    crank_inertia: float = 1.8e-3
-    rod_inertia: float = 9.45e-2
-    crank_centre: float = 0.5
-    rod_centre: float = 0.5
-    gravity: float = 9.81
-    clearance_1: float = 1e-3
-    clearance_2: float = 1e-3
-    journal_radius: float = 10e-3
+    kind: ClassVar[str] = "planar_slider_crank"
+
+    clearance_1: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0, above=True)] = 1e-3
+    clearance_2: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0, above=True)] = 1e-3
+    restitution: Annotated[float, Quantity("", 0.05, 1), Bound("", 0.0, 1.0)] = 0.9
+    friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0)] = 0.01
+    journal_radius: Annotated[float, Quantity("mm", 1, 100), Bound("m", 0.0, above=True)] = 10e-3
+    crank_length: Annotated[float, Quantity("m", 0.01, 2), Bound("m", 0.0, above=True)] = 0.150
+    rod_length: Annotated[float, Quantity("m", 0.02, 5)] = 0.564
+    crank_mass: Annotated[float, Quantity("kg", 0.001, 100), Bound("kg", 0.0)] = 0.4506
+    rod_mass: Annotated[float, Quantity("kg", 0.001, 100), Bound("kg", 0.0, above=True)] = 1.6403
+    piston_mass: Annotated[float, Quantity("kg", 0.001, 100), Bound("kg", 0.0, above=True)] = 2.0205
+    crank_inertia: Annotated[float, Quantity("kg m^2", 1e-7, 100), Bound("kg m2", 0.0)] = 1.8e-3
+    rod_inertia: Annotated[float, Quantity("kg m^2", 1e-7, 100), Bound("kg m2", 0.0, above=True)] = 9.45e-2
+    gravity: Annotated[float, Quantity("m/s^2", 0, 100), Bound("m/s2", 0.0)] = 9.81
+    crank_centre: Annotated[float, Bound("", 0.0, 1.0)] = 0.5
+    rod_centre: Annotated[float, Bound("", 0.0, 1.0)] = 0.5
     elastic: Elastic = MATERIALS["steel"].elastic
-    stiffness_scales: tuple[float, float] = (1.0, 1.0)
-    restitution: float = 0.9
-    friction: float = 0.01
-    friction_v_0: float = 1e-4
+    stiffness_scales: Annotated[tuple[float, float], Bound("", 0.0, above=True)] = (1.0, 1.0)
+    friction_v_0: Annotated[float, Bound("", 0.0)] = 1e-4
     friction_v_1: float = 1e-3
-    approach_floor: float = 0.01
-    guide_friction: float = 0.0
-    guide_v_1: float = 1e-3
+    approach_floor: Annotated[float, Bound("m/s", 0.0, above=True)] = 0.01
+    guide_friction: Annotated[float, Bound("", 0.0)] = 0.0
+    guide_v_1: Annotated[float, Bound("m/s", 0.0, above=True)] = 1e-3
     bending: RodBending | None = None
     frames: dict[str, FrameMode] = field(default_factory=_frames)
 
     def __post_init__(self) -> None:
-        for name in ("crank_length", "clearance_1", "clearance_2", "journal_radius", "approach_floor"):
-            require(_RIG, name, getattr(self, name), 0.0, unit="m/s" if "floor" in name else "m", above=True)
+        require_bounds(_RIG, self)
         shortest = self.crank_length + self.clearance_1 + self.clearance_2
         require(_RIG, "rod_length", self.rod_length, shortest, unit="m", above=True)
-        for name in ("rod_mass", "piston_mass"):
-            require(_RIG, name, getattr(self, name), 0.0, unit="kg", above=True)
-        require(_RIG, "crank_mass", self.crank_mass, 0.0, unit="kg")
-        require(_RIG, "crank_inertia", self.crank_inertia, 0.0, unit="kg m2")
-        require(_RIG, "rod_inertia", self.rod_inertia, 0.0, unit="kg m2", above=True)
-        for name in ("crank_centre", "rod_centre"):
-            require(_RIG, name, getattr(self, name), 0.0, 1.0)
-        require(_RIG, "gravity", self.gravity, 0.0, unit="m/s2")
-        require(_RIG, "restitution", self.restitution, 0.0, 1.0)
-        self._check_friction()
-
-    def _check_friction(self) -> None:
-        for name in ("friction", "guide_friction", "friction_v_0"):
-            require(_RIG, name, getattr(self, name), 0.0)
         require(_RIG, "friction_v_1", self.friction_v_1, self.friction_v_0, unit="m/s", above=True)
-        require(_RIG, "guide_v_1", self.guide_v_1, 0.0, unit="m/s", above=True)
-        for scale in self.stiffness_scales:
-            require(_RIG, "stiffness_scales", scale, 0.0, above=True)
+
+    @property
+    def model(self) -> RigModel:
+        """Effects, tolerances and motion of every such rig."""
+        from sim_twin.rigs.planar_slider_crank.rig import MODEL  # they are made of these parameters
+
+        return MODEL
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that its twin predicts."""
-        return CHANNELS
+        return tuple(CHANNELS)
 
     @property
     def contact_stiffnesses(self) -> tuple[float, float]:
@@ -139,7 +133,9 @@ class PlanarSliderCrank:
         return first, second
 
 
-def nominal(material: str = "steel") -> PlanarSliderCrank:
+def nominal(
+    material: Annotated[Literal["steel", "aluminium", "brass"], Key()] = "steel",
+) -> PlanarSliderCrank:
     """Return the rig of the source with links and joints of a material: masses go with the density."""
     of = MATERIALS[material]
     ratio, steel = of.density / MATERIALS["steel"].density, PlanarSliderCrank()
@@ -151,3 +147,16 @@ def nominal(material: str = "steel") -> PlanarSliderCrank:
         rod_inertia=ratio * steel.rod_inertia,
         elastic=of.elastic,
     )
+
+
+def _turns_over(model: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
+    crank, rod = model["crank_length"], model["rod_length"]
+    if rod <= crank:
+        yield (
+            ("rod_length", "crank_length"),
+            f"a rod longer than the crank, or it cannot turn over: {rod:g} m and {crank:g} m",
+        )
+
+
+CHECKS: Final = (Check(("crank_length", "rod_length"), _turns_over),)
+"""Of what may be asked for together."""

@@ -1,18 +1,29 @@
-"""The channels of the spatial slider-crank: names and units.
+"""The channels of the spatial slider-crank.
 
 Points 1 to 4 are at the end towards the crank (+y, -y, +z, -z), 5 to 8 at the other end.
 """
 
 from __future__ import annotations
 
-GUIDE_FORCES = tuple(f"slider.force_{point}" for point in range(1, 9))
-FORCES = (*GUIDE_FORCES, "socket.force")
-TACHOMETER, MARKER = "motor.tachometer", "flywheel.marker"
-CHANNELS = (*FORCES, TACHOMETER, MARKER)
+from sim_twin.rigs.channel_table import ChannelTable, RigChannel, Role
+
+_LOOKED_AT = {3: 2, 4: 3}
+"""Points that gravity presses, by their rank among the orders; the socket comes first."""
 
 
-def channel_unit(name: str) -> str:
-    """Unit of a channel; raises KeyError for a name that the rig does not have."""
-    if name in FORCES:
-        return "N"
-    return {TACHOMETER: "rad/s", MARKER: "V"}[name]
+def _on_the_guide(point: int) -> RigChannel:
+    return RigChannel("slider", "force", "N", Role.CONTACT, str(point), "guide", _LOOKED_AT.get(point, 0))
+
+
+CHANNELS = ChannelTable(
+    (
+        *(_on_the_guide(point) for point in range(1, 9)),
+        RigChannel("socket", "force", "N", Role.CONTACT, group="socket", order_rank=1),
+        RigChannel("motor", "tachometer", "rad/s", Role.SPEED),
+        RigChannel("flywheel", "marker", "V", Role.MARKER),
+    )
+)
+FORCES = CHANNELS.with_role(Role.CONTACT)
+GUIDE_FORCES = CHANNELS.heard(FORCES)["guide"]
+(TACHOMETER,) = CHANNELS.with_role(Role.SPEED)
+MARKER = CHANNELS.marker

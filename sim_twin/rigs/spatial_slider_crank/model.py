@@ -9,14 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import pi
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from daq.errors import UnphysicalParameter
+from daq.quantity import Bound, Quantity, Whole
 from sim_twin.contact.laws import ContactLaw, Friction, linear
 from sim_twin.joints.spatial_prismatic import PrismaticJoint
 from sim_twin.joints.spherical import SphericalJoint
 from sim_twin.parts.rod import MOST_BENDING_MODES, Rod
-from sim_twin.ranges import require
+from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.rig_model import RigModel
 
 OWNER = "spatial_slider_crank"
 RIGID_ROTATIONS = 2
@@ -29,28 +34,28 @@ class Slider:
     `pin` in m is the universal joint's place from the centre: above the guide.
     """
 
-    mass: float = 0.35
-    inertia: tuple[float, float, float] = (5.3e-5, 1.31e-4, 1.31e-4)
+    mass: Annotated[float, Bound("kg", 0.0, above=True)] = 0.35
+    inertia: Annotated[tuple[float, float, float], Bound("kg m2", 0.0, above=True)] = (
+        5.3e-5,
+        1.31e-4,
+        1.31e-4,
+    )
     pin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        require("slider", "mass", self.mass, 0.0, unit="kg", above=True)
-        for moment in self.inertia:
-            require("slider", "inertia", moment, 0.0, unit="kg m2", above=True)
+        require_bounds("slider", self)
 
 
 @dataclass(frozen=True, slots=True)
 class BaseMass:
     """The guide as a mass on springs in y and z: `frequency` Hz, `mass` kg, `damping_ratio`."""
 
-    frequency: float
-    mass: float
-    damping_ratio: float
+    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
+    mass: Annotated[float, Bound("kg", 0.0, above=True)]
+    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
-        require("base", "frequency", self.frequency, 0.0, unit="Hz", above=True)
-        require("base", "mass", self.mass, 0.0, unit="kg", above=True)
-        require("base", "damping_ratio", self.damping_ratio, 0.0, 1.0)
+        require_bounds("base", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,51 +69,50 @@ class SpatialSliderCrank:
     itself by `roll` rad: gravity acts along (sin i, -cos i sin r, -cos i cos r).
     """
 
+    kind: ClassVar[str] = "spatial_slider_crank"
+
     crank_radius: float = 0.05
-    axis_angle: float = pi / 2
+    axis_angle: Annotated[float, Quantity("deg", 65, 90), Bound("rad", pi / 6, 5 * pi / 6)] = pi / 2
     rod: Rod = field(default_factory=Rod)
-    rod_modes: int = 8
-    modal_damping: float = 0.01
+    rod_modes: Annotated[int, Whole(0, 40), Bound("", 0, RIGID_ROTATIONS + 2 * MOST_BENDING_MODES)] = 8
+    modal_damping: Annotated[float, Bound("", 0.0, 1.0)] = 0.01
     slider: Slider = field(default_factory=Slider)
-    socket_clearance: float = 0.25e-3
-    socket_stiffness: float = 2.8e7
-    socket_damping: float = 44.0
+    socket_clearance: Annotated[float, Quantity("mm", 0.001, 2)] = 0.25e-3
+    socket_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 2.8e7
+    socket_damping: Annotated[float, Bound("N s/m", 0.0)] = 44.0
     guide_half_side: float = 6.5e-3
-    guide_clearance: float = 0.25e-3
-    guide_stiffness: float = 1.4e7
-    guide_damping: float = 51.0
+    guide_clearance: Annotated[float, Quantity("mm", 0.001, 2)] = 0.25e-3
+    guide_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 1.4e7
+    guide_damping: Annotated[float, Bound("N s/m", 0.0)] = 51.0
     contact_span: float = 25e-3
     contact_offset: float = 4e-3
-    friction: float = 0.07
+    friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 2.0)] = 0.07
     friction_ramp: tuple[float, float] = (1e-4, 1e-3)
-    gravity: float = 9.81
-    incline: float = 69 * pi / 180
-    roll: float = 10 * pi / 180
+    gravity: Annotated[float, Quantity("m/s^2", 0, 100), Bound("m/s2", 0.0, 100.0)] = 9.81
+    incline: Annotated[float, Bound("rad", -pi, pi)] = 69 * pi / 180
+    roll: Annotated[float, Bound("rad", -pi, pi)] = 10 * pi / 180
     base: BaseMass | None = None
 
     def __post_init__(self) -> None:
         require(OWNER, "crank_radius", self.crank_radius, 0.0, 0.9 * self.rod.length, "m", above=True)
-        require(OWNER, "axis_angle", self.axis_angle, pi / 6, 5 * pi / 6, "rad")
-        require(OWNER, "rod_modes", self.rod_modes, 0, RIGID_ROTATIONS + 2 * MOST_BENDING_MODES)
+        require_bounds(OWNER, self)
         if self.rod_modes % 2:
             raise UnphysicalParameter(
                 OWNER, "rod_modes", self.rod_modes, "an even number: as many in each plane"
             )
-        require(OWNER, "modal_damping", self.modal_damping, 0.0, 1.0)
-        require(OWNER, "gravity", self.gravity, 0.0, 100.0, "m/s2")
-        require(OWNER, "friction", self.friction, 0.0, 2.0)
-        for name, unit in _STIFFNESSES:
-            require(OWNER, name, getattr(self, name), 0.0, unit=unit, above=True)
-        for name in ("socket_damping", "guide_damping"):
-            require(OWNER, name, getattr(self, name), 0.0, unit="N s/m")
-        require(OWNER, "incline", self.incline, -pi, pi, "rad")
-        require(OWNER, "roll", self.roll, -pi, pi, "rad")
         _ = self.socket, self.guide
+
+    @property
+    def model(self) -> RigModel:
+        """Effects, tolerances and motion of every such rig."""
+        from sim_twin.rigs.spatial_slider_crank.rig import MODEL  # they are made of these parameters
+
+        return MODEL
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that a twin of it predicts."""
-        return CHANNELS
+        return tuple(CHANNELS)
 
     @property
     def bending_modes(self) -> int:
@@ -130,7 +134,15 @@ class SpatialSliderCrank:
         )
 
 
-_STIFFNESSES = (("socket_stiffness", "N/m"), ("guide_stiffness", "N/m"))
+def nominal(
+    slider_mass: Annotated[float, Quantity("kg", 0.001, 10)] = 0.35,
+) -> SpatialSliderCrank:
+    """Return the rig of the source; a block of another mass is of another material, inertia goes with it."""
+    block = Slider()
+    if slider_mass == block.mass:
+        return SpatialSliderCrank()
+    first, second, third = (moment * slider_mass / block.mass for moment in block.inertia)
+    return SpatialSliderCrank(slider=Slider(slider_mass, (first, second, third)))
 
 
 def rig_of_the_figures() -> SpatialSliderCrank:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.files.rigs import RIGS
+from rig.rigs import RIGS
 from tests.rig.commands.cli import Call
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"

@@ -17,7 +17,6 @@ from rig.commands.cli import FAILED, WRONG_USE
 from rig.diagnosis import diagnose as diagnosing
 from rig.files.effects_file import load_effects
 from rig.files.scenario import load_scenario, parse_scenario
-from rig.twin.scenario_twin import catalogue_of
 from sim_twin.rigs.impact_beam.rig import MODEL
 from tests.rig.commands.cli import Answer, Call
 from tests.rig.diagnosis.measured_log import BEAM, CRANK, recording, write
@@ -141,7 +140,7 @@ def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -
 @pytest.mark.timeout(300)
 def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Campaign, call: Call) -> None:
     effects = campaign.out / "effects.json"
-    assert [name for name, _ in load_effects(effects, catalogue_of(MODEL))] == ["clearance"]
+    assert [name for name, _ in load_effects(effects, MODEL.effects)] == ["clearance"]
     answer = call("gap", campaign.run, "--effects", effects, "--json")
     assert answer.code == 0, answer.err
     block, said = json.loads(answer.out), campaign.content["gap"]

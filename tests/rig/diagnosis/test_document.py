@@ -14,7 +14,6 @@ import pytest
 from rig.diagnosis.document import Asked, document, effects_file, gap_block, write_json
 from rig.diagnosis.experiments import Experiment
 from rig.files.effects_file import load_effects
-from rig.twin.scenario_twin import catalogue_of
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
@@ -151,12 +150,12 @@ def test_numbers_without_meaning_are_null_and_the_file_holds_no_nan(tmp_path: Pa
 def test_the_effects_file_is_one_that_a_twin_takes(tmp_path: Path) -> None:
     path = tmp_path / "effects.json"
     write_json(path, effects_file(findings()))
-    loaded = load_effects(path, catalogue_of(MODEL))
+    loaded = load_effects(path, MODEL.effects)
     assert [(name, dict(values)) for name, values in loaded] == [
         ("base_flexibility", {"frequency_hz": 431.0, "mass_kg": 1.5, "damping_ratio": 0.02})
     ]
     write_json(path, effects_file(replace(findings(), effects=())))
-    assert list(load_effects(path, catalogue_of(MODEL))) == []
+    assert list(load_effects(path, MODEL.effects)) == []
 
 
 def test_nan_is_never_written(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from rig.diagnosis.experiments import Experiment, options
 from rig.files.scenario import parse_scenario
 from rig.files.toml_text import toml_of
-from rig.twin.rigs import KINDS
+from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of
 
 SCENARIOS = sorted(path for path in Path("scenarios").glob("*.toml") if "." not in path.stem)
@@ -67,7 +67,7 @@ def test_an_option_is_the_run_with_one_setting_changed() -> None:
     assert scenario.name == "beam: frequency 40 Hz"
     assert first.campaign.runs[0].columns.frequency == 40.0
     changed = [
-        (each.drive.frequency, each.drive.amplitude, each.model.clearance)
+        (each.drive.frequency, each.drive.amplitude, each.model["clearance"])
         for each in (parse_scenario(option.scenario) for option in others)
     ]
     assert changed == [
@@ -86,8 +86,8 @@ def test_what_the_scenario_does_not_say_is_not_changed() -> None:
 def test_a_run_that_no_scenario_may_ask_for_is_no_option() -> None:
     wide = BEAM.replace('"0.127 mm"', '"9 mm"')  # up to 10 mm
     found = [parse_scenario(option.scenario) for option in options(wide, channels(wide), RATE)]
-    assert min(each.model.clearance for each in found) == pytest.approx(4.5e-3)
-    assert max(each.model.clearance for each in found) == pytest.approx(9e-3)
+    assert min(each.model["clearance"] for each in found) == pytest.approx(4.5e-3)
+    assert max(each.model["clearance"] for each in found) == pytest.approx(9e-3)
 
 
 def test_a_further_run_is_long_enough_to_be_diagnosed() -> None:
@@ -95,7 +95,7 @@ def test_a_further_run_is_long_enough_to_be_diagnosed() -> None:
     assert all(option.campaign.runs[0].cycles >= 5 for option in options(short, channels(short), RATE))
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
+@pytest.mark.parametrize("kind", RIGS.values(), ids=list(RIGS))
 def test_variations_name_keys_of_the_rig_s_scenario(kind: Any) -> None:
     assert all(factor > 0 and factor != 1 for change in kind.variations for factor in change.values())
     assert len(kind.variations) >= 2

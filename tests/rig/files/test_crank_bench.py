@@ -12,8 +12,8 @@ import pytest
 from daq.errors import ConfigurationError
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
 from rig.files.pairing import check_pair
-from rig.files.rigs import RIGS
 from rig.files.scenario import parse_scenario
+from rig.rigs import RIGS
 from tests.rig.files.faulty import only_problem, problems_of
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"

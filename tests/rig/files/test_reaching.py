@@ -10,7 +10,7 @@ import pytest
 from rig.files.bench import embedded_bench, load_bench, parse_bench
 from rig.files.encoder import Option
 from rig.files.reaching import bench_reaching
-from rig.files.rigs import RIGS
+from rig.rigs import RIGS
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 PLACES = {

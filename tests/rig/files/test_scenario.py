@@ -11,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigurationError
-from rig.files.rigs import unit_of
 from rig.files.scenario import Limit, Scenario, load_scenario, parse_scenario
+from rig.rigs import unit_of
 from sim_twin.rigs.impact_beam.channels import stations_of
 from tests.rig.files.faulty import only_problem, problems_of
 
@@ -32,7 +32,7 @@ def with_model(line: str) -> str:
 def test_main_scenario_is_read_in_si() -> None:
     scenario = load_scenario(SCENARIOS / "impact_beam.toml")
     assert (scenario.name, scenario.rig) == ("steel beam, 20 Hz", "impact_beam")
-    assert (scenario.model.beam, scenario.model.clearance) == ("steel", 0.127e-3)
+    assert (scenario.model["beam"], scenario.model["clearance"]) == ("steel", 0.127e-3)
     assert (scenario.drive.frequency, scenario.drive.amplitude, scenario.drive.offset) == (20.0, 9.0, 0.0)
     acquisition = scenario.acquisition
     assert (acquisition.sample_rate, acquisition.settle, acquisition.duration) == (51200.0, 1.0, 5.0)
@@ -47,13 +47,13 @@ def test_every_scenario_of_the_project_is_sound(path: Path) -> None:
 
 def test_key_that_is_not_given_is_none() -> None:
     model = parse_scenario(SOUND).model
-    assert model.modes is None
-    assert model.rest_offset is None
-    assert model.flexure_translation is None
+    assert model.get("modes") is None
+    assert model.get("rest_offset") is None
+    assert model.get("flexure_translation") is None
 
 
 def test_bare_number_is_si() -> None:
-    assert parse_scenario(with_model("clearance = 0.000254")).model.clearance == 0.000254
+    assert parse_scenario(with_model("clearance = 0.000254")).model["clearance"] == 0.000254
 
 
 def test_scenario_reaches_a_worker_process_unchanged() -> None:
@@ -79,10 +79,14 @@ def test_every_model_key_is_read() -> None:
         flexure_translation = true"""
     )
     model = parse_scenario(text).model
-    assert (model.rest_offset, model.modal_damping, model.modes) == (-0.1e-3, 0.01, 20)
-    assert (model.contact_stiffness, model.contact_damping, model.drive_position) == (15e6, 20.0, 0.69)
-    assert (model.shaker_mass, model.shaker_stiffness, model.shaker_damping) == (0.02, 3000.0, 27.0)
-    assert model.flexure_translation is True
+    assert (model["rest_offset"], model["modal_damping"], model["modes"]) == (-0.1e-3, 0.01, 20)
+    assert (model["contact_stiffness"], model["contact_damping"], model["drive_position"]) == (
+        15e6,
+        20.0,
+        0.69,
+    )
+    assert (model["shaker_mass"], model["shaker_stiffness"], model["shaker_damping"]) == (0.02, 3000.0, 27.0)
+    assert model["flexure_translation"] is True
 
 
 @pytest.mark.parametrize(
@@ -143,9 +147,9 @@ def test_rate_is_2_56_times_the_drive_or_more() -> None:
 
 def test_clamped_beam_has_one_mode_less_and_no_flexure() -> None:
     aluminium = changed('"steel"', '"aluminium"')
-    assert parse_scenario(aluminium + "[limits]\n").model.beam == "aluminium"
+    assert parse_scenario(aluminium + "[limits]\n").model["beam"] == "aluminium"
     pinned = with_model("modes = 75")
-    assert parse_scenario(pinned).model.modes == 75
+    assert parse_scenario(pinned).model["modes"] == 75
     clamped = pinned.replace('"steel"', '"aluminium"').replace(
         "[drive]", "flexure_translation = true\n[drive]"
     )

@@ -17,7 +17,6 @@ from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.derived.order_lines import TURNS
 from rig.derived.settings import RECORD
-from rig.files.rigs import RIGS
 from rig.report import record
 from rig.report.blows import blows
 from rig.report.content import BigNumbers, Figure, Part, Sentence, Table
@@ -31,6 +30,7 @@ from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.speed import speed_figures, speeds
 from rig.report.turning import order_lines, turns_of
+from rig.rigs import RIGS
 from rig.stream import Block
 from tests.rig.browser import needs_chromium
 from tests.rig.derived.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
@@ -92,7 +92,7 @@ def test_a_crank_speaks_of_channels_that_its_rig_has(kind: Any) -> None:
         crank.marker,
         *crank.plain,
         *crank.ordered,
-        *(name for each in crank.impacts.values() for name in each),
+        *(name for each in crank.heard(kind.channels).values() for name in each),
     }
     beside = {"crank.angle", "encoder.angle"}  # an encoder may be there beside a marker
     assert named - beside <= set(kind.channels)

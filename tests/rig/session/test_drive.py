@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 
 from daq.errors import InstrumentSilent
-from rig.files.rigs.impact_beam import DriveSection
 from rig.session.drive import RAMP_S, Shaker, drive_off_after
+from sim_twin.rigs.impact_beam.model import SineDrive
 from tests.rig.session.fakes import RecordingGenerator, silent_screen
 
 FORCE_PER_VOLT = 3.6
@@ -16,7 +16,7 @@ FULL_V = 9.0 / FORCE_PER_VOLT
 
 
 def shaker(generator: RecordingGenerator, waits: list[float], amplitude: float = 9.0) -> Shaker:
-    drive = DriveSection(frequency=20.0, amplitude=amplitude, offset=0.5)
+    drive = SineDrive(frequency=20.0, amplitude=amplitude, offset=0.5)
     return Shaker(generator, drive, FORCE_PER_VOLT, waits.append)
 
 
@@ -40,7 +40,7 @@ def test_a_soft_start_begins_at_the_least_amplitude_and_ends_at_the_full_one() -
 def test_a_start_comes_through_the_drives_of_its_path_without_a_rest() -> None:
     generator, waits = RecordingGenerator(), list[float]()
     moved = shaker(generator, waits)
-    path = (DriveSection(frequency=19.0, amplitude=9.0), DriveSection(frequency=22.0, amplitude=7.2))
+    path = (SineDrive(frequency=19.0, amplitude=9.0), SineDrive(frequency=22.0, amplitude=7.2))
     moved.arm(soft=True, path=path)
     moved.start(soft=True, path=path)
     assert generator.told[0] == ("arm_sine", 19.0, 0.01, 0.0, False)

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from daq.errors import InstrumentRefused, InterlockTripped
-from rig.files.rigs.speed import SpeedSection
 from rig.session.clocks import CardClock
 from rig.session.motor import OVERSPEED_S, Motor, MotorActuator
+from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 from tests.rig.session.shafts import STEP_RPM, FakeDrive, SteppedClock
 
 RAD_S = 200.0 * math.tau / 60.0
@@ -29,7 +29,7 @@ def started(drive: FakeDrive, rpm: float = 200.0) -> Motor:
 
 def test_a_motor_comes_through_the_speeds_of_its_path_and_is_trimmed_at_the_last() -> None:
     drive = FakeDrive(SteppedClock(), slip=0.02)
-    moved, path = motor(drive, 100.0), [SpeedSection(rpm * math.tau / 60.0) for rpm in (100.0, 200.0)]
+    moved, path = motor(drive, 100.0), [CrankDrive(rpm * math.tau / 60.0) for rpm in (100.0, 200.0)]
     moved.arm(soft=True, path=path)
     moved.start(soft=True, path=path)
     speeds = [each[1] for each in drive.told if each[0] == "set_speed"]

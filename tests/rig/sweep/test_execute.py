@@ -14,8 +14,8 @@ import pytest
 from daq.errors import ConfigurationError, DeviceLost, InterlockTripped, LogError, RattleError
 from rig.files.bench import parse_bench
 from rig.files.model_file import parse_model
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.signals import Stopped
 from rig.sweep.results import TABLE
 from rig.sweep.state import FILE, CentreState, held, load_state
@@ -38,7 +38,7 @@ def test_every_point_is_recorded_with_its_own_values_and_stands_in_the_table(tri
     runs = Runs()
     state = trial.call(runs)
     assert runs.points == [1, 2, 3, 4]
-    driven = [(each.scenario.model.clearance, each.scenario.drive.frequency) for each in runs.asked]
+    driven = [(each.scenario.model["clearance"], each.scenario.drive.frequency) for each in runs.asked]
     assert driven == [(1e-4, 19.0), (1e-4, 20.0), (2e-4, 19.0), (2e-4, 20.0)]
     assert state.ended("done") == (1, 2, 3, 4)
     rows = list(csv.DictReader((trial.folder / TABLE).read_text().splitlines()))
@@ -270,7 +270,7 @@ def test_centring_comes_first_and_after_each_move_by_hand_and_reaches_every_poin
     asked: list[float] = []
 
     def centre(scenario: Scenario, *_: object) -> CentreState:
-        asked.append(scenario.model.clearance)
+        asked.append(scenario.model["clearance"])
         return CentreState(0.1 * len(asked), 0.01, -5e-6 * len(asked))
 
     trial = Trial(tmp_path / "swept", parsed(settings="centre = true"), centre=centre)
@@ -279,5 +279,5 @@ def test_centring_comes_first_and_after_each_move_by_hand_and_reaches_every_poin
     runs = Runs()
     trial.call(runs)
     assert asked == [1e-4, 2e-4]
-    offsets = [(each.scenario.drive.offset, each.scenario.model.rest_offset) for each in runs.asked]
+    offsets = [(each.scenario.drive.offset, each.scenario.model["rest_offset"]) for each in runs.asked]
     assert offsets == [(0.1, -5e-6), (0.2, -1e-5), (0.2, -1e-5)]

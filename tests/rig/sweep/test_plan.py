@@ -9,8 +9,8 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
-from rig.files.rigs import RIGS
 from rig.files.sweep import Sweep
+from rig.rigs import RIGS
 from rig.session.drive import RAMP_S
 from rig.sweep.plan import (
     AROUND_S,

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 from rig.twin.crank_alignment import align_angle, align_marker
-from rig.twin.rigs.turning import angle_at, in_step
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 
 RATE, COUNTS = 25_600.0, 4096
 COUNT = 2 * np.pi / COUNTS
 
 
-@dataclass(frozen=True)
-class Speed:
-    mean_speed: float
-
-
-NOMINAL = Speed(200 * 2 * np.pi / 60)
+NOMINAL = SpeedDrive(200 * 2 * np.pi / 60)
 
 
 def angle(phase: float, factor: float, samples: np.ndarray, fluctuation: float = 0.0) -> np.ndarray:
@@ -94,8 +86,10 @@ def test_a_twin_that_fluctuates_like_its_rig_turns_with_it(order: int, phase: fl
     angles = np.array([angle_after(true, start, k / RATE) for k in samples])
     twin = SpeedDrive(NOMINAL.mean_speed * (1 + 2e-4), 0.05, order, phase)  # as far off as a healthy rig is
     alignment = align_angle(encoder(angles), RATE, 0, twin)
-    drive = in_step(twin, alignment)
-    predicted = np.array([angle_at(drive, alignment, k / RATE) for k in samples[::5000]])
+    drive = twin.at_cycle_hz(alignment.frequency)
+    predicted = np.array(
+        [drive.phase_after(alignment.phase, alignment.frequency, k / RATE) for k in samples[::5000]]
+    )
     assert alignment.trusted
     # a tenth of the swing of 0.05 rad, which a line fitted over ten turns cannot quite tell from its slope
     assert predicted == pytest.approx(angles[::5000], abs=5e-3)

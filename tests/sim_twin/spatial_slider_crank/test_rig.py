@@ -13,7 +13,7 @@ from sim_twin.mechanisms.run import CONTACT, PEAK
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.rigs.spatial_slider_crank import solver_values as values
-from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS, FORCES, channel_unit
+from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS, FORCES
 from sim_twin.rigs.spatial_slider_crank.constants import SOCKET, constants, layout
 from sim_twin.rigs.spatial_slider_crank.model import BaseMass, Slider, SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.motion import eccentricity, ideal_state, simulation, step_limits
@@ -90,12 +90,12 @@ def test_slider_at_rest_shares_its_weight_between_its_upper_points() -> None:
 
 
 def test_channels_and_units() -> None:
-    assert TWIN.channels == CHANNELS
-    assert [channel_unit(name) for name in ("slider.force_8", "motor.tachometer", "flywheel.marker")] == [
+    assert TWIN.channels == tuple(CHANNELS)
+    assert [CHANNELS[name].unit for name in ("slider.force_8", "motor.tachometer", "flywheel.marker")] == [
         "N", "rad/s", "V",
     ]  # fmt: skip
     with pytest.raises(KeyError, match="crank"):
-        channel_unit("crank.angle")
+        MODEL.channel_unit("crank.angle")
 
 
 def test_marker_and_tachometer_follow_the_crank() -> None:

@@ -11,8 +11,8 @@ from benchmarks.centring import BEAMS, scenario
 from benchmarks.driven_beam import drawn_beam
 from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
-from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.centring.probe import CentringPlan, centre_beam, plan_of
 
 BENCH = embedded_bench()

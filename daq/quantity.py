@@ -1,0 +1,206 @@
+"""What may stand for a setting: metadata of its annotation, written once beside its type and its default.
+
+    clearance: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0)] = 0.127e-3
+
+Readers of files, checks of parameters and pages read it there. A file may give what has one of the meanings
+below, and nothing else of a class.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from inspect import Parameter, signature
+from types import NoneType, UnionType
+from typing import Annotated, Any, Final, Union, get_args, get_origin, get_type_hints
+
+REQUIRED: Final = MISSING
+"""The default of a setting that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What a person may ask for: a number from `low` to `high` in `unit`; `above` leaves `low` itself out.
+
+    The setting itself is in SI, or in `unit` where its name ends with it (`kept`). `wants_unit`: there are
+    two usual units, so that a bare number is an error. `key` is its name in a file, if that is another one;
+    `default` what a file that lacks it means, where the class has no default of its own.
+    """
+
+    unit: str
+    low: float
+    high: float
+    above: bool = False
+    wants_unit: bool = False
+    kept: bool = False
+    key: str = ""
+    default: float | None = None
+
+    def __str__(self) -> str:
+        low, high = (f"{bound:g} {self.unit}".strip() for bound in (self.low, self.high))
+        return f"above {low}, up to {high}" if self.above else f"{low} to {high}"
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """What a part can be at all, whoever asks: from `low` to `high` in `unit` (SI); `above` leaves out `low`.
+
+    Wider than what a file may ask for, since effects and tolerances move a parameter.
+    """
+
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Whether a part can be so."""
+        return (
+            math.isfinite(value) and self.low <= value <= self.high and not (self.above and value == self.low)
+        )
+
+    def __str__(self) -> str:
+        first = f"{'above' if self.above else 'at least'} {self.low:g}"
+        last = "" if math.isinf(self.high) else f", at most {self.high:g}"
+        return f"{first}{last} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """A whole number from `low` to `high`; `key` as that of a Quantity."""
+
+    low: int
+    high: int
+    key: str = ""
+
+    def __str__(self) -> str:
+        return f"a whole number from {self.low} to {self.high}"
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """What is said of a setting; a text has to match `pattern` and be no longer than `longest`."""
+
+    meaning: str
+    pattern: str = r"[^\x00-\x1f\x7f]*"
+    longest: int = 200
+    key: str = ""
+
+    def __str__(self) -> str:
+        return self.meaning
+
+
+@dataclass(frozen=True, slots=True)
+class Depending:
+    """A quantity whose unit hangs on other settings of its table; `meaning` says it while they are not known.
+
+    `quantity(sound values of the table)` is what it may be, None where it is not looked at.
+    """
+
+    meaning: str
+    quantity: Callable[[Mapping[str, Any]], Quantity | None]
+    key: str = ""
+
+    def __str__(self) -> str:
+        return self.meaning
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A setting whose type says all: a `Literal`, a bool, a date, a table; `key` as that of a Quantity."""
+
+    key: str = ""
+
+    def __str__(self) -> str:
+        return ""
+
+
+Meaning = Quantity | Whole | Text | Depending | Key
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A check over several settings of one table; a class has its own in a class variable `CHECKS`.
+
+    `find` gets the table's sound values by key, defaults included, and is called only where all of `keys` are
+    among them. It yields the key at fault (of several the first that the file gives), and what may stand
+    there.
+    """
+
+    keys: tuple[str, ...]
+    find: Callable[[Mapping[str, Any]], Iterator[tuple[str | tuple[str, ...], str]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One setting of a class or function: its `name` there, its `key` in a file, `type`, default, meaning."""
+
+    name: str
+    key: str
+    type: Any
+    default: Any
+    meaning: Meaning
+
+
+def settings_of(owner: Any) -> Mapping[str, Setting]:
+    """What a file may give of a dataclass or a function's parameters, by key, required ones first."""
+    return _settings_of(owner)
+
+
+@functools.cache
+def _settings_of(owner: Any) -> Mapping[str, Setting]:
+    hints = get_type_hints(owner, include_extras=True)
+    found = [
+        _setting(name, hints[name], default, meaning)
+        for name, default in _defaults(owner).items()
+        if (meaning := _metadata(hints[name], Meaning)) is not None
+    ]
+    return {each.key: each for each in sorted(found, key=lambda each: each.default is not REQUIRED)}
+
+
+def bounds_of(owner: Any) -> Mapping[str, Bound]:
+    """What the fields of a dataclass can be at all, by name."""
+    return _bounds_of(owner)
+
+
+@functools.cache
+def _bounds_of(owner: Any) -> Mapping[str, Bound]:
+    found = {
+        name: _metadata(hint, Bound) for name, hint in get_type_hints(owner, include_extras=True).items()
+    }
+    return {name: bound for name, bound in found.items() if bound is not None}
+
+
+def _defaults(owner: Callable[..., Any]) -> dict[str, Any]:
+    if is_dataclass(owner):
+        made = {each.name: each.default_factory for each in fields(owner) if each.init}
+        plain = {each.name: each.default for each in fields(owner) if each.init}
+        return {
+            name: REQUIRED if default is REQUIRED and made[name] is REQUIRED else default
+            for name, default in plain.items()
+        }
+    return {
+        each.name: REQUIRED if each.default is Parameter.empty else each.default
+        for each in signature(owner).parameters.values()
+    }
+
+
+def _setting(name: str, hint: Any, default: Any, meaning: Any) -> Setting:
+    if isinstance(meaning, Quantity) and meaning.default is not None:
+        default = meaning.default
+    return Setting(name, meaning.key or name, hint.__origin__, default, meaning)
+
+
+def _metadata(hint: Any, kind: Any) -> Any:
+    """The metadata of an annotation that is of a kind; None without."""
+    held = hint.__metadata__ if get_origin(hint) is Annotated else ()
+    return next((each for each in held if isinstance(each, kind)), None)
+
+
+def members(plain: Any) -> tuple[Any, ...]:
+    """The types of a union but None; a type by itself is its only one."""
+    if get_origin(plain) in (Union, UnionType):
+        return tuple(each for each in get_args(plain) if each is not NoneType)
+    return (plain,)

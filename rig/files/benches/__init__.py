@@ -1,1 +1,0 @@
-"""The benches of runs without `--bench`, one file a rig: every instrument, emulated."""

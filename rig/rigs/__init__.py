@@ -1,0 +1,36 @@
+"""The rigs: a module each, and a line in the one table."""
+
+from __future__ import annotations
+
+import functools
+
+from rig.loaded_table import LoadedTable
+from rig.rigs.kind import RigKind
+from sim_twin.rigs.channel_table import ENCODER_ANGLE, RigChannel
+
+RIGS = LoadedTable[RigKind](
+    {
+        "impact_beam": "rig.rigs.impact_beam:KIND",
+        "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
+        "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
+    }
+)
+
+
+@functools.cache
+def declared(channel: str) -> RigChannel | None:
+    """What a channel is declared to be, of any rig or beside its card; None where nobody has it."""
+    if channel == ENCODER_ANGLE.name:
+        return ENCODER_ANGLE
+    return next((kind.channels[channel] for kind in RIGS.values() if channel in kind.channels), None)
+
+
+def unit_of(channel: str) -> str | None:
+    """Unit of a channel of any rig's card; None if no rig has it."""
+    units = (kind.channel_unit(channel) for kind in RIGS.values())
+    return next((unit for unit in units if unit is not None), None)
+
+
+def channel_names() -> tuple[str, ...]:
+    """Names of the channels of all rigs, in the operator's words."""
+    return tuple(name for kind in RIGS.values() for name in kind.channels.told)

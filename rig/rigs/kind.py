@@ -1,0 +1,147 @@
+"""What the bench knows of a rig beside its physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import resources
+from inspect import signature
+from math import pi
+from typing import Any, Final
+
+from daq.quantity import REQUIRED, Check, Setting, settings_of
+from sim_twin.rigs.channel_table import ChannelTable, Role
+from sim_twin.twin import AnyTwin, Twin
+
+
+@dataclass(frozen=True, slots=True)
+class ShownSine:
+    """The `channel` that shows a drive that is a sine."""
+
+    channel: str
+
+    def hertz(self, drive: Any) -> float | None:
+        """Frequency of the drive; None of one without an amplitude."""
+        return float(drive.frequency) if drive.amplitude else None
+
+
+@dataclass(frozen=True, slots=True)
+class Highest:
+    """What a bench lets its actuator do at most: the `key` of its table, which is in SI.
+
+    `per_si` is how many of the operator's `unit` one SI unit is.
+    """
+
+    key: str
+    unit: str
+    per_si: float = 1.0
+
+    def of(self, actuator: Any) -> float:
+        """That of an actuator, in SI."""
+        return float(getattr(actuator, self.key))
+
+
+_HIGHEST: Final[Mapping[str, Highest]] = {
+    "signal_generator": Highest("maximum_amplitude", "N"),
+    "inverter": Highest("maximum_speed", "rpm", 30 / pi),
+}
+"""By actuator."""
+
+
+def _as_it_is(rig: Any, channels: tuple[str, ...]) -> Any:
+    return rig
+
+
+@dataclass(frozen=True)
+class RigKind:
+    """A rig: its physics, its channels, and how a lab handles it.
+
+    The table [model] of a scenario holds what `nominal` takes and what is declared of the fields of
+    `parameters`; the table [drive] is `drive`. `checks` are those over several keys of [model]. `actuator` is
+    the table of a bench that drives it, `extras` are tables that it may have besides. `set_up` are the keys
+    of [model] that a lab sets between runs on one rig; another value of any other key is another rig.
+    `by_hand` are the keys that a person changes between two points of a sweep, each with what to do.
+    `variations` are settings for a next experiment, as factors of scenario keys. `equipped(rig, channels)` is
+    the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class.
+    """
+
+    parameters: type[Any]
+    nominal: Callable[..., Any]
+    drive: type[Any]
+    channels: ChannelTable
+    actuator: str
+    set_up: tuple[str, ...]
+    by_hand: Mapping[str, str]
+    variations: tuple[Mapping[str, float], ...]
+    picture: str
+    checks: tuple[Check, ...] = ()
+    extras: tuple[str, ...] = ()
+    equipped: Callable[[Any, tuple[str, ...]], Any] = field(default=_as_it_is)
+
+    @property
+    def name(self) -> str:
+        """What a scenario calls it."""
+        return str(self.parameters.kind)
+
+    @cached_property
+    def bench(self) -> str:
+        """The text of the bench that a run has without a file."""
+        return resources.files("rig.rigs").joinpath(f"{self.name}.toml").read_text(encoding="utf-8")
+
+    @cached_property
+    def model(self) -> Mapping[str, Setting]:
+        """What may stand in [model], by key; each has a default."""
+        nominal = self.nominal()
+        of_fields = {
+            key: replace(each, default=getattr(nominal, each.name))
+            for key, each in settings_of(self.parameters).items()
+        }
+        return {**settings_of(self.nominal), **of_fields}
+
+    def built(self, given: Mapping[str, Any]) -> Any:
+        """The nominal rig with what [model] gives; raises UnphysicalParameter for what no rig can have."""
+        chosen = given.keys() & signature(self.nominal).parameters.keys()
+        rig = self.nominal(**{key: given[key] for key in chosen})
+        return replace(rig, **{self.model[key].name: given[key] for key in given.keys() - chosen})
+
+    def twin(self, given: Mapping[str, Any], drive: Any, channels: tuple[str, ...]) -> AnyTwin:
+        """The nominal twin of a rig that is measured in `channels`; raises like `built`."""
+        rig = self.equipped(self.built(given), channels)
+        return Twin(rig, drive, rig.model.nominal_sensors(rig, drive))
+
+    def cycle_hz(self, drive: Mapping[str, Any]) -> float | None:
+        """Cycles a second by the sound values of [drive]; None where they do not tell."""
+        settings = settings_of(self.drive)
+        values = {each.name: drive.get(key, each.default) for key, each in settings.items()}
+        return None if REQUIRED in values.values() else float(self.drive(**values).cycle_hz)
+
+    @property
+    def highest(self) -> Highest:
+        """What a bench allows of the drive."""
+        return _HIGHEST[self.actuator]
+
+    @property
+    def turns(self) -> bool:
+        """Whether a shaft does, whose speed is held and guarded."""
+        return bool(self.channels.with_role(Role.ANGLE, Role.MARKER))
+
+    @property
+    def crank(self) -> ChannelTable | None:
+        """The channels of a rig that turns."""
+        return self.channels if self.turns else None
+
+    @property
+    def sine(self) -> ShownSine | None:
+        """Where the drive is a sine whose frequency is held."""
+        return ShownSine(self.channels.drive) if self.channels.drive else None
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """The force channels on which impacts are counted: the first group of contacts."""
+        groups = self.channels.heard(self.channels.with_role(Role.CONTACT))
+        return next(iter(groups.values()), ())
+
+    def channel_unit(self, channel: str) -> str | None:
+        """Unit of a channel; None for one that the rig cannot have."""
+        return self.channels.unit(channel)
