@@ -12,7 +12,7 @@ from rich.console import Console
 from daq.log import LogReader
 from rig.commands.arguments import EffectsFile, Model, RunFile
 from rig.commands.summary import report_and_name
-from rig.report import overall_closeness
+from rig.report.closeness import overall_closeness
 from rig.session.progress import Screen
 from rig.twin.overlay import overlay_run
 

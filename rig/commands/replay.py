@@ -11,7 +11,8 @@ from daq.clock import SystemClock
 from daq.log import LogReader
 from rig.commands.arguments import Live, RunFile
 from rig.commands.summary import show
-from rig.report import RunCollector, summary_of
+from rig.report.record import RunCollector
+from rig.report.summary import summary_of
 from rig.session.progress import Screen
 from rig.session.replay import replay_log
 

@@ -13,11 +13,10 @@ from rich.console import Console
 from daq.errors import RattleError
 from rig.ensembles.executors import cores, worker_processes
 from rig.reproduce import page
-from rig.reproduce.catalogue import FIGURES
-from rig.reproduce.computing import compute_all
+from rig.reproduce.catalogue import FIGURES, compute_all
 from rig.reproduce.figure import Effort, Outcome
 from rig.reproduce.page import Reproduced
-from rig.reproduce.verdicts import tally
+from rig.reproduce.statement import tally
 from rig.session.progress import Screen
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from rich.table import Table
 
 from daq.errors import RattleError
-from rig.report import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise, write_report
+from rig.report.page import write_report
+from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise
 from rig.session.progress import Screen
 
 

@@ -16,7 +16,8 @@ from daq.errors import RattleError
 from rig.diagnosis.document import Asked, document, effects_file, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import Recorded, recorded
-from rig.diagnosis.report import RunFacts, write_report
+from rig.diagnosis.report.case import RunFacts
+from rig.diagnosis.report.page import write_report
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.files.model_file import ModelFile, load_model

@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log import LogReader, Origin, verify_log
-from rig.report import summarise
+from rig.report.summary import summarise
 from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Ended
 from tests.end_to_end.files import CHANNELS

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
-from rig.report.content import Part, Sentence, Table
-from rig.report.plot import PlotGrid
+from rig.pages.content import Part, Sentence, Table
+from rig.pages.plots import Plots
+from rig.pages.words import DASH, number
+from rig.report.crank_figures import beside_turns, counted_by, order_lines
 from rig.report.record import ORIGINS, RunRecord
-from rig.report.sections.cut import cut
-from rig.report.sections.left_out import left_out
-from rig.report.sections.numbers import DASH, number
-from rig.report.turning import beside_turns, counted_by, order_lines
+from rig.report.sections.remarks import cut, left_out
 
 _ROW_PX = 190
 _COLUMNS = 2
@@ -30,12 +29,12 @@ Lines = dict[str, NDArray[np.float64]]
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """A plot for each channel that vibrates, both axes logarithmic; nothing for a rig without a crank."""
-    if run.crank is None:
+    """A plot for each channel that vibrates, both axes logarithmic; nothing for a rig without a shaft."""
+    if not run.roles.turns:
         return []
     if all(counted_by(run, origin) is None for origin in ORIGINS):
         return [Sentence("No encoder and no marker in this run: nothing to count orders by.")]
-    channels = [name for name in run.channels if name not in run.crank.plain]
+    channels = list(run.roles.vibration)
     found = _found(run, channels)
     if not found:
         few = Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")
@@ -63,19 +62,19 @@ def _found(run: RunRecord, channels: list[str]) -> dict[str, Lines]:
 
 
 def _figure(run: RunRecord, found: dict[str, Lines]) -> Part:
-    grid = PlotGrid(rows=ceil(len(found) / _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
+    grid = Plots(rows=ceil(len(found) / _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
     x = {
         "type": "log",
-        "title": {"text": "order"},
         "range": [log10(LOWEST_ORDER), log10(HIGHEST_ORDER)],
         "tickvals": list(_TICKS),
     }
     for cell, (name, lines) in enumerate(found.items()):
         bands = {whose: largest_in_bands(_orders(each), each) for whose, each in lines.items()}
         y = {"type": "log", "exponentformat": "power", "dtick": 1, "range": _decades(bands)}
-        grid.axes(cell, f"{name}, {run.channels[name].unit or '-'}", x, y, share_x_with=0)
+        title = f"{name}, {run.channels[name].unit or '-'}"
+        grid.axes(cell, title, "order", x_axis=x, y_axis=y, share_x_with=0)
         for whose, (order, amplitude) in bands.items():
-            grid.line(cell, whose, order, amplitude, name)
+            grid.line(cell, whose, order, amplitude, subject=name)
     return grid.figure("orders", "Drag to zoom. The order axes move together.")
 
 

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.log.reader import Origin
-from daq.signals import CycleAverage, SynchronousAverage, envelope
-from rig.report.content import Part, Sentence
-from rig.report.plot import PlotGrid, points_each
+from daq.signals import CycleAverage, SynchronousAverage
+from rig.pages.content import Part, Sentence
+from rig.pages.plots import Plots, points_each
+from rig.report.crank_figures import beside_turns, in_pieces, turns_of
 from rig.report.record import ORIGINS, RunRecord, Trace
-from rig.report.sections.cut import cut
-from rig.report.sections.left_out import left_out
-from rig.report.turning import beside_turns, in_pieces, turns_of
+from rig.report.sections.remarks import cut, left_out
 
 _ROW_PX = 150
 _COLUMNS = 2
@@ -27,11 +26,11 @@ _LEAP = 0.5
 """Turns from sample to sample beyond which an angle cannot be told from another."""
 
 _REMARK = (
-    "The motion chatters: no single blow of one revolution has to meet the twin's. What stays in the mean of "
-    "all revolutions (at every 0.25°, what is faster filtered out) may be compared as it stands; the fewer "
-    "they are, the more of their scatter is left in it."
+    "The motion chatters: no single impact of one revolution has to meet the twin's. What stays in the mean "
+    "of all revolutions (at every 0.25°, what is faster filtered out) may be compared as it stands; the "
+    "fewer they are, the more of their scatter is left in it."
 )
-_ANGLE = {"title": {"text": "crank angle, °"}, "range": [0, 360], "tickvals": list(range(0, 361, 45))}
+_DEGREES = {"range": [0, 360], "tickvals": list(range(0, 361, 45))}
 _CAPTION = "Drag to zoom, double-click to go back. The crank angle axes move together."
 
 
@@ -51,10 +50,10 @@ class _Revolution(NamedTuple):
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """A row of two plots for each channel that vibrates; nothing for a rig without a crank."""
-    if run.crank is None:
+    """A row of two plots for each channel that vibrates; nothing for a rig without a shaft."""
+    if not run.roles.turns:
         return []
-    channels = [name for name in run.channels if name not in run.crank.plain]
+    channels = list(run.roles.vibration)
     turns = _turns(run)
     if not turns:
         return [
@@ -65,11 +64,11 @@ def parts(run: RunRecord) -> list[Part]:
     names = [name for name in channels if any(name in each for each in traces.values())]
     if not names:
         return [*left_out(run, channels)]
-    grid = PlotGrid(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
+    grid = Plots(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
     for row, name in enumerate(names):
         for column, what in enumerate(("one revolution", "mean of all revolutions")):
             title = f"{name} [{run.channels[name].unit or '-'}], {what}"
-            grid.axes(_COLUMNS * row + column, title, _ANGLE, {}, share_x_with=0)
+            grid.axes(_COLUMNS * row + column, title, "crank angle, °", x_axis=_DEGREES, share_x_with=0)
     found = {run.whose(origin): _revolutions(traces[origin], way) for origin, way in turns.items()}
     points = points_each(len(run.traces) * _COLUMNS)
     for whose, revolutions in found.items():
@@ -94,13 +93,12 @@ def _counts(found: dict[str, dict[str, _Revolution]]) -> str:
 
 
 def _draw(
-    grid: PlotGrid, whose: str, names: list[str], revolutions: dict[str, _Revolution], points: int
+    grid: Plots, whose: str, names: list[str], revolutions: dict[str, _Revolution], points: int
 ) -> None:
     for name, each in revolutions.items():
         for column, line in enumerate((each.one, each.mean)):
-            chosen = envelope(line.values, points)
-            degrees = line.degrees[chosen.indices]
-            grid.line(_COLUMNS * names.index(name) + column, whose, degrees, chosen.values, name)
+            cell = _COLUMNS * names.index(name) + column
+            grid.outline(cell, whose, line.degrees, line.values, subject=name, points=points)
 
 
 def _turns(run: RunRecord) -> dict[Origin, NDArray[np.float64]]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from daq.signals import autospectrum, log_bands
-from rig.report.content import Part, Sentence
-from rig.report.plot import PlotGrid
+from rig.pages.content import Part, Sentence
+from rig.pages.plots import Plots
 from rig.report.record import ORIGINS, RunRecord, Trace
 
 _ROW_PX = 190
@@ -16,15 +16,14 @@ def parts(run: RunRecord) -> list[Part]:
     """One plot for each channel that vibrates, both axes logarithmic."""
     if not run.traces:
         return [Sentence("The log holds no samples.")]
-    plain = run.crank.plain if run.crank else frozenset()
-    channels = {name: channel for name, channel in run.channels.items() if name not in plain}
-    grid = PlotGrid(rows=-(-len(channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
+    channels = {name: run.channels[name] for name in run.roles.vibration}
+    grid = Plots(rows=-(-len(channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
     empty = []
     for cell, (name, channel) in enumerate(channels.items()):
         unit = channel.unit if channel.unit.isalpha() else f"({channel.unit or '-'})"
-        x = {"type": "log", "title": {"text": "frequency, Hz"}, "dtick": 1}
         y = {"type": "log", "exponentformat": "power", "nticks": 6}
-        grid.axes(cell, f"{name}, {unit}²/Hz", x, y, share_x_with=0)
+        x = {"type": "log", "dtick": 1}
+        grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
         for origin in ORIGINS:
             trace = run.traces.get((origin, name))
             if trace is not None and not _draw(grid, cell, run.whose(origin), trace, name):
@@ -38,8 +37,8 @@ def parts(run: RunRecord) -> list[Part]:
     ]
 
 
-def _draw(grid: PlotGrid, cell: int, whose: str, trace: Trace, channel: str) -> bool:
+def _draw(grid: Plots, cell: int, whose: str, trace: Trace, channel: str) -> bool:
     spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
     heard = spectrum.density > 0
-    grid.line(cell, whose, spectrum.frequency_hz[heard], spectrum.density[heard], channel)
+    grid.line(cell, whose, spectrum.frequency_hz[heard], spectrum.density[heard], subject=channel)
     return bool(heard.any())

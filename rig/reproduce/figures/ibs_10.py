@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.report import content
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
 from rig.reproduce.beam_runs import (
     WHAT_IF_AMPLITUDE_N,
     beam,
@@ -16,13 +17,9 @@ from rig.reproduce.beam_runs import (
     what_if_beam,
     whole_half_cycles,
 )
-from rig.reproduce.chart import OURS, SECOND_LINE, TEXT, Chart
-from rig.reproduce.chart import WHAT_IF as WHAT_IF_STYLE
-from rig.reproduce.claim import about, above, below
 from rig.reproduce.explanations import FREQUENCY, WHAT_IF
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample
-from rig.reproduce.statement import Statement, of_sample
+from rig.reproduce.figure import OURS, SECOND_LINE, TEXT, WHAT_IF_STYLE, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import Sample, Statement, about, above, below, of_sample
 from sim_twin.parts.modal import lowest_modes
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 
@@ -194,10 +191,8 @@ def _scatter(ensemble: Sample) -> tuple[float, str, None, float]:
     return share, "%", None, share / float(np.sqrt(2 * (len(ensemble.values) - 1)))
 
 
-def _chart(
-    fast: Band, slow: Band, shaken: dict[int, Band], longer: dict[int, Band], cycles: int
-) -> content.Figure:
-    chart = Chart(rows=1, columns=2, row_px=330)
+def _chart(fast: Band, slow: Band, shaken: dict[int, Band], longer: dict[int, Band], cycles: int) -> Figure:
+    chart = Plots(rows=1, columns=2, row_px=330, legend=True)
     for cell, (around, band) in enumerate(((20, fast), (5, slow))):
         chart.axes(
             cell,
@@ -207,16 +202,17 @@ def _chart(
             y_axis={"rangemode": "tozero"},
         )
         f = band.frequencies
-        chart.scattered(cell, "ours, 15 peaks", f, band.means, band.deviations, OURS)
-        chart.series(cell, f"ours, mean of {2 * cycles} peaks", f, longer[around].means, SECOND_LINE)
-        chart.scattered(cell, "what if", f, shaken[around].means, shaken[around].deviations, WHAT_IF_STYLE)
+        chart.line(cell, "ours, 15 peaks", f, band.means, OURS, deviations=band.deviations)
+        chart.line(cell, f"ours, mean of {2 * cycles} peaks", f, longer[around].means, SECOND_LINE)
+        what_if = shaken[around]
+        chart.line(cell, "what if", f, what_if.means, WHAT_IF_STYLE, deviations=what_if.deviations)
     said = list(_TEXT.items())
     means = [mean for _, (mean, _) in said]
     bars = [mean * share for _, (mean, share) in said]
-    chart.scattered(0, "text (measured)", [f for f, _ in said], means, bars, TEXT)
+    chart.line(0, "text (measured)", [f for f, _ in said], means, TEXT, deviations=bars)
     return chart.figure(
         "ibs-10", "Steel beam, ±0.127 mm. Bars: ± one standard deviation of the 15 peaks at each frequency."
     )
 
 
-FIGURE = Figure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)
+FIGURE = PaperFigure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)

@@ -7,15 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from rig.report import content
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
 from rig.reproduce.beam_runs import WHAT_IF_AMPLITUDE_N, beam, first_peaks, what_if_beam
-from rig.reproduce.chart import OURS, SECOND, TEXT, Chart
-from rig.reproduce.chart import WHAT_IF as WHAT_IF_STYLE
-from rig.reproduce.claim import about, above, below
 from rig.reproduce.explanations import LEVEL, WHAT_IF
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample, ratio
-from rig.reproduce.statement import Statement, of_ratio, of_sample
+from rig.reproduce.figure import OURS, SECOND, TEXT, WHAT_IF_STYLE, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import Sample, Statement, about, above, below, of_ratio, of_sample, ratio
 
 _CLEARANCES_MM = (0.0635, 0.127, 0.1905, 0.254, 0.3175, 0.381, 0.4445, 0.508)
 _FEW_MM = (0.127, 0.254, 0.508)
@@ -113,8 +110,8 @@ def _pair(value_and_error: tuple[float, float]) -> tuple[float, str, None, float
     return value_and_error[0], "", None, value_and_error[1]
 
 
-def _chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, float]]) -> content.Figure:
-    chart = Chart(rows=1, columns=1, row_px=340)
+def _chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, float]]) -> Figure:
+    chart = Plots(rows=1, columns=1, row_px=340, legend=True)
     zero = {"rangemode": "tozero"}
     chart.axes(
         0, "initial peaks of half cycles", "clearance ±, mm", "peak force, N", x_axis=zero, y_axis=zero
@@ -122,12 +119,13 @@ def _chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, floa
     for (label, curve), style in zip(curves.items(), (OURS, SECOND, WHAT_IF_STYLE), strict=False):
         g = np.array(sorted(curve))
         means = [curve[each].mean for each in g]
-        chart.scattered(0, f"ours, {label}", g, means, [curve[each].deviation for each in g], style)
+        deviations = [curve[each].deviation for each in g]
+        chart.line(0, f"ours, {label}", g, means, style, deviations=deviations)
     if text:
-        chart.series(0, "text (steel)", [point[0] for point in text], [point[1] for point in text], TEXT)
+        chart.line(0, "text (steel)", [point[0] for point in text], [point[1] for point in text], TEXT)
     bars = "Bars: ± one standard deviation of the half cycles."
     return chart.figure(name, bars if text else f"{bars} The text gives no number for this figure.")
 
 
-FIGURE_8 = Figure("ibs-8", "Peak force over clearance at 5 Hz", "3D, Fig. 8", _compute_8)
-FIGURE_9 = Figure("ibs-9", "Peak force over clearance at 20 Hz", "3D, Fig. 9", _compute_9)
+FIGURE_8 = PaperFigure("ibs-8", "Peak force over clearance at 5 Hz", "3D, Fig. 8", _compute_8)
+FIGURE_9 = PaperFigure("ibs-9", "Peak force over clearance at 20 Hz", "3D, Fig. 9", _compute_9)

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from rig.report import content
-from rig.reproduce.chart import OURS, OURS_LINE, SECOND, SECOND_LINE, Chart
-from rig.reproduce.claim import Claim, above
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
 from rig.reproduce.explanations import FRAME
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample, ratio
-from rig.reproduce.statement import Statement, of_ratio, of_sample
+from rig.reproduce.figure import OURS, OURS_LINE, SECOND, SECOND_LINE, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import Claim, Sample, Statement, above, of_ratio, of_sample, ratio
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
@@ -143,8 +141,8 @@ def _label(setting: tuple[float, float]) -> str:
     return f"{setting[0]:g} and {setting[1]:g} mm"
 
 
-def _bars(runs: Runs) -> content.Figure:
-    chart = Chart(rows=1, columns=3, row_px=240)
+def _bars(runs: Runs) -> Figure:
+    chart = Plots(rows=1, columns=3, row_px=240, legend=True)
     for cell, name in enumerate(_CHANNELS):
         ticks = {"tickvals": [0, 1, 2], "ticktext": [_label(g) for g in _SETTINGS_MM], "range": [-0.3, 2.3]}
         title = name.replace(".acceleration", "")
@@ -154,15 +152,15 @@ def _bars(runs: Runs) -> content.Figure:
         for speed, style in zip(_SPEEDS_RPM, _STYLES, strict=True):
             rms = [runs[speed, g].rms(cell) for g in _SETTINGS_MM]
             means, deviations = [each.mean for each in rms], [each.deviation for each in rms]
-            chart.scattered(cell, f"ours, {speed:g} rpm", [0.0, 1.0, 2.0], means, deviations, style)
+            chart.line(cell, f"ours, {speed:g} rpm", [0, 1, 2], means, style, deviations=deviations)
     return chart.figure(
         "psc-rms",
         "Bars: ± one standard deviation from turn to turn. The text gives no numbers.",
     )
 
 
-def _traces(runs: Runs) -> content.Figure:
-    chart = Chart(rows=len(_CHANNELS), columns=len(_SETTINGS_MM), row_px=150)
+def _traces(runs: Runs) -> Figure:
+    chart = Plots(rows=len(_CHANNELS), columns=len(_SETTINGS_MM), row_px=150, legend=True)
     for row, name in enumerate(_CHANNELS):
         for column, setting in enumerate(_SETTINGS_MM):
             cell = row * len(_SETTINGS_MM) + column
@@ -170,8 +168,11 @@ def _traces(runs: Runs) -> content.Figure:
             chart.axes(cell, title, "crank angle, degrees", "m/s²", x_axis={"range": [0, 720], "dtick": 180})
             for speed, style in ((200.0, OURS_LINE), (150.0, SECOND_LINE)):
                 trace = runs[speed, setting].accelerations[row, :2].ravel()
-                chart.outline(cell, f"ours, {speed:g} rpm", 720 / len(trace), trace, style)
+                degrees = 720 / len(trace) * np.arange(len(trace))
+                chart.outline(cell, f"ours, {speed:g} rpm", degrees, trace, style)
     return chart.figure("psc-traces", "Two turns of each setting.")
 
 
-FIGURE = Figure("psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute)
+FIGURE = PaperFigure(
+    "psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute
+)

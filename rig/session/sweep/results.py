@@ -18,7 +18,7 @@ from rig.derived import RECORD
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
-from rig.report import summarise
+from rig.report.summary import summarise
 from rig.session.frequency import FrequencySink
 from rig.session.sweep.state import PointState, SweepState, write_whole
 

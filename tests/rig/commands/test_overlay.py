@@ -10,7 +10,8 @@ import pytest
 
 from daq.log import LogReader, Origin, verify_log
 from rig.derived import RECORD
-from rig.report import overall_closeness, summarise
+from rig.report.closeness import overall_closeness
+from rig.report.summary import summarise
 from rig.twin.overlay import overlay_run
 from tests.rig.commands.cli import Call
 from tests.rig.derived.test_live_and_replay import logged, replayed

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from daq.channel import Channel
-from rig.report import write_report
+from rig.report.page import write_report
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.synthetic_run import CHANNELS, RATE, write_log
 

@@ -5,7 +5,7 @@ import pytest
 
 from daq.errors import LogError
 from daq.log.writer import LogWriter
-from rig.report import summarise
+from rig.report.summary import summarise
 from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
 
 

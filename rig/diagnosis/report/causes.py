@@ -1,0 +1,146 @@
+"""Every effect of the catalogue with its probability, what it would have to be, and what looks like it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rig.diagnosis.report.case import Case
+from rig.diagnosis.report.words import floors, parameter_words, plain, plausible
+from rig.pages.content import Bar, BarTable, Part, Sentence, Table
+from rig.pages.words import DASH, estimate, probability, span
+from sim_twin.diagnosis.findings import Judged
+
+_RANKING = ("", "probability", "where", "gap with it alone", "shrink", "not told apart from")
+_HOW = (
+    "Of an effect: that it is the largest cause. Nothing missing, all effects and unknown add up to 100 %. "
+    "Gap and shrink are those of a twin with that effect alone."
+)
+_BELIEVED = 0.02
+_MOST = 6
+_COULD_HIDE = "Nothing is selected. The most probable effects, each as it would have to be if it were there"
+_ALIKE, _HARDLY = 0.75, 0.95
+_MATRIX = (
+    "Twin against twin: how many of a hundred rigs with the effect of the row, as it may be here, are not "
+    "taken for one with the effect of the column; 50 % is a coin."
+)
+
+
+def ranking(case: Case) -> list[Part]:
+    """Bars, "nothing" and "unknown" among them."""
+    found = case.findings
+    bars = [_bar(each) for each in case.judged]
+    bars.append(
+        Bar(
+            "nothing missing",
+            found.none,
+            probability(found.none),
+            ("", floors(found.gap.before), "", ""),
+            True,
+        )
+    )
+    bars.append(
+        Bar("unknown to the catalogue", found.unknown, probability(found.unknown), ("", "", "", ""), True)
+    )
+    return [BarTable(_RANKING, sorted(bars, key=lambda bar: -bar.share)), Sentence(_HOW)]
+
+
+def _bar(judged: Judged) -> Bar:
+    cause = judged.cause
+    where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
+    alike = ", ".join(plain(name) for name in judged.indistinguishable_from)
+    return Bar(
+        plain(cause.name),
+        judged.probability,
+        probability(judged.probability),
+        (where, floors(judged.after), _shrink(judged.shrink), alike),
+    )
+
+
+def _shrink(share: float | None) -> str:
+    if share is None:
+        return DASH
+    return "grows" if share < 0 else f"{100 * share:.0f} %"
+
+
+def parameters(case: Case) -> list[Part]:
+    """Best values with intervals and the plausible range, of what is selected and of its rivals."""
+    found = case.selected
+    alike = {name for each in found for name in each.indistinguishable_from}
+    others = [each for each in case.judged if each not in found]
+    rivals = [each for each in others if each.probability >= _BELIEVED or each.cause.name in alike][:_MOST]
+    if not found:
+        rivals = rivals or others[:_MOST]
+    tables: list[Part] = []
+    if found:
+        tables.append(_table(case, found, "Selected"))
+    if rivals:
+        tables.append(_table(case, rivals, "Rivals, each as it would have to be" if found else _COULD_HIDE))
+    return tables or [Sentence("No effect of the catalogue was judged.")]
+
+
+def _table(case: Case, judged: Sequence[Judged], caption: str) -> Table:
+    written = dict(case.findings.effects)
+    headings = ["effect", "parameter", "value", "95 % interval", "plausible range", "largest cause"]
+    headings += ["in effects.json"] if any(each.cause.name in written for each in judged) else []
+    rows = []
+    for each in judged:
+        for k, parameter in enumerate(each.cause.parameters):
+            found = each.parameters[parameter.name]
+            interval = span(found.low, found.high, parameter.unit)
+            row = [
+                _effect(each) if k == 0 else "",
+                parameter_words(parameter),
+                estimate(found.value, parameter.unit),
+            ]
+            row += [interval, plausible(parameter), probability(each.probability) if k == 0 else ""]
+            if len(headings) > len(row):
+                value = written.get(each.cause.name, {}).get(parameter.name)
+                row.append("" if value is None else estimate(float(value), parameter.unit))
+            rows.append(row)
+    return Table(headings, rows, caption)
+
+
+def _effect(judged: Judged) -> str:
+    cause = judged.cause
+    return f"{plain(cause.name)} ({cause.channel})" if cause.channel else plain(cause.name)
+
+
+def not_told_apart(case: Case) -> list[Part]:
+    """Sentences for the pairs that look alike, and the matrix."""
+    found = case.findings.separability
+    if not found:
+        return [Sentence("Fewer than two effects were compared, so nothing is said about what looks alike.")]
+    return [*_pairs(case), Sentence(_MATRIX), _matrix(case)]
+
+
+def _pairs(case: Case) -> list[Part]:
+    """Of each pair, the direction in which it is told apart worse."""
+    worst: dict[tuple[str, str], float] = {}
+    for (one, other), share in case.findings.separability.items():
+        pair = (min(one, other), max(one, other))
+        worst[pair] = min(share, worst.get(pair, 1.0))
+    lines = [
+        _line(pair, share)
+        for pair, share in sorted(worst.items(), key=lambda each: each[1])
+        if share < _HARDLY
+    ]
+    return list(lines) or [Sentence("Whatever was compared is told apart in 95 of 100 cases or more.")]
+
+
+def _line(pair: tuple[str, str], share: float) -> Sentence:
+    how = "cannot tell" if share < _ALIKE else "can hardly tell"
+    return Sentence(
+        f"These sensors and settings {how} {plain(pair[0])} from {plain(pair[1])}: "
+        f"right in {probability(share)} of cases.",
+        warning=share < _ALIKE,
+    )
+
+
+def _matrix(case: Case) -> Table:
+    found = case.findings.separability
+    names = list(dict.fromkeys(one for one, _ in found))
+    rows = [
+        [plain(one), *(probability(found[one, other]) if (one, other) in found else "" for other in names)]
+        for one in names
+    ]
+    return Table(["", *map(plain, names)], rows)
