@@ -40,19 +40,16 @@ def write_report(log: Path, html: Path) -> None:
 def render(run: RunRecord) -> str:
     """The page of a run that has been read; sections of other packages come before the events."""
     added = plugins(GROUP, Section, taken=SECTIONS)
-    sections = {name: (section.heading, section.parts(run)) for name, section in SECTIONS.items()}
-    sections["summary"][1].extend(Sentence(fault, warning=True) for fault in added.faults)
-    beyond = [(section.heading, _parts_or_fault(name, section, run)) for name, section in added.found.items()]
-    at = list(sections).index("events")
-    own = list(sections.values())
+    made = {name: (section.heading, section.parts(run)) for name, section in SECTIONS.items()}
+    made["summary"][1].extend(Sentence(fault, warning=True) for fault in added.faults)
+    beyond: list[tuple[str, list[Part]]] = []
+    for name, section in added.found.items():
+        try:
+            beyond.append((section.heading, list(section.parts(run))))
+        except Exception as error:  # another package's code: it costs its own section
+            told = f"{GROUP}: {name} failed ({type(error).__name__}: {error})"
+            beyond.append((section.heading, [Sentence(told, warning=True)]))
+    own, at = list(made.values()), list(made).index("events")
     identity = run.metadata.get("run", {})
     subtitle = [run.facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]
     return page(run.facts.name or run.path.stem, subtitle, [*own[:at], *beyond, *own[at:]])
-
-
-def _parts_or_fault(name: str, section: ReportSection, run: RunRecord) -> list[Part]:
-    try:
-        return list(section.parts(run))
-    except Exception as error:  # another package's code; the rest of the report stays
-        told = f"{GROUP}: {name} failed ({type(error).__name__}: {error})"
-        return [Sentence(told, warning=True)]

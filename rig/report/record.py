@@ -230,17 +230,13 @@ def scenario_facts(toml: str) -> ScenarioFacts:
         return ScenarioFacts()
     drive = scenario.get("drive", {})
     drive = drive if isinstance(drive, dict) else {}
+    hertz = _quantity(drive.get("frequency"), "Hz") or _quantity(drive.get("speed"), "rad/s") / math.tau
     return ScenarioFacts(
         name=str(scenario.get("name", "")),
         rig=str(scenario.get("rig", "")),
         drive=", ".join(f"{key} {value}" for key, value in drive.items()),
-        cycle_s=_cycle_s(drive),
+        cycle_s=1.0 / hertz if hertz > 0 and math.isfinite(1.0 / hertz) else None,
     )
-
-
-def _cycle_s(drive: dict[str, object]) -> float | None:
-    frequency = _quantity(drive.get("frequency"), "Hz") or _quantity(drive.get("speed"), "rad/s") / math.tau
-    return 1.0 / frequency if frequency > 0 and math.isfinite(1.0 / frequency) else None
 
 
 def _quantity(value: object, unit: str) -> float:

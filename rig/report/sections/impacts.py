@@ -46,9 +46,8 @@ def parts(run: RunRecord) -> list[Part]:
     every = [each for by_whose in found.values() for each in by_whose.values()]
     units = dict.fromkeys(each.unit for each in every)
     told = [Sentence(_EXPLANATION[unit]) for unit in units if unit in _EXPLANATION]
-    placed = any(np.isfinite(each.angle_deg).any() for each in every)
     figure: Part = Sentence("Nothing told the crank angle of these impacts: neither encoder nor marker.")
-    if placed:
+    if any(np.isfinite(each.angle_deg).any() for each in every):
         figure = _figure(found)
     return [*told, _table(found), figure]
 
@@ -58,10 +57,12 @@ def _table(found: dict[str, dict[str, GroupImpacts]]) -> Table:
     for group, by_whose in found.items():
         for whose, each in by_whose.items():
             against = None if whose == "measured" else by_whose.get("measured")
+            least, most = each.counts_from  # on several channels that may not be one level
+            span = f"{number(least)} to " if most > least else ""
             rows.append(
                 [
                     f"{group}, {whose}",
-                    _level(each),
+                    span + number(most, each.unit),
                     str(len(each.peak)),
                     number(each.a_revolution),
                     number(each.mean, each.unit),
@@ -77,46 +78,32 @@ def _table(found: dict[str, dict[str, GroupImpacts]]) -> Table:
     return Table(headings, rows, "Peak of each impact")
 
 
-def _level(each: GroupImpacts) -> str:
-    """From where on impacts count; on several channels that may not be one level."""
-    least, most = each.counts_from
-    text = number(least, each.unit)
-    return f"{number(least)} to {number(most, each.unit)}" if most > least else text
-
-
 def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
-    grid = Plots(rows=len(found), columns=_COLUMNS, row_px=_ROW_PX)
+    plots = Plots(rows=len(found), columns=_COLUMNS, row_px=_ROW_PX)
     degrees: dict[str, Any] = {"range": [0, 360], "tickvals": list(range(0, 361, 45))}
     for row, (group, by_whose) in enumerate(found.items()):
-        cell = _COLUMNS * row
+        left, right = _COLUMNS * row, _COLUMNS * row + 1
         unit = next(iter(by_whose.values())).unit
         titles = f"peak of each impact, {unit or '-'}", f"impacts a revolution in each {_BIN_DEG}°"
-        for column, title in enumerate(titles):
-            upward = {"rangemode": "tozero"}
-            title = f"{group}: {title}"
-            grid.axes(cell + column, title, "crank angle, °", x_axis=degrees, y_axis=upward, share_x_with=0)
+        for cell, title in zip((left, right), titles, strict=True):
+            upward, title = {"rangemode": "tozero"}, f"{group}: {title}"
+            plots.axes(cell, title, "crank angle, °", x_axis=degrees, y_axis=upward, share_x_with=0)
         for whose, each in by_whose.items():
-            _dots(grid, cell, whose, each)
-            _counts(grid, cell + 1, whose, each)
-    return grid.figure("impacts", _CAPTION)
+            placed = np.flatnonzero(np.isfinite(each.angle_deg))
+            # at most so many, evenly chosen, that the page stays small
+            chosen = placed[:: -(-len(placed) // _MOST_DOTS) or 1]
+            names = [each.channels[at] for at in chosen]
+            plots.dots(left, whose, each.angle_deg[chosen], each.peak[chosen], names)
+            if each.revolutions > 0:  # not of a crank that stands, or whose revolutions are not known
+                _count(plots, right, whose, each)
+    return plots.figure("impacts", _CAPTION)
 
 
-def _dots(grid: Plots, cell: int, whose: str, each: GroupImpacts) -> None:
-    """At most so many, evenly chosen, that the page stays small."""
-    placed = np.flatnonzero(np.isfinite(each.angle_deg))
-    chosen = placed[:: -(-len(placed) // _MOST_DOTS) or 1]
-    names = [each.channels[at] for at in chosen]
-    grid.dots(cell, whose, each.angle_deg[chosen], each.peak[chosen], names)
-
-
-def _counts(grid: Plots, cell: int, whose: str, each: GroupImpacts) -> None:
-    """Nothing for a crank that stands, or whose revolutions are not known."""
-    if not each.revolutions > 0:
-        return
+def _count(plots: Plots, cell: int, whose: str, each: GroupImpacts) -> None:
     edges = np.arange(0, 361, _BIN_DEG, dtype=np.float64)
     counted, _ = np.histogram(each.angle_deg[np.isfinite(each.angle_deg)], bins=edges)
     counts = counted / each.revolutions
     if whose == "measured":
-        grid.bars(cell, whose, (edges[:-1] + edges[1:]) / 2, counts)
+        plots.bars(cell, whose, (edges[:-1] + edges[1:]) / 2, counts)
     else:
-        grid.line(cell, whose, edges, np.append(counts, counts[-1]), subject="impacts", shape="hv")
+        plots.line(cell, whose, edges, np.append(counts, counts[-1]), subject="impacts", shape="hv")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from daq.block import NS_PER_S
@@ -14,39 +15,31 @@ _MOST_ROWS = 500
 
 def events(run: RunRecord) -> list[Part]:
     """A table of events and the gap ledger."""
-    return [*_events(run), *_gaps(run)]
-
-
-def _events(run: RunRecord) -> list[Part]:
-    if not run.events:
-        return [Sentence("No events in this log.")]
-    rows = [
-        [_clock(event.time_ns), event.level, event.source, event.code, event.text]
-        for event in sorted(run.events, key=lambda event: event.time_ns)[:_MOST_ROWS]
-    ]
-    return [
-        Table(("time (UTC)", "level", "source", "code", "text"), rows, "Events", words=True),
-        *_cut(len(run.events), "events"),
-    ]
-
-
-def _gaps(run: RunRecord) -> list[Part]:
+    parts: list[Part] = [Sentence("No events in this log.")]
+    if run.events:
+        rows = [
+            [_clock(event.time_ns), event.level, event.source, event.code, event.text]
+            for event in sorted(run.events, key=lambda event: event.time_ns)
+        ]
+        parts = _ledger("events", ("time (UTC)", "level", "source", "code", "text"), rows)
     if not run.gaps:
-        return [Sentence("No gaps: every sample between the first and the last of each channel is there.")]
+        none = "No gaps: every sample between the first and the last of each channel is there."
+        return [*parts, Sentence(none)]
     rows = [
         [gap.channel, _clock(gap.time_ns), str(gap.first_sample), str(gap.count), gap.cause]
-        for gap in run.gaps[:_MOST_ROWS]
+        for gap in run.gaps
     ]
     return [
-        Table(
-            ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows, "Gaps", words=True
-        ),
-        *_cut(len(run.gaps), "gaps"),
+        *parts,
+        *_ledger("gaps", ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows),
     ]
 
 
-def _cut(count: int, what: str) -> list[Sentence]:
-    return [Sentence(f"The first {_MOST_ROWS} of {count} {what}.")] if count > _MOST_ROWS else []
+def _ledger(what: str, headings: Sequence[str], rows: list[list[str]]) -> list[Part]:
+    parts: list[Part] = [Table(headings, rows[:_MOST_ROWS], what.capitalize(), words=True)]
+    if len(rows) > _MOST_ROWS:
+        parts.append(Sentence(f"The first {_MOST_ROWS} of {len(rows)} {what}."))
+    return parts
 
 
 def _clock(time_ns: int) -> str:
@@ -70,18 +63,13 @@ def provenance(run: RunRecord) -> list[Part]:
         if name != "scenario":
             rows += [[f"{name}: {key}", value] for key, value in record.items()]
     facts = Table(("what", "value"), rows, "Log", words=True)
-    return [facts, _sensors(run)] if run.channels else [facts, Sentence("The log holds no channel.")]
-
-
-def _sensors(run: RunRecord) -> Table:
-    rows = []
+    if not run.channels:
+        return [facts, Sentence("The log holds no channel.")]
+    sensors = []
     for name, channel in run.channels.items():
         tally = run.tallies.get(("measured", name)) or run.tallies.get(("predicted", name))
         scale = DASH if channel.scale is None else f"{channel.scale:g} {channel.unit}/{channel.raw_unit}"
-        rate = number(tally.sample_rate if tally else None, "Hz")
-        rows.append(
-            [name, channel.sensor or DASH, channel.serial or DASH, scale, channel.location or DASH, rate]
-        )
-    return Table(
-        ("channel", "sensor", "serial", "scale", "location", "sample rate"), rows, "Sensors", words=True
-    )
+        words = [channel.sensor or DASH, channel.serial or DASH, scale, channel.location or DASH]
+        sensors.append([name, *words, number(tally.sample_rate if tally else None, "Hz")])
+    headings = ("channel", "sensor", "serial", "scale", "location", "sample rate")
+    return [facts, Table(headings, sensors, "Sensors", words=True)]

@@ -72,14 +72,6 @@ class _Window(NamedTuple):
     end_s: float
 
 
-class _Shown(NamedTuple):
-    """A channel's traces by whose they are."""
-
-    channel: str
-    title: str
-    traces: dict[str, Trace]
-
-
 def parts(run: RunRecord) -> list[Part]:
     """A row of two plots for each channel; with two twins the second is the mean of all cycles.
 
@@ -90,54 +82,40 @@ def parts(run: RunRecord) -> list[Part]:
     if not run.traces:
         return [Sentence("The log holds no samples.")]
     cycle = cycle_of(run)
-    windows = _windows(run, cycle)
-    grid = Plots(rows=len(run.channels), columns=_COLUMNS, row_px=_ROW_PX)
+    contacts = _first_contacts(run)
+    windows = [_first_impacts(contacts), _one_cycle(run)]
+    if cycle is not None:  # wave by wave, two twins can be held against a run only from rest on
+        windows = windows[:1] if cycle.from_rest else windows[1:]
+    plots = Plots(rows=len(run.channels), columns=_COLUMNS, row_px=_ROW_PX)
     points = points_each(len(run.traces) * _COLUMNS)
     for row, (name, channel) in enumerate(run.channels.items()):
-        shown = _Shown(name, f"{name} [{channel.unit or '-'}]", _traces_of(run, name))
+        title, left = f"{name} [{channel.unit or '-'}]", _COLUMNS * row
+        traces = {
+            run.whose(origin): run.traces[origin, name] for origin in ORIGINS if (origin, name) in run.traces
+        }
         for column, window in enumerate(windows):
-            _draw_window(grid, row, column, shown, window, points)
+            time = f"ms after {window.start_s:.4f} s"
+            plots.axes(left + column, f"{title}, {window.title}", time, share_x_with=column)
+            for whose, trace in traces.items():
+                times, values = trace.window(window.start_s, window.end_s)
+                moments = 1e3 * (times - window.start_s)
+                plots.outline(left + column, whose, moments, values, subject=name, points=points)
         if cycle is not None and name not in run.roles.unwrapped:
-            _draw_mean(grid, row, shown, cycle)
-    return [*_remarks(run, cycle), grid.figure("overlays", _CAPTION)]
+            whole = {"range": [0, 1]}
+            plots.axes(left + 1, f"{title}, mean of all cycles", "share of a cycle", x_axis=whole)
+            for whose, trace in traces.items():
+                plots.line(left + 1, whose, *mean_cycle(trace, cycle), subject=name)
+    return [*_remark(run, cycle, contacts is not None), plots.figure("overlays", _CAPTION)]
 
 
-def _traces_of(run: RunRecord, name: str) -> dict[str, Trace]:
-    return {run.whose(origin): run.traces[origin, name] for origin in ORIGINS if (origin, name) in run.traces}
-
-
-def _windows(run: RunRecord, cycle: Cycle | None) -> list[_Window]:
-    """Wave by wave, two twins can be held against a run only from rest on."""
-    if cycle is None:
-        return [_first_impacts(run), _one_cycle(run)]
-    return [_first_impacts(run) if cycle.from_rest else _one_cycle(run)]
-
-
-def _draw_window(grid: Plots, row: int, column: int, shown: _Shown, window: _Window, points: int) -> None:
-    cell = _COLUMNS * row + column
-    time = f"ms after {window.start_s:.4f} s"
-    grid.axes(cell, f"{shown.title}, {window.title}", time, share_x_with=column)
-    for whose, trace in shown.traces.items():
-        times, values = trace.window(window.start_s, window.end_s)
-        moments = 1e3 * (times - window.start_s)
-        grid.outline(cell, whose, moments, values, subject=shown.channel, points=points)
-
-
-def _draw_mean(grid: Plots, row: int, shown: _Shown, cycle: Cycle) -> None:
-    cell = _COLUMNS * row + 1
-    grid.axes(cell, f"{shown.title}, mean of all cycles", "share of a cycle", x_axis={"range": [0, 1]})
-    for whose, trace in shown.traces.items():
-        grid.line(cell, whose, *mean_cycle(trace, cycle), subject=shown.channel)
-
-
-def _remarks(run: RunRecord, cycle: Cycle | None) -> list[Sentence]:
+def _remark(run: RunRecord, cycle: Cycle | None, impacts: bool) -> list[Sentence]:
     if cycle is not None:
         return [Sentence(f"{_FROM_REST if cycle.from_rest else _RUNNING} {_MEAN}")]
-    if all(run.contact_forces(origin) is None for origin in ORIGINS):
-        return [Sentence("No contact forces in this run: the left column shows its beginning.")]
-    if _first_contacts(run) is None:
-        return [Sentence("No impact in this run: the left column shows its beginning.")]
-    return []
+    if impacts:
+        return []
+    forces = any(run.contact_forces(origin) is not None for origin in ORIGINS)
+    what = "impact" if forces else "contact forces"
+    return [Sentence(f"No {what} in this run: the left column shows its beginning.")]
 
 
 def _first_contacts(run: RunRecord) -> NDArray[np.float64] | None:
@@ -156,8 +134,7 @@ def _first_contacts(run: RunRecord) -> NDArray[np.float64] | None:
     return None
 
 
-def _first_impacts(run: RunRecord) -> _Window:
-    contacts = _first_contacts(run)
+def _first_impacts(contacts: NDArray[np.float64] | None) -> _Window:
     if contacts is None:
         return _Window("the beginning", 0.0, _WITHOUT_IMPACTS_S)
     start, end = float(contacts[0, 0]), float(contacts[-1, 1])

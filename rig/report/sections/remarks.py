@@ -16,11 +16,7 @@ def cut(run: RunRecord) -> list[Sentence]:
 
 
 def left_out(run: RunRecord, channels: Sequence[str]) -> list[Sentence]:
-    """Sentences where some of `channels` have a sampling rate of their own or a crank turned backwards."""
-    return [*_of_another_rate(run, channels), *_backwards(run)]
-
-
-def _of_another_rate(run: RunRecord, channels: Sequence[str]) -> list[Sentence]:
+    """Sentences where some of `channels` have a sampling rate of their own or a shaft turned backwards."""
     turning = [origin for origin in ORIGINS if counted_by(run, origin)]
     beside = {(origin, name) for origin in turning for name in beside_turns(run, origin, channels)}
     missing = [
@@ -29,14 +25,12 @@ def _of_another_rate(run: RunRecord, channels: Sequence[str]) -> list[Sentence]:
         for name in channels
         if (origin, name) in run.traces and (origin, name) not in beside
     ]
-    if not missing:
-        return []
-    return [Sentence(f"Left out, sampled at another rate than what tells the angle: {', '.join(missing)}.")]
-
-
-def _backwards(run: RunRecord) -> list[Sentence]:
-    whose = [run.whose(origin) for origin in ORIGINS if turned_backwards(run, origin)]
-    if not whose:
-        return []
-    text = "an angle that falls counts no revolutions, neither for orders nor for the mean revolution."
-    return [Sentence(f"The crank turned backwards ({', '.join(whose)}): {text}")]
+    backwards = [run.whose(origin) for origin in ORIGINS if turned_backwards(run, origin)]
+    told = []
+    if missing:
+        rate = "Left out, sampled at another rate than what tells the angle"
+        told.append(Sentence(f"{rate}: {', '.join(missing)}."))
+    if backwards:
+        text = "an angle that falls counts no revolutions, neither for orders nor for the mean revolution."
+        told.append(Sentence(f"The crank turned backwards ({', '.join(backwards)}): {text}"))
+    return told

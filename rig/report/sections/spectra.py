@@ -5,7 +5,7 @@ from __future__ import annotations
 from daq.signals import autospectrum, log_bands
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import Plots
-from rig.report.record import ORIGINS, RunRecord, Trace
+from rig.report.record import ORIGINS, RunRecord
 
 _ROW_PX = 190
 _BANDS = 500
@@ -26,7 +26,14 @@ def parts(run: RunRecord) -> list[Part]:
         grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
         for origin in ORIGINS:
             trace = run.traces.get((origin, name))
-            if trace is not None and not _draw(grid, cell, run.whose(origin), trace, name):
+            if trace is None:
+                continue
+            spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
+            heard = spectrum.density > 0
+            grid.line(
+                cell, run.whose(origin), spectrum.frequency_hz[heard], spectrum.density[heard], subject=name
+            )
+            if not heard.any():
                 empty.append(f"{name} ({run.whose(origin)})")
     text = "Welch: Hann window, 0.5 s segments, half overlap, mean removed; averaged over narrow bands."
     missing = [Sentence(f"Too few samples, or nothing but zeros: {', '.join(empty)}.")] if empty else []
@@ -35,10 +42,3 @@ def parts(run: RunRecord) -> list[Part]:
         *missing,
         grid.figure("spectra", "Drag to zoom. The frequency axes move together."),
     ]
-
-
-def _draw(grid: Plots, cell: int, whose: str, trace: Trace, channel: str) -> bool:
-    spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
-    heard = spectrum.density > 0
-    grid.line(cell, whose, spectrum.frequency_hz[heard], spectrum.density[heard], subject=channel)
-    return bool(heard.any())

@@ -12,7 +12,7 @@ from rig.pages.words import DASH, counted, difference, number, spread
 from rig.report.closeness import closeness, overall
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import RunRecord
-from rig.report.summary import ChannelSummary, RunSummary, TraceSummary, summary_of
+from rig.report.summary import RunSummary, TraceSummary, summary_of
 
 _ROW_PX = 44
 _CAPTION = (
@@ -150,8 +150,15 @@ def _channel_table(run: RunRecord, summary: RunSummary) -> Table:
     )  # fmt: skip
     rows = []
     for channel in summary.channels:
-        measured = channel.measured
-        figures = _three(channel) if run.repaired else _two(channel)
+        measured, twins = channel.measured, [channel.predicted]
+        if run.repaired:
+            twins = [channel.nominal, channel.predicted]
+            against = [_rms_against(twin, measured) for twin in twins]
+        else:
+            apart = difference(twins[0].rms, measured.rms) if twins[0] and measured else DASH
+            against = [_value(twins[0], "rms"), apart]
+        peaks_of = [_value(each, "peak") for each in (measured, *twins)]
+        figures = [_value(measured, "rms"), *against, *peaks_of]
         if channel.name in run.roles.unwrapped:  # these only tell how long the run was
             figures = [DASH] * len(figures)
         lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
@@ -159,20 +166,7 @@ def _channel_table(run: RunRecord, summary: RunSummary) -> Table:
     return Table(headings, rows, "Channels")
 
 
-def _two(channel: ChannelSummary) -> list[str]:
-    measured, predicted = channel.measured, channel.predicted
-    apart = difference(predicted.rms, measured.rms) if measured and predicted else DASH
-    rms = [_value(measured, "rms"), _value(predicted, "rms"), apart]
-    return [*rms, _value(measured, "peak"), _value(predicted, "peak")]
-
-
-def _three(channel: ChannelSummary) -> list[str]:
-    traces = (channel.measured, channel.nominal, channel.predicted)
-    against = [_value_against(twin, channel.measured) for twin in traces[1:]]
-    return [_value(channel.measured, "rms"), *against, *(_value(each, "peak") for each in traces)]
-
-
-def _value_against(twin: TraceSummary | None, measured: TraceSummary | None) -> str:
+def _rms_against(twin: TraceSummary | None, measured: TraceSummary | None) -> str:
     if twin is None or measured is None:
         return _value(twin, "rms")
     return f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
