@@ -15,7 +15,7 @@ from rich.table import Table
 from daq.errors import RattleError
 from daq.log import LogReader
 from rig.commands.arguments import RunFiles
-from rig.diagnosis.recordings import Recorded, recorded
+from rig.diagnosis.recordings import RecordedCampaign, recorded
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.session.progress import Screen
@@ -62,7 +62,7 @@ def add_to(app: typer.Typer) -> None:
         screen.say(f"model      {out}")
 
 
-def _match(read: Recorded, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
+def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
     with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar.at)
         outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))

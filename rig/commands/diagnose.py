@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 
 from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, print_json
-from rig.diagnosis.diagnose import diagnose_runs
-from rig.diagnosis.gap import measured_gap
+from rig.diagnosis.diagnose_runs import diagnose_runs
+from rig.diagnosis.measured_gap import measured_gap
 from rig.session.progress import Screen
 from sim_twin.diagnosis.findings import Findings
 

@@ -45,15 +45,14 @@ def parts(case: Case) -> list[Part]:
         _spectrum(plots, len(_TITLES) * row, case, name, run)
         _course(plots, len(_TITLES) * row + 1, case, name, run)
         _peaks(plots, len(_TITLES) * row + 2, case, name, run)
-    told = listed([_told(case, name, run) for name, run in shown])
-    return [Sentence(f"The largest gaps: {told}."), plots.figure("before-and-after", _CAPTION)]
-
-
-def _told(case: Case, channel: str, run: int) -> str:
-    states = {"before": False, "after": True} if case.repaired else {"before": False}
-    sizes = [f"{floors(case.gap_of(within(channel, run), after))} {state}" for state, after in states.items()]
-    where = f" in {case.run_name(run)}" if len(case.run_numbers) > 1 else ""
-    return f"{channel}{where} ({', '.join(sizes)})"
+    told = []
+    for name, run in shown:
+        sizes = f"{floors(case.gap_of(within(name, run)))} before"
+        if case.repaired:
+            sizes += f", {floors(case.gap_of(within(name, run), after=True))} after"
+        where = f" in {case.run_name(run)}" if len(case.run_numbers) > 1 else ""
+        told.append(f"{name}{where} ({sizes})")
+    return [Sentence(f"The largest gaps: {listed(told)}."), plots.figure("before-and-after", _CAPTION)]
 
 
 def _cells(case: Case, channel: str, run: int, what: str) -> list[int]:
@@ -95,9 +94,8 @@ def _peaks(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
     low, high = (values["nominal twin"] + sign * floor for sign in (-1, 1))
     plots.band(cell, fifths, np.exp(low), np.exp(high), "linear")
     for whose, logarithms in values.items():
-        plots.line(
-            cell, whose, fifths, np.exp(logarithms), replace(LINES[whose], mode="lines+markers", size=5)
-        )
+        style = replace(LINES[whose], mode="lines+markers", size=5)
+        plots.line(cell, whose, fifths, np.exp(logarithms), style)
 
 
 def _draw(

@@ -28,38 +28,20 @@ _MATRIX = (
 def ranking(case: Case) -> list[Part]:
     """Bars, "nothing" and "unknown" among them."""
     found = case.findings
-    bars = [_bar(each) for each in case.judged]
-    bars.append(
-        Bar(
-            "nothing missing",
-            found.none,
-            probability(found.none),
-            ("", floors(found.gap.before), "", ""),
-            True,
-        )
-    )
-    bars.append(
-        Bar("unknown to the catalogue", found.unknown, probability(found.unknown), ("", "", "", ""), True)
-    )
+    bars = []
+    for each in case.judged:
+        cause = each.cause
+        where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
+        shrink = DASH if each.shrink is None else "grows" if each.shrink < 0 else f"{100 * each.shrink:.0f} %"
+        alike = ", ".join(plain(name) for name in each.indistinguishable_from)
+        more = (where, floors(each.after), shrink, alike)
+        bars.append(Bar(plain(cause.name), each.probability, probability(each.probability), more))
+    for label, share, gap in (
+        ("nothing missing", found.none, floors(found.gap.before)),
+        ("unknown to the catalogue", found.unknown, ""),
+    ):
+        bars.append(Bar(label, share, probability(share), ("", gap, "", ""), apart=True))
     return [BarTable(_RANKING, sorted(bars, key=lambda bar: -bar.share)), Sentence(_HOW)]
-
-
-def _bar(judged: Judged) -> Bar:
-    cause = judged.cause
-    where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
-    alike = ", ".join(plain(name) for name in judged.indistinguishable_from)
-    return Bar(
-        plain(cause.name),
-        judged.probability,
-        probability(judged.probability),
-        (where, floors(judged.after), _shrink(judged.shrink), alike),
-    )
-
-
-def _shrink(share: float | None) -> str:
-    if share is None:
-        return DASH
-    return "grows" if share < 0 else f"{100 * share:.0f} %"
 
 
 def parameters(case: Case) -> list[Part]:
@@ -84,25 +66,19 @@ def _table(case: Case, judged: Sequence[Judged], caption: str) -> Table:
     headings += ["in effects.json"] if any(each.cause.name in written for each in judged) else []
     rows = []
     for each in judged:
-        for k, parameter in enumerate(each.cause.parameters):
-            found = each.parameters[parameter.name]
-            interval = span(found.low, found.high, parameter.unit)
-            row = [
-                _effect(each) if k == 0 else "",
-                parameter_words(parameter),
-                estimate(found.value, parameter.unit),
-            ]
-            row += [interval, plausible(parameter), probability(each.probability) if k == 0 else ""]
+        cause = each.cause
+        effect = f"{plain(cause.name)} ({cause.channel})" if cause.channel else plain(cause.name)
+        share = probability(each.probability)
+        for parameter in cause.parameters:
+            found, unit = each.parameters[parameter.name], parameter.unit
+            row = [effect, parameter_words(parameter), estimate(found.value, unit)]
+            row += [span(found.low, found.high, unit), plausible(parameter), share]
             if len(headings) > len(row):
-                value = written.get(each.cause.name, {}).get(parameter.name)
-                row.append("" if value is None else estimate(float(value), parameter.unit))
+                value = written.get(cause.name, {}).get(parameter.name)
+                row.append("" if value is None else estimate(float(value), unit))
             rows.append(row)
+            effect = share = ""  # said once for all parameters of an effect
     return Table(headings, rows, caption)
-
-
-def _effect(judged: Judged) -> str:
-    cause = judged.cause
-    return f"{plain(cause.name)} ({cause.channel})" if cause.channel else plain(cause.name)
 
 
 def not_told_apart(case: Case) -> list[Part]:
@@ -110,37 +86,21 @@ def not_told_apart(case: Case) -> list[Part]:
     found = case.findings.separability
     if not found:
         return [Sentence("Fewer than two effects were compared, so nothing is said about what looks alike.")]
-    return [*_pairs(case), Sentence(_MATRIX), _matrix(case)]
-
-
-def _pairs(case: Case) -> list[Part]:
-    """Of each pair, the direction in which it is told apart worse."""
-    worst: dict[tuple[str, str], float] = {}
-    for (one, other), share in case.findings.separability.items():
+    worst: dict[tuple[str, str], float] = {}  # of each pair, the direction in which it is told apart worse
+    for (one, other), share in found.items():
         pair = (min(one, other), max(one, other))
         worst[pair] = min(share, worst.get(pair, 1.0))
-    lines = [
-        _line(pair, share)
-        for pair, share in sorted(worst.items(), key=lambda each: each[1])
-        if share < _HARDLY
-    ]
-    return list(lines) or [Sentence("Whatever was compared is told apart in 95 of 100 cases or more.")]
-
-
-def _line(pair: tuple[str, str], share: float) -> Sentence:
-    how = "cannot tell" if share < _ALIKE else "can hardly tell"
-    return Sentence(
-        f"These sensors and settings {how} {plain(pair[0])} from {plain(pair[1])}: "
-        f"right in {probability(share)} of cases.",
-        warning=share < _ALIKE,
-    )
-
-
-def _matrix(case: Case) -> Table:
-    found = case.findings.separability
+    told: list[Part] = []
+    for (one, other), share in sorted(worst.items(), key=lambda each: each[1]):
+        if share < _HARDLY:
+            how = "cannot tell" if share < _ALIKE else "can hardly tell"
+            text = f"These sensors and settings {how} {plain(one)} from {plain(other)}"
+            sentence = f"{text}: right in {probability(share)} of cases."
+            told.append(Sentence(sentence, warning=share < _ALIKE))
+    told = told or [Sentence("Whatever was compared is told apart in 95 of 100 cases or more.")]
     names = list(dict.fromkeys(one for one, _ in found))
     rows = [
         [plain(one), *(probability(found[one, other]) if (one, other) in found else "" for other in names)]
         for one in names
     ]
-    return Table(["", *map(plain, names)], rows)
+    return [*told, Sentence(_MATRIX), Table(["", *map(plain, names)], rows)]

@@ -45,16 +45,17 @@ def _places(case: Case) -> list[Part]:
 
 
 def _of_channels(case: Case) -> Table:
-    headings = ["channel", "before", *(["after"] if case.repaired else [])]
+    states = {"before": False, "after": True} if case.repaired else {"before": False}
     names = {name: (lambda cell, name=name: cell.channel == name) for name in case.channels}
-    numbers = case.run_numbers
-    if len(numbers) > 1:
-        names |= {case.run_name(k): (lambda cell, k=k: cell.run == k) for k in numbers}
-    rows = []
-    for name, chosen in names.items():
-        states = (False, True) if case.repaired else (False,)
-        rows.append([name, *(floors(case.gap_of(chosen, after)) for after in states)])
-    return Table(headings, rows, "Gap of each channel" + (" and run" if len(numbers) > 1 else ""))
+    caption = "Gap of each channel"
+    if len(case.run_numbers) > 1:
+        names |= {case.run_name(k): (lambda cell, k=k: cell.run == k) for k in case.run_numbers}
+        caption += " and run"
+    rows = [
+        [name, *(floors(case.gap_of(chosen, after)) for after in states.values())]
+        for name, chosen in names.items()
+    ]
+    return Table(["channel", *states], rows, caption)
 
 
 def _map(case: Case, run: int) -> Figure:

@@ -17,6 +17,12 @@ _LEFT_OPEN = 1.5
 """A gap that is left from which on the repaired twin is not the rig."""
 
 
+_LEFT = (
+    "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
+    "(their intervals are wider by as much); more --budget may find a nearer one."
+)
+
+
 def parts(case: Case) -> list[Part]:
     """Two sentences, the numbers that matter, and what was lost of the recordings."""
     lost = [Sentence(remark, warning=True) for remark in case.remarks]
@@ -32,19 +38,15 @@ def _numbers(case: Case) -> list[BigNumber]:
     ]
     if case.repaired:
         within = listed([plain(cause.name) for cause in found.selected])
+        shrink, remark = DASH, "no gap to shrink"
+        if gap.shrink is not None:
+            shrink, remark = f"{100 * gap.shrink:.0f} %", interval(gap)
         numbers.append(BigNumber("Gap after", floors(gap.after), f"with {within}"))
-        numbers.append(_shrink(case))
+        numbers.append(BigNumber("Shrink", shrink, remark))
     horizon = case.diagnosis.get("horizon_s")
     if horizon is not None:
         numbers.append(BigNumber("Horizon", estimate(horizon, "s"), "no waveform holds longer"))
     return numbers
-
-
-def _shrink(case: Case) -> BigNumber:
-    gap = case.findings.gap
-    if gap.shrink is None:
-        return BigNumber("Shrink", DASH, "no gap to shrink")
-    return BigNumber("Shrink", f"{100 * gap.shrink:.0f} %", interval(gap))
 
 
 def sentences(case: Case) -> tuple[str, str]:
@@ -58,33 +60,25 @@ def _effect(case: Case) -> tuple[str, str]:
         return "An effect of the catalogue is behind the gap, but none stands out.", _where(case)
     likely = selected[0].probability
     comes = "comes" if likely >= _SURE else "probably comes" if likely >= _LIKELY else "may come"
-    what = _pair(selected) if len(selected) > 1 else _single(case, selected[0])
-    return f"The gap {comes} from {what}.", _shrinks(case, len(selected))
+    if len(selected) == 1:
+        return f"The gap {comes} from {_single(case, selected[0])}.", _shrinks(case, 1)
+    causes = listed([what_and_where(each.cause) for each in selected])
+    larger = f"{plain(selected[0].cause.name)} is the larger (probability {probability(likely)})"
+    return f"The gap {comes} from {causes} together; {larger}.", _shrinks(case, len(selected))
 
 
 def _single(case: Case, one: Judged) -> str:
     sure = f"{what_and_where(one.cause)} (probability {probability(one.probability)})"
     others = [case.judged_of(name) for name in one.indistinguishable_from]
     alike = [f"{what_and_where(each.cause)} ({probability(each.probability)})" for each in others if each]
-    if not alike:
-        return f"{sure}{_main(one)}"
-    return f"{listed([sure, *alike], 'or from')}, which these sensors and settings cannot tell apart"
-
-
-def _main(one: Judged) -> str:
+    if alike:
+        return f"{listed([sure, *alike], 'or from')}, which these sensors and settings cannot tell apart"
     if not one.cause.parameters:
-        return ""
+        return sure
     parameter = one.cause.parameters[0]
     found, unit = one.parameters[parameter.name], parameter.unit
-    interval = span(found.low, found.high, unit)
-    return f": {parameter_words(parameter)} {estimate(found.value, unit)}, 95 % interval {interval}"
-
-
-def _pair(selected: list[Judged]) -> str:
-    causes = listed([what_and_where(each.cause) for each in selected])
-    first = selected[0]
-    larger = f"{plain(first.cause.name)} is the larger (probability {probability(first.probability)})"
-    return f"{causes} together; {larger}"
+    value = f"{parameter_words(parameter)} {estimate(found.value, unit)}"
+    return f"{sure}: {value}, 95 % interval {span(found.low, found.high, unit)}"
 
 
 def _shrinks(case: Case, count: int) -> str:
@@ -106,12 +100,6 @@ def _shrinks(case: Case, count: int) -> str:
         f"a healthy rig: {100 * gap.shrink:.0f} % of it is gone{between}."
     )
     return told if gap.after is None or gap.after < _LEFT_OPEN else f"{told} {_LEFT}"
-
-
-_LEFT = (
-    "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
-    "(their intervals are wider by as much); more --budget may find a nearer one."
-)
 
 
 def interval(gap: Gap) -> str:
@@ -136,16 +124,12 @@ def _none(case: Case) -> tuple[str, str]:
         f"Of the catalogue's {len(case.judged)} effects, {what_and_where(hardest.cause)} is the hardest "
         f"to rule out ({probability(hardest.probability)})"
     )
-    return first, f"{second}{_could_hide(hardest)}."
-
-
-def _could_hide(one: Judged) -> str:
-    if not one.cause.parameters:
-        return ""
-    parameter = one.cause.parameters[0]
-    found = one.parameters[parameter.name]
-    hidden = span(found.low, found.high, parameter.unit)
-    return f"; it could hide with {parameter_words(parameter)} from {hidden}"
+    if hardest.cause.parameters:
+        parameter = hardest.cause.parameters[0]
+        found = hardest.parameters[parameter.name]
+        hidden = span(found.low, found.high, parameter.unit)
+        second += f"; it could hide with {parameter_words(parameter)} from {hidden}"
+    return first, f"{second}."
 
 
 def _unknown(case: Case) -> tuple[str, str]:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RattleError
-from rig.diagnosis.diagnose import recorded_of
+from rig.diagnosis.diagnose_runs import recorded_of
 from rig.diagnosis.document import gap_block
-from rig.diagnosis.recordings import Recorded
+from rig.diagnosis.recordings import RecordedCampaign
 from rig.diagnosis.workers import Simulated
 from rig.ensembles.executors import cores, worker_processes
 from rig.files.effects_file import load_effects
@@ -52,7 +52,7 @@ def measured_gap(
 
 
 def _simulated(
-    data: Recorded, wanted: Sequence[tuple[tuple[Named, ...], int]], seed: int, screen: Screen
+    data: RecordedCampaign, wanted: Sequence[tuple[tuple[Named, ...], int]], seed: int, screen: Screen
 ) -> list[list[NDArray[np.float32]]]:
     """Fingerprints (blocks, numbers) of so many rigs with each set of effects."""
     rng = np.random.default_rng(seed)

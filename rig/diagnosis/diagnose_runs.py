@@ -13,9 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from daq.errors import RattleError
-from rig.diagnosis.document import Asked, document, effects_file, write_json
+from rig.diagnosis.document import Request, document, effects_file, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
-from rig.diagnosis.recordings import Recorded, recorded
+from rig.diagnosis.recordings import RecordedCampaign, recorded
 from rig.diagnosis.report.case import RunFacts
 from rig.diagnosis.report.page import write_report
 from rig.diagnosis.workers import Simulated
@@ -29,7 +29,7 @@ from sim_twin.diagnosis.diagnose import diagnose
 from sim_twin.diagnosis.effort import effort_for
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.horizon import horizon_s
-from sim_twin.diagnosis.latent_force import LatentForce, latent_forces
+from sim_twin.diagnosis.latent_force import latent_forces
 from sim_twin.diagnosis.next_experiment import rivals_of, told_apart
 from sim_twin.diagnosis.subject import Execute
 from sim_twin.rigs.catalogue import model_of
@@ -43,7 +43,7 @@ _OfCampaign: TypeAlias = Callable[[Campaign], Execute]
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class DiagnosisFiles:
     """The files of a diagnosis, and what it found."""
 
     findings: Findings
@@ -55,7 +55,7 @@ class Written:
 
 def diagnose_runs(
     runs: Sequence[Path], model: Path | None, out: Path, seed: int, budget_s: float, screen: Screen
-) -> Written:
+) -> DiagnosisFiles:
     """Diagnose a campaign, with a calibration's `model` of its rig where there is one.
 
     Raises ConfigurationError or LogError for runs that cannot be used.
@@ -83,13 +83,17 @@ def diagnose_runs(
         )
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
-    reaches = [horizon_s(setting, _response_row(data)) for setting in data.campaign.runs]
+    columns, twin = data.campaign.runs[0].columns, data.campaign.runs[0].twin
+    response = twin.channels.index(columns.coupled[0])
+    reaches = [horizon_s(setting, response) for setting in data.campaign.runs]
     reach = min((each for each in reaches if each is not None), default=None)
-    forces = _latent_forces(data, findings, seed)
-    catalogue = model_of(data.campaign.runs[0].twin).effects
-    asked = Asked(runs, model, seed, budget_s)
+    forces = []
+    if findings.unknown >= _UNKNOWN_ENOUGH:
+        forces = latent_forces(data.campaign, data.records, data.sound, seed)
+    catalogue = model_of(twin).effects
+    request = Request(runs, model, seed, budget_s)
     content = document(
-        findings, catalogue, asked, reach, experiment, time.monotonic() - began, remarks, forces
+        findings, catalogue, request, reach, experiment, time.monotonic() - began, remarks, forces
     )
     write_json(out / "diagnosis.json", content)
     write_json(out / "effects.json", effects_file(findings))
@@ -98,7 +102,7 @@ def diagnose_runs(
         following.write_text(experiment.scenario, encoding="utf-8")
     report = out / "report.html"
     write_report(report, findings, content, _facts(data, runs), remarks, forces)
-    return Written(findings, out / "diagnosis.json", out / "effects.json", report, following)
+    return DiagnosisFiles(findings, out / "diagnosis.json", out / "effects.json", report, following)
 
 
 def _make(folder: Path) -> None:
@@ -111,13 +115,7 @@ def _make(folder: Path) -> None:
         raise RattleError(f"cannot write to {folder}: {error.strerror}") from error
 
 
-def _latent_forces(data: Recorded, findings: Findings, seed: int) -> list[LatentForce]:
-    if findings.unknown < _UNKNOWN_ENOUGH:
-        return []
-    return latent_forces(data.campaign, data.records, data.sound, seed)
-
-
-def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Recorded:
+def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> RecordedCampaign:
     """The runs, their twins as the `model` says that their rig is."""
     data = recorded(runs)
     known = _model_of(model, data)
@@ -126,24 +124,19 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     return replace(data, campaign=campaign_with_model(data.campaign, known, screen.warn))
 
 
-def _model_of(path: Path | None, data: Recorded) -> ModelFile | None:
+def _model_of(path: Path | None, data: RecordedCampaign) -> ModelFile | None:
     return None if path is None else load_model(path, model_of(data.campaign.runs[0].twin).name)
 
 
-def _facts(data: Recorded, runs: Sequence[Path]) -> list[RunFacts]:
+def _facts(data: RecordedCampaign, runs: Sequence[Path]) -> list[RunFacts]:
     model = model_of(data.campaign.runs[0].twin)
     units = {name: model.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
     pairs = zip(runs, data.scenarios, strict=True)
     return [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
 
 
-def _response_row(data: Recorded) -> int:
-    columns, twin = data.campaign.runs[0].columns, data.campaign.runs[0].twin
-    return twin.channels.index(columns.coupled[0])
-
-
 def _next_experiment(
-    data: Recorded,
+    data: RecordedCampaign,
     known: ModelFile | None,
     rivals: tuple[Judged, Judged] | None,
     simulate: _OfCampaign,
@@ -157,7 +150,9 @@ def _next_experiment(
     columns = data.campaign.runs[0].columns
     found: list[tuple[float, Option]] = []
     for option in options(data.scenarios[0], columns.channels, columns.rate, data.campaign.runs[0].quiet):
-        campaign = _matched(option.campaign, known)
+        campaign = option.campaign
+        if known is not None:
+            campaign = campaign_with_model(campaign, known, lambda _: None)
         share = told_apart(campaign, effects, simulate(campaign), np.random.default_rng([seed, 0]))
         if share is not None:
             found.append((share, Option(option.scenario, campaign)))
@@ -169,7 +164,3 @@ def _next_experiment(
     names = (first.cause.name, second.cause.name)
     # one more run takes nothing away from what these have shown
     return None if share is None else Experiment(best.scenario, names, max(share, first.probability))
-
-
-def _matched(campaign: Campaign, known: ModelFile | None) -> Campaign:
-    return campaign if known is None else campaign_with_model(campaign, known, lambda _: None)
