@@ -13,7 +13,7 @@ from rig.pages.content import BigNumber, BigNumbers
 from rig.pages.page import page
 from rig.reproduce.explanations import WHAT_IF_RIG
 from rig.reproduce.figure import SEED, Outcome, PaperFigure
-from rig.reproduce.statement import AGREEMENT, Claim, Statement, Verdict, tally
+from rig.reproduce.statement import AGREEMENT, Statement, Verdict, tally
 
 SCHEMA = "rattle.reproduction/1"
 
@@ -77,7 +77,9 @@ def _record(statement: Statement) -> dict[str, Any]:
         "subject": statement.subject,
         "text": claim.text,
         "place": claim.place,
-        **_numbers(claim),
+        "text_value": claim.value,
+        "agrees_from": claim.low if math.isfinite(claim.low) else None,
+        "agrees_to": claim.high if math.isfinite(claim.high) else None,
         "ours": statement.ours,
         "standard_deviation": statement.deviation,
         "standard_error": statement.error,
@@ -86,12 +88,4 @@ def _record(statement: Statement) -> dict[str, Any]:
         "verdict": statement.verdict.value,
         "what_if": statement.what_if,
         "remark": statement.remark,
-    }
-
-
-def _numbers(claim: Claim) -> dict[str, float | None]:
-    ends = {"agrees_from": claim.low, "agrees_to": claim.high}
-    return {
-        "text_value": claim.value,
-        **{key: end if math.isfinite(end) else None for key, end in ends.items()},
     }

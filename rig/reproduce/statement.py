@@ -175,9 +175,11 @@ def of_sample(
     return Statement(subject, claim, sample.mean, unit, sample.deviation, sample.error, remark, what_if)
 
 
-def of_ratio(subject: str, claim: Claim, ratio: tuple[float, float], remark: str = "") -> Statement:
+def of_ratio(
+    subject: str, claim: Claim, ratio: tuple[float, float], remark: str = "", what_if: bool = False
+) -> Statement:
     """A ratio and its standard error against a claim."""
-    return Statement(subject, claim, ratio[0], error=ratio[1], remark=remark)
+    return Statement(subject, claim, ratio[0], error=ratio[1], remark=remark, what_if=what_if)
 
 
 def tally(statements: Iterable[Statement]) -> dict[Verdict, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,10 +41,6 @@ class Turns:
     def rms(self, channel: int) -> Sample:
         """Rms of each turn."""
         return Sample(np.sqrt(np.mean(self.accelerations[channel] ** 2, axis=1)))
-
-    def largest(self, channel: int) -> Sample:
-        """Largest magnitude of each turn."""
-        return Sample(np.abs(self.accelerations[channel]).max(axis=1))
 
     def periodic_share(self, channel: int) -> float:
         """Share of the mean square that repeats from turn to turn, in percent."""
@@ -90,15 +86,13 @@ def _compute(effort: Effort) -> Outcome:
         np.array([run.periodic_share(channel) for run in runs.values() for channel in channels])
     )
     level = Sample(np.array([run.periodic_level(channel) for run in runs.values() for channel in channels]))
+    (slow, fast), (small, _, large) = _SPEEDS_RPM, _SETTINGS_MM
+    faster = [(runs[fast, setting], runs[slow, setting]) for setting in _SETTINGS_MM]
+    wider = [(runs[speed, large], runs[speed, small]) for speed in _SPEEDS_RPM]
     periodic = above(_MAINLY, "mainly periodic, with some peaks of impacts", "5, below Fig. 4")
     statements = [
-        *_per_channel(runs, "rms at 200 over rms at 150 rpm", _by_speed, "amplitudes increase with speed"),
-        *_per_channel(
-            runs,
-            "rms at 2 and 2 mm over rms at 1 and 1 mm",
-            _by_clearance,
-            "amplitudes increase with clearance",
-        ),
+        *_smallest("rms at 200 over rms at 150 rpm", "amplitudes increase with speed", faster),
+        *_smallest("rms at 2 and 2 mm over rms at 1 and 1 mm", "amplitudes increase with clearance", wider),
         of_sample(
             "share of the waveform's mean square that repeats each turn", periodic, waveform, "%", FRAME
         ),
@@ -113,28 +107,15 @@ def _compute(effort: Effort) -> Outcome:
     return Outcome(statements, [_bars(runs), _traces(runs)])
 
 
-def _per_channel(
-    runs: Runs, what: str, compare: Callable[[Runs, int], list[tuple[float, float]]], text: str
-) -> list[Statement]:
+def _smallest(what: str, text: str, pairs: Sequence[tuple[Turns, Turns]]) -> list[Statement]:
+    """Of each channel, the smallest of the ratios of rms of `pairs` of runs."""
     claim: Claim = above(1.0, text, "5, Figs. 7-10")
-    return [
-        of_ratio(
-            f"{name}: {what}, smallest",
-            claim,
-            min(compare(runs, channel), key=lambda pair: pair[0]),
-        )
-        for channel, name in enumerate(_CHANNELS)
-    ]
-
-
-def _by_speed(runs: Runs, channel: int) -> list[tuple[float, float]]:
-    slow, fast = _SPEEDS_RPM
-    return [ratio(runs[fast, g].rms(channel), runs[slow, g].rms(channel)) for g in _SETTINGS_MM]
-
-
-def _by_clearance(runs: Runs, channel: int) -> list[tuple[float, float]]:
-    small, _, large = _SETTINGS_MM
-    return [ratio(runs[speed, large].rms(channel), runs[speed, small].rms(channel)) for speed in _SPEEDS_RPM]
+    found = []
+    for channel, name in enumerate(_CHANNELS):
+        ratios = [ratio(one.rms(channel), other.rms(channel)) for one, other in pairs]
+        smallest = min(ratios, key=lambda pair: pair[0])
+        found.append(of_ratio(f"{name}: {what}, smallest", claim, smallest))
+    return found
 
 
 def _label(setting: tuple[float, float]) -> str:
@@ -154,8 +135,7 @@ def _bars(runs: Runs) -> Figure:
             means, deviations = [each.mean for each in rms], [each.deviation for each in rms]
             chart.line(cell, f"ours, {speed:g} rpm", [0, 1, 2], means, style, deviations=deviations)
     return chart.figure(
-        "psc-rms",
-        "Bars: ± one standard deviation from turn to turn. The text gives no numbers.",
+        "psc-rms", "Bars: ± one standard deviation from turn to turn. The text gives no numbers."
     )
 
 

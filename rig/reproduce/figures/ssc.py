@@ -96,6 +96,11 @@ def _compute_16(effort: Effort) -> Outcome:
     moved = run(replace(rig, contact_span=rig.contact_span + _SHIFT_M), _SPEED_RPM, turns.count)
     sensor = once_a_turn(turns)
     peaks = turns.peaks(sensor)
+    others = ", ".join(
+        f"{VERTICAL[k]} {turns.peaks(k).min():.0f} to {turns.peaks(k).max():.0f} N"
+        for k in range(len(VERTICAL))
+        if k != sensor
+    )
     shift = float(np.abs(moved.peak_times(sensor) - turns.peak_times(sensor)).max())
     statements = [
         Statement(
@@ -111,7 +116,7 @@ def _compute_16(effort: Effort) -> Outcome:
             float(peaks.max()),
             "N",
             remark=f"At {VERTICAL[sensor]}, which sees nearest to one impact a cycle, as the text's does. "
-            f"The others: {_others(turns, sensor)}.",
+            f"The others: {others}.",
         ),
         Statement(
             "largest over smallest peak",
@@ -134,11 +139,6 @@ def once_a_turn(turns: Turns) -> int:
     """The vertical sensor that sees nearest to one impact a turn, as the text's does."""
     rates = [turns.impacts_a_turn(sensor) for sensor in range(len(VERTICAL))]
     return int(np.argmin([abs(np.log(max(rate, 1e-3))) for rate in rates]))
-
-
-def _others(turns: Turns, sensor: int) -> str:
-    ranges = {k: turns.peaks(k) for k in range(len(VERTICAL)) if k != sensor}
-    return ", ".join(f"{VERTICAL[k]} {peaks.min():.0f} to {peaks.max():.0f} N" for k, peaks in ranges.items())
 
 
 def _force_chart(turns: Turns, sensor: int) -> Figure:
@@ -187,9 +187,6 @@ def _compute_17(effort: Effort) -> Outcome:
 def _onset(runs: Runs) -> list[Statement]:
     onset = min((speed for speed, turns in runs.items() if turns.impacts() >= _BEGUN), default=float("inf"))
     slow, fast = min(runs), max(runs)
-    strongest = {
-        speed: max(turns.peaks(k).max() for k in range(len(VERTICAL))) for speed, turns in runs.items()
-    }
     return [
         Statement(
             "impacts in the guide begin at",
@@ -201,7 +198,7 @@ def _onset(runs: Runs) -> list[Statement]:
         Statement(
             f"largest peak at {fast:g} rpm over that at {slow:g} rpm",
             above(_DRAMATIC, "peak forces increase dramatically", _PLACE_17),
-            strongest[fast] / strongest[slow],
+            float(_strongest(runs[fast]).max() / _strongest(runs[slow]).max()),
             remark="Counted as dramatic: threefold.",
         ),
     ]
@@ -232,7 +229,7 @@ def _spread(runs: Runs) -> list[Statement]:
 
 def spread_of(turns: Turns) -> float:
     """Largest over smallest cycle peak less one, in percent, at the sensor with the largest force."""
-    peaks = max((turns.peaks(sensor) for sensor in range(len(VERTICAL))), key=np.max)
+    peaks = _strongest(turns)
     return 100 * float(peaks.max() / peaks.min() - 1)
 
 
