@@ -29,7 +29,7 @@ from sim_twin.rigs.impact_beam.effects import EFFECTS
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.rigs.impact_beam.truth import BeamTwin
-from sim_twin.switched import Simulation
+from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
 
 REFERENCE = (

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, optimize, stats
 
-from daq.time_base import Anchor, fit_clock
+from daq.time_base.fit import fit_clock
+from daq.time_base.model import Anchor
 
 Array = NDArray[np.float64]
 

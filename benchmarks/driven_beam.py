@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 from rig.files.scenario import Scenario
 from rig.twin.plant import BeamPlant, BeamPlantFactory
 from rig.twin.scenario_twin import twin_of

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from daq.signals import Frf, Segmenting, frf
+from daq.signals.frf import Frf, frf
+from daq.signals.segments import Segmenting
 
 RATE = 4096
 SEGMENT = 2048

@@ -21,11 +21,13 @@ from functools import partial
 from multiprocessing.connection import Connection
 
 from daq.errors import InstrumentError
-from drivers.mitsubishi_fr import FrInverter, InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, start_inverter
-from drivers.mitsubishi_fr.emulator.line_faults import KINDS
+from drivers.mitsubishi_fr.emulator.drive import InverterSetup
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
 from drivers.mitsubishi_fr.emulator.load import NO_LOAD_A
-from drivers.protocols import InverterOutput, MotorState
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.inverter import FrInverter
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.protocols.speed_drive import InverterOutput, MotorState
 
 ASKED_RPM, RPM_PER_HZ = 200.0, 30.0
 SET_HZ = 6.67  # as the drive keeps it, in steps of 0.01 Hz

@@ -20,7 +20,8 @@ from pathlib import Path
 
 import psutil
 
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "impact_beam_sixteen_channels.toml"

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.signals import HalfCycles, half_cycles
+from daq.signals.impacts import HalfCycles, half_cycles
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.switched import Simulation
+from sim_twin.switched.simulation import Simulation
 
 RATE = 204_800.0
 _SETTLE = 1.0  # s

@@ -25,7 +25,8 @@ from rich.console import Console
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.log import LogWriter, Origin
+from daq.log.reader import Origin
+from daq.log.writer import LogWriter
 from rig.session.progress import Screen
 from rig.session.replay import replay_log
 

@@ -1,33 +1,30 @@
-"""The `rattle` command, and the one place that names concrete devices."""
+"""The one place that names concrete devices."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
+from pkgutil import resolve_name
 from typing import Final
 
-from drivers.canopen_cia406 import CanopenEncoder
-from drivers.mitsubishi_fr import FrInverter
-from drivers.ni_daq import CardSettings, NiDaqCard
-from drivers.protocols import AcquisitionCard, PositionEncoder
-from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.ni_daq.channels import CardSettings
+from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
 from rig.card_wiring import card_channel, chain_record
-from rig.commands.cli import build
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.session.devices import Devices
-from rig.session.drive import Shaker
-from rig.session.motor import Motor, MotorActuator
 from rig.session.progress import Screen
-from rig.shaft_wiring import encoder_settings, inverter_settings
 
-GENERATORS = {"scpi_33220a": ScpiGenerator}
-INVERTERS = {"mitsubishi_fr": FrInverter}
-CARDS = {"nidaqmx": NiDaqCard}
-ENCODERS = {"canopen_cia406": CanopenEncoder}
+# Drivers by name: a rig has one actuator, and a bus or a card that is not there need not be loaded.
+GENERATORS: Final = {"scpi_33220a": "drivers.scpi.generator:ScpiGenerator"}
+INVERTERS: Final = {"mitsubishi_fr": "drivers.mitsubishi_fr.inverter:FrInverter"}
+CARDS: Final = {"nidaqmx": "drivers.ni_daq.card:NiDaqCard"}
+ENCODERS: Final = {"canopen_cia406": "drivers.canopen_cia406.encoder:CanopenEncoder"}
 _WORDS: Final = {
     "signal_generator": "generator",
     "inverter": "inverter",
@@ -54,10 +51,13 @@ def connect(
 
 
 def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    from drivers.scpi.generator import GeneratorSettings
+    from rig.session.drive import Shaker
+
     generator = bench.signal_generator
     resource = emulated.address("signal_generator", generator.resource)
     make_generator = partial(
-        GENERATORS[generator.driver],
+        resolve_name(GENERATORS[generator.driver]),
         GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
     )
     driver = make_generator()
@@ -70,9 +70,12 @@ def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
 
 
 def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    from rig.session.motor import Motor, MotorActuator
+    from rig.shaft_wiring import inverter_settings
+
     inverter = bench.inverter
     port = emulated.address("inverter", inverter.port)
-    drive = INVERTERS[inverter.driver](inverter_settings(inverter, port))
+    drive = resolve_name(INVERTERS[inverter.driver])(inverter_settings(inverter, port))
     return Devices(
         MotorActuator(drive),
         None,
@@ -93,16 +96,14 @@ def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCa
     card = bench.daq_card
     grpc = emulated.address("daq_card", card.grpc)
     channels = tuple(card_channel(channel) for channel in card.channels)
-    settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels)
-    return CARDS[card.driver](settings)
+    make: Callable[[CardSettings], AcquisitionCard] = resolve_name(CARDS[card.driver])
+    return make(CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels))
 
 
 def _encoder(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
     if bench.encoder is None:
         return None
-    return ENCODERS[bench.encoder.driver](encoder_settings(bench.encoder, emulated.address("encoder")))
+    from rig.shaft_wiring import encoder_settings
 
-
-def main() -> None:
-    """Run the command line."""
-    build(connect)()
+    make: Callable[[EncoderSettings], PositionEncoder] = resolve_name(ENCODERS[bench.encoder.driver])
+    return make(encoder_settings(bench.encoder, emulated.address("encoder")))

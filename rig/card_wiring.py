@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from drivers.ni_daq import Amplifier, AntiAliasFilter, CardChannel, Pulses
+from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, Pulses
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
 from rig.files.bench import Bench
 from rig.files.channels import BenchChannel, PulseSource

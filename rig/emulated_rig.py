@@ -11,9 +11,12 @@ from typing import Any, Final
 
 from daq.clock import SystemClock
 from drivers.emulator_process import EmulatedInstrument
-from drivers.mitsubishi_fr.emulator import InverterWiring, start_inverter
-from drivers.protocols import ActuatorOutput, DriveSettings, InverterOutput, Plant
-from drivers.scpi.emulator import start_function_generator
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.protocols.actuator import ActuatorOutput
+from drivers.protocols.card import Plant
+from drivers.protocols.generator import DriveSettings
+from drivers.protocols.speed_drive import InverterOutput
+from drivers.scpi.emulator.process import start_function_generator
 from rig.files.bench import Bench
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario

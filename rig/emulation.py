@@ -10,9 +10,9 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Final
 
-from drivers.canopen_cia406.emulator import start_encoder
+from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.ni_daq.emulator.process import start_daq_card
 from rig.card_wiring import wiring_of
 from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench

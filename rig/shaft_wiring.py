@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from drivers.canopen_cia406 import EncoderSettings
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.canopen_cia406.objects import SCALING
-from drivers.mitsubishi_fr import InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.mitsubishi_fr.emulator.drive import InverterSetup
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
+from drivers.mitsubishi_fr.settings import InverterSettings
 from rig.files.actuators import Inverter
 from rig.files.bench import Emulation
 from rig.files.encoder import Encoder

@@ -13,7 +13,7 @@ def main() -> None:
     """Run the command line."""
     # gRPC would tell the terminal of every connection that ends; whatever runs here inherits this.
     os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
-    from rig.app import main as rattle
+    from rig.commands.cli import main as rattle
 
     rattle()
 

@@ -1,5 +1,7 @@
 """Measuring chains and what can be wrong with them: from the finely sampled truth to channel samples.
 
+What filters take is imported where they are made: a process that only checks a scenario needs none.
+
 Analog: true signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay,
 decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one
 filter.
@@ -12,9 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
-from sim_twin.decimation import decimated
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -68,6 +68,8 @@ def anti_alias_taps(factor: int, delay: float) -> Array:
     `delay` in fine samples, -0.5 to 0.5, beyond the centre tap. The number of taps is odd; taps - 1 is a
     multiple of 2 `factor`. Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5).
     """
+    from scipy import signal
+
     count, beta = signal.kaiserord(_ATTENUATION_DB + 2, 2 * (_STOP - _PASS) / factor)
     half = factor * int(np.ceil(count / 2 / factor))
     k = np.arange(-half, half + 1) - delay
@@ -104,6 +106,8 @@ class SensorStream:
 
     def pull(self, count: int) -> Array:
         """Give the next `count` channel samples, shape (count,)."""
+        from sim_twin.decimation import decimated
+
         last = (count - 1) * self._factor + len(self._taps)
         segment = self._fine[self._offset : self._offset + last]
         if len(segment) < last:
@@ -162,12 +166,16 @@ class LinearFilter:
         """Filter the next samples, shape (n,) to (n,)."""
         if len(self._state) == 0:
             return x
+        from scipy import signal
+
         y, self._state = signal.lfilter(self._b, self._a, x, zi=self._state)
         return np.asarray(y)
 
 
 def resonance(frequency: float, damping_ratio: float, rate: float) -> LinearFilter:
     """One mode, gain 1 at low frequency, exact for inputs that are linear between samples."""
+    from scipy import signal
+
     omega = 2 * np.pi * frequency
     A = np.array([[0.0, 1.0], [-(omega**2), -2 * damping_ratio * omega]])
     B, C, D = np.array([[0.0], [omega**2]]), np.array([[1.0, 0.0]]), np.zeros((1, 1))
@@ -179,10 +187,14 @@ def resonance(frequency: float, damping_ratio: float, rate: float) -> LinearFilt
 def _butterworth(corner: float | None, rate: float) -> LinearFilter:
     if corner is None:
         return LinearFilter(np.ones(1), np.ones(1))
+    from scipy import signal
+
     return LinearFilter(*signal.butter(2, corner, fs=rate))
 
 
 def _high_pass(corner: float | None, rate: float) -> LinearFilter:
     if corner is None:
         return LinearFilter(np.ones(1), np.ones(1))
+    from scipy import signal
+
     return LinearFilter(*signal.butter(1, corner, "highpass", fs=rate))

@@ -14,7 +14,7 @@ from benchmarks.blind.operating_points import scenario_text
 from benchmarks.blind.recording import Recording
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 
 _BLOCK_S = 0.1
 _FIRST_RUN_NS = 1_790_000_000 * NS_PER_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from daq import Clock, SystemClock
+from daq.clock import Clock, SystemClock
 from daq.errors import (
     ConfigurationError,
     DeviceLost,
@@ -20,7 +20,8 @@ from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import most_held
 from drivers.canopen_cia406.settings import EncoderSettings, problems
 from drivers.canopen_cia406.stream import HEARTBEATS_MISSED, PositionStream
-from drivers.protocols import Emergency, Notice, PositionBlock, PositionStatistics
+from drivers.protocols.encoder import Emergency, PositionBlock, PositionStatistics
+from drivers.protocols.notice import Notice
 
 HEARTBEAT_S = 0.2
 """Three of these are longer than a busy machine stalls, and well within a second."""

@@ -7,7 +7,7 @@ from enum import IntEnum, IntFlag
 
 from canopen.emcy import EmcyError
 
-from drivers.protocols import Emergency
+from drivers.protocols.encoder import Emergency
 
 TPDO1 = 0x180
 EMCY = 0x080

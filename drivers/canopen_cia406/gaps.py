@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from drivers.canopen_cia406.order import Placed
-from drivers.protocols import PositionGap
+from drivers.protocols.encoder import PositionGap
 
 _MISSING, _UNREAD = "frames missing", "not read in time"
 _NOT_CERTAIN = "; how many and where is not certain"

@@ -13,7 +13,7 @@ import can
 import canopen
 from canopen.objectdictionary import import_od
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import NmtCommand

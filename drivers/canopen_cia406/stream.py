@@ -10,7 +10,7 @@ from dataclasses import replace
 import can
 import numpy as np
 
-from daq import Flag
+from daq.block import Flag
 from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
 from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import BusError, NmtState
@@ -18,7 +18,8 @@ from drivers.canopen_cia406.gaps import Gaps
 from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import FrameOrder, Placed, PositionFrame
 from drivers.canopen_cia406.settings import EncoderSettings
-from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.notice import Notice
 
 HEARTBEATS_MISSED = 3
 _ATTENTIVE_S = 0.1

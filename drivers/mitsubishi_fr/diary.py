@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from daq import Clock
-from drivers.protocols import Notice
+from daq.clock import Clock
+from drivers.protocols.notice import Notice
 
 LONGEST = 1000
 

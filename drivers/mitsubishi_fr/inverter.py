@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 from concurrent.futures import TimeoutError as NotDone
 from typing import Any, TypeVar
 
-from daq import Clock, SystemClock
+from daq.clock import Clock, SystemClock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.diary import Diary
@@ -18,7 +18,8 @@ from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.orders import OvertakenOrder
 from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
-from drivers.protocols import MotorState, Notice
+from drivers.protocols.notice import Notice
+from drivers.protocols.speed_drive import MotorState
 
 ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent
 HANGS_S = 30.0  # no coroutine here takes so long but a stop on a long ramp, which says so itself

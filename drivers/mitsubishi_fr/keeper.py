@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr.carried_through import CarriedThrough
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
@@ -17,7 +17,7 @@ from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.line import LineHealth
 from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings, problems
-from drivers.protocols import MotorState
+from drivers.protocols.speed_drive import MotorState
 
 _GONE = (DeviceLost, InstrumentSilent)
 _T = TypeVar("_T")

@@ -6,7 +6,7 @@ import asyncio
 import math
 from collections.abc import Callable
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
@@ -14,7 +14,7 @@ from drivers.mitsubishi_fr.diary import Diary
 from drivers.mitsubishi_fr.orders import Errand, Orders
 from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import CHECKED, InverterSettings, Parameters
-from drivers.protocols import MotorState
+from drivers.protocols.speed_drive import MotorState
 
 STEP_S = 1.0  # within it a single message has to be answered
 OPENING_STEP_S = 3.0

@@ -13,9 +13,9 @@ from nidaqmx.errors import DaqError, DaqWarning, Error
 from nidaqmx.system import System
 from numpy.typing import NDArray
 
-from daq import Channel, Clock, Flag, SystemClock
-from daq.block import NS_PER_S
-from daq.clock import wall_less_monotonic_ns
+from daq.block import NS_PER_S, Flag
+from daq.channel import Channel
+from daq.clock import Clock, SystemClock, wall_less_monotonic_ns
 from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused, RecorderFailed
 from drivers.ni_daq import session
 from drivers.ni_daq.channels import CardChannel, CardSettings
@@ -25,7 +25,7 @@ from drivers.ni_daq.problems import problems
 from drivers.ni_daq.quality import QualityWatch
 from drivers.ni_daq.survey import Survey, survey
 from drivers.ni_daq.tasks import AnalogTask, CounterTask, give_back
-from drivers.protocols import CardReading, Finding
+from drivers.protocols.card import CardReading, Finding
 
 RATE_TOLERANCE = 10e-6
 LARGEST_RATE_ERROR = 0.01

@@ -20,7 +20,7 @@ from nidaqmx.constants import (
 )
 from numpy.typing import DTypeLike
 
-from daq import Channel
+from daq.channel import Channel
 from drivers.ni_daq.channels import CardChannel, Pulses
 from drivers.ni_daq.counting import Decoder, MarkPulses, UnwrappedCount, angle, speed
 

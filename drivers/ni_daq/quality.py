@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Flag
+from daq.block import Flag
 from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.kinds import ANALOG
-from drivers.protocols import Finding
+from drivers.protocols.card import Finding
 
 FULL_SCALE = 0.99999  # a 24-bit code at full scale reads a little below the range
 NEAR_FULL_SCALE = 0.98  # an amplifier's stop lies as far from what its data sheet says

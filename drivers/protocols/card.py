@@ -8,7 +8,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Channel, Flag
+from daq.block import Flag
+from daq.channel import Channel
 from drivers.protocols.actuator import ActuatorOutput
 
 Output_contra = TypeVar("Output_contra", bound=ActuatorOutput, contravariant=True)

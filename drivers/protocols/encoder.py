@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Flag
+from daq.block import Flag
 from drivers.protocols.instrument import Instrument
 from drivers.protocols.notice import Notice
 

@@ -5,22 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from rig.files.bench import Bench, embedded_bench, load_bench
-from rig.files.faults import Gathered
-from rig.files.file_kind import refuse_other_than_log
-from rig.files.scenario import Scenario, load_scenario
-from rig.files.sweep import Sweep, load_sweep
+if TYPE_CHECKING:
+    from rig.files.bench import Bench
+    from rig.files.scenario import Scenario
+    from rig.files.sweep import Sweep
 
-_Wanted = TypeVar("_Wanted", Scenario, Sweep)
+_Wanted = TypeVar("_Wanted", "Scenario", "Sweep")
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
 
 
 def _is_log(path: Path) -> Path:
+    from rig.files.file_kind import refuse_other_than_log
+
     refuse_other_than_log(path)
     return path
 
@@ -55,15 +56,22 @@ RUNS = Path("runs")
 
 def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, Bench]:
     """Scenario and bench (the emulated one without a file); raises one error with the faults of both."""
+    from rig.files.scenario import load_scenario
+
     return _loaded(lambda: load_scenario(scenario_file), bench_file)
 
 
 def load_sweep_pair(sweep_file: Path, bench_file: Path | None) -> tuple[Sweep, Bench]:
     """Sweep and bench (the emulated one without a file); raises one error with the faults of both."""
+    from rig.files.sweep import load_sweep
+
     return _loaded(lambda: load_sweep(sweep_file), bench_file)
 
 
 def _loaded(load: Callable[[], _Wanted], bench_file: Path | None) -> tuple[_Wanted, Bench]:
+    from rig.files.bench import embedded_bench, load_bench
+    from rig.files.faults import Gathered
+
     gathered = Gathered()
     wanted, bench = gathered.of(load), None
     rig = None if wanted is None else wanted.rig

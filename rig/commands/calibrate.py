@@ -5,64 +5,61 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
-from daq.log import LogReader
 from rig.commands.arguments import RunFiles
-from rig.diagnosis.recordings import RecordedCampaign, recorded
-from rig.diagnosis.workers import Simulated
-from rig.ensembles.executors import cores, worker_processes
 from rig.session.progress import Screen
-from rig.twin.matched_twin import as_model_text, found
-from rig.twin.overlay import followed_scenario
-from sim_twin.diagnosis.matching import Match, match
-from sim_twin.matched import Matched
-from sim_twin.rigs.catalogue import model_of
-from sim_twin.twin import AnyTwin
+
+if TYPE_CHECKING:
+    from rig.diagnosis.recordings import RecordedCampaign
+    from sim_twin.diagnosis.matching import Match
+    from sim_twin.matched import Matched
+    from sim_twin.twin import AnyTwin
 
 _TOLD = 0.9
 """Of its deviation before: a tolerance that is still as open was not told by the runs."""
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
+def calibrate(
+    runs: RunFiles,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="MODEL.toml", help="The model to write.")],
+    rigs: Annotated[int, typer.Option("--rigs", min=100, help="How many healthy rigs to simulate.")] = 400,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
+    budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 600,
+) -> None:
+    from rig.diagnosis.recordings import recorded
+    from rig.twin.matched_twin import as_model_text
 
-    @app.command()
-    def calibrate(
-        runs: RunFiles,
-        out: Annotated[Path, typer.Option("-o", "--out", metavar="MODEL.toml", help="The model to write.")],
-        rigs: Annotated[
-            int, typer.Option("--rigs", min=100, help="How many healthy rigs to simulate.")
-        ] = 400,
-        seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
-        budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 600,
-    ) -> None:
-        """Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it."""
-        if out.exists():
-            raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
-        if not out.resolve().parent.is_dir():
-            raise RattleError(f"{out.parent}: no such folder; nothing was calibrated")
-        screen = Screen(Console())
-        with screen.busy("reading"):
-            read = recorded(runs)
-        for remark in read.remarks:
-            screen.warn(remark)
-        outcome = _match(read, rigs, seed, budget, screen)
-        _refuse_unhealthy(outcome)
-        twin = read.campaign.runs[0].twin
-        _show(twin, outcome, screen)
-        text = as_model_text(twin, outcome.matched, [run.name for run in runs], _scenarios(runs))
-        out.write_text(text, encoding="utf-8")
-        screen.say(f"model      {out}")
+    if out.exists():
+        raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
+    if not out.resolve().parent.is_dir():
+        raise RattleError(f"{out.parent}: no such folder; nothing was calibrated")
+    screen = Screen(Console())
+    with screen.busy("reading"):
+        read = recorded(runs)
+    for remark in read.remarks:
+        screen.warn(remark)
+    outcome = _match(read, rigs, seed, budget, screen)
+    _refuse_unhealthy(outcome)
+    twin = read.campaign.runs[0].twin
+    _show(twin, outcome, screen)
+    text = as_model_text(twin, outcome.matched, [run.name for run in runs], _scenarios(runs))
+    out.write_text(text, encoding="utf-8")
+    screen.say(f"model      {out}")
 
 
 def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
+    import numpy as np
+
+    from rig.diagnosis.workers import Simulated
+    from rig.ensembles.executors import cores, worker_processes
+    from sim_twin.diagnosis.matching import match
+
     with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar.at)
         outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
@@ -86,6 +83,9 @@ def _refuse_unhealthy(outcome: Match) -> None:
 
 
 def _show(twin: AnyTwin, outcome: Match, screen: Screen) -> None:
+    from rig.twin.matched_twin import found
+    from sim_twin.rigs.catalogue import model_of
+
     known = outcome.matched
     table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)
     for each in model_of(twin).lasting_tolerances(twin):
@@ -103,6 +103,9 @@ def _deviation(known: Matched, name: str) -> float:
 
 
 def _scenarios(runs: Sequence[Path]) -> list[str]:
+    from daq.log.reader import LogReader
+    from rig.twin.logged import followed_scenario
+
     names = []
     for run in runs:
         with LogReader(run) as log:

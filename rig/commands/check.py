@@ -4,43 +4,38 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daq.errors import ConfigurationError, Problem
-from rig.files.bench import Bench, embedded_bench, load_bench
-from rig.files.check import load_any
-from rig.files.faults import Faults, Gathered, raised_by
-from rig.files.pairing import check_bench, check_pair, check_scenario
-from rig.files.scenario import Scenario
-from rig.files.sweep import Sweep
-from rig.session.sweep.plan import check_points, check_points_anywhere
-from rig.twin.scenario_twin import check_twin
 
-_KINDS: Final = {Scenario: "scenario", Bench: "bench", Sweep: "sweep"}
+if TYPE_CHECKING:
+    from rig.files.bench import Bench
+    from rig.files.scenario import Scenario
+    from rig.files.sweep import Sweep
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-
-    @app.command()
-    def check(
-        file: Annotated[Path, typer.Argument(metavar="FILE", help="A scenario, bench or sweep.")],
-        bench_file: Annotated[
-            Path | None,
-            typer.Option("--bench", metavar="BENCH.toml", help="Check a scenario or sweep on this bench."),
-        ] = None,
-    ) -> None:
-        """Validate a scenario, bench or sweep file; lists every error at once. Nothing moves."""
-        today = datetime.datetime.now(datetime.UTC).date()
-        sound = _alone(file, today) if bench_file is None else _on_bench(file, bench_file, today)
-        where = "" if bench_file is None else f" on {bench_file}"
-        typer.echo(f"{file}: {_KINDS[type(sound)]}, no faults{where}")
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A scenario, bench or sweep.")],
+    bench_file: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="BENCH.toml", help="Check a scenario or sweep on this bench."),
+    ] = None,
+) -> None:
+    today = datetime.datetime.now(datetime.UTC).date()
+    sound = _alone(file, today) if bench_file is None else _on_bench(file, bench_file, today)
+    where = "" if bench_file is None else f" on {bench_file}"
+    typer.echo(f"{file}: {type(sound).__name__.lower()}, no faults{where}")
 
 
 def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
     """What a file holds; what only the emulated bench forbids is told as a remark."""
+    from rig.files.bench import Bench, embedded_bench
+    from rig.files.check import load_any
+    from rig.files.faults import raised_by
+    from rig.files.pairing import check_bench
+
     loaded = load_any(file)
     if isinstance(loaded, Bench):
         check_bench(loaded, today)
@@ -54,6 +49,11 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
 
 def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | Sweep:
     """What a file holds that is to run on a bench; where one of the two is faulty, the other's faults too."""
+    from rig.files.bench import Bench, load_bench
+    from rig.files.check import load_any
+    from rig.files.faults import Gathered
+    from rig.files.pairing import check_bench
+
     gathered = Gathered()
     loaded = gathered.of(lambda: load_any(file))
     if isinstance(loaded, Bench):
@@ -72,7 +72,14 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
 
 def _check_anywhere(wanted: Scenario | Sweep, source: str) -> None:
     """Raise ConfigurationError with all that no bench allows."""
-    if isinstance(wanted, Sweep):
+    from rig.files.faults import Faults, raised_by
+    from rig.files.pairing import check_scenario
+    from rig.files.scenario import Scenario
+    from rig.twin.scenario_twin import check_twin
+
+    if not isinstance(wanted, Scenario):
+        from rig.sweep.plan import check_points_anywhere
+
         check_points_anywhere(wanted)
         return
     faults = Faults(source)
@@ -82,7 +89,14 @@ def _check_anywhere(wanted: Scenario | Sweep, source: str) -> None:
 
 def _check_together(wanted: Scenario | Sweep, bench: Bench, source: str, today: datetime.date) -> None:
     """Raise ConfigurationError with all that this bench does not allow, and with what none does."""
-    if isinstance(wanted, Sweep):
+    from rig.files.faults import Faults, raised_by
+    from rig.files.pairing import check_pair
+    from rig.files.scenario import Scenario
+    from rig.twin.scenario_twin import check_twin
+
+    if not isinstance(wanted, Scenario):
+        from rig.sweep.plan import check_points
+
         check_points(wanted, bench, today)
         return
     faults = Faults(f"{source} on {bench.source}")

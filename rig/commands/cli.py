@@ -1,40 +1,108 @@
-"""Builds the command line and turns errors into exit codes."""
+"""The commands of `rattle`, each loaded when it is called, and its exit codes."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
+from pkgutil import resolve_name
+from typing import Any, Final
 
 import typer
+from typer.core import TyperCommand
 
 from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter
-from rig.commands import (
-    calibrate,
-    centre,
-    check,
-    diagnose,
-    dwell,
-    effects,
-    emulate,
-    ensemble,
-    exchange,
-    logs,
-    overlay,
-    predict,
-    replay,
-    reproduce,
-    run,
-    skew,
-    sweep,
-)
-from rig.files.bench import Bench
-from rig.files.scenario import Scenario
-from rig.session.devices import Devices
-from rig.session.progress import Screen
 from rig.session.signals import Stopped
 
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+COMMANDS: Final = (
+    (
+        "run",
+        "rig.commands.run:run",
+        "Drive the rig, record every instrument, predict, overlay; prints the path of the log.",
+    ),
+    (
+        "sweep",
+        "rig.commands.sweep:sweep",
+        "Run a scenario point by point; the same call goes on where a sweep was stopped.",
+    ),
+    (
+        "centre",
+        "rig.commands.centre:centre",
+        "Find the drive's offset that centres the beam between its stops; writes a scenario that has it.",
+    ),
+    (
+        "dwell",
+        "rig.commands.dwell:dwell",
+        "Record a crank at several speeds in one log, without a twin; `rattle skew` reads it.",
+    ),
+    (
+        "emulate",
+        "rig.commands.emulate:emulate",
+        "Start the emulated instruments on their real wire protocols; prints where each listens.",
+    ),
+    (
+        "predict",
+        "rig.commands.predict:predict",
+        "Run the twin only: from rest with the full drive, or with --seed a healthy rig with noise.",
+    ),
+    (
+        "calibrate",
+        "rig.commands.calibrate:calibrate",
+        "Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it.",
+    ),
+    (
+        "ensemble",
+        "rig.commands.ensemble:ensemble",
+        "Draw healthy rigs of a scenario, run each from rest, and show how their figures spread.",
+    ),
+    (
+        "reproduce",
+        "rig.commands.reproduce:reproduce",
+        "Compute the papers' figures anew, and say where they differ from the text and by how much.",
+    ),
+    (
+        "overlay",
+        "rig.commands.overlay:overlay",
+        "Add the twin's prediction to a recorded run, in a new file; with effects, the nominal twin too.",
+    ),
+    ("replay", "rig.commands.replay:replay", "Play a log through the same path as a live run."),
+    (
+        "diagnose",
+        "rig.commands.diagnose:diagnose",
+        "Say where rig and twin differ, which effect causes it, and how far the gap shrinks with it in.",
+    ),
+    (
+        "gap",
+        "rig.commands.diagnose:gap",
+        "Measure how far runs lie from their twin, and from the twin with some effects in.",
+    ),
+    (
+        "effects",
+        "rig.commands.effects:effects",
+        "List the effects that a scenario's twin can have, with the ranges of their parameters.",
+    ),
+    (
+        "check",
+        "rig.commands.check:check",
+        "Validate a scenario, bench or sweep file; lists every error at once. Nothing moves.",
+    ),
+    ("verify", "rig.commands.logs:verify", "Check a log's integrity and account for every sample."),
+    ("recover", "rig.commands.logs:recover", "Rebuild a log that a crash left, into a new file."),
+    (
+        "export",
+        "rig.commands.exchange:export",
+        "Write a log in another program's format; warns of what the format cannot hold.",
+    ),
+    (
+        "import",
+        "rig.commands.exchange:import_",
+        "Make a log of another program's file; a scenario says which rig it was.",
+    ),
+    (
+        "skew",
+        "rig.commands.skew:skew",
+        "Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes.",
+    ),
+)
+"""Name, module and function, help. A module here imports what the work takes in its functions' bodies."""
 
 FAILED, WRONG_USE, INTERLOCK, INTERRUPTED = 1, 2, 3, 130
 _CODES: tuple[tuple[type[BaseException], int], ...] = (
@@ -48,36 +116,31 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
 )
 
 
-def build(connect: Connect) -> Callable[[], None]:
-    """Return the command line, with `connect` making the devices of a bench."""
-    app = typer.Typer(
+class _LoadedWhenCalled(TyperCommand):
+    """Holds what the list of commands shows; the command itself takes over once its arguments are read."""
+
+    def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
+        where, told = next((where, told) for name, where, told in COMMANDS if name == self.name)
+        alone = _app()
+        alone.command(self.name, help=told)(resolve_name(where))
+        return typer.main.get_command(alone).make_context(info_name, args, *more, **extra)
+
+
+def _app() -> typer.Typer:
+    return typer.Typer(
         help="Drive a rig with clearances, record it, and lay its physics twin over every measurement.",
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
     )
-    run.add_to(app, connect)
-    sweep.add_to(app, connect)
-    centre.add_to(app, connect)
-    dwell.add_to(app, connect)
-    modules = (
-        emulate,
-        predict,
-        calibrate,
-        ensemble,
-        reproduce,
-        overlay,
-        replay,
-        diagnose,
-        effects,
-        check,
-        logs,
-        exchange,
-        skew,
-    )
-    for module in modules:
-        module.add_to(app)
-    return lambda: sys.exit(_guarded(app))
+
+
+def main() -> None:
+    """Run the command line and end the process with its exit code."""
+    app = _app()
+    for name, _, told in COMMANDS:
+        app.command(name, cls=_LoadedWhenCalled, help=told)(lambda: None)
+    sys.exit(_guarded(app))
 
 
 def _guarded(app: typer.Typer) -> int:

@@ -3,34 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 from rich.table import Table
 
 from rig.commands.arguments import Json, ScenarioFile, print_json
-from rig.files.effects_file import Catalogue, ParameterRange
-from rig.files.scenario import load_scenario
 from rig.session.progress import Screen
-from rig.twin.scenario_twin import catalogue_of, twin_of
-from sim_twin.effects.effect import Effect
-from sim_twin.rigs.catalogue import model_of
-from sim_twin.twin import AnyTwin
+
+if TYPE_CHECKING:
+    from rig.files.effects_file import Catalogue, ParameterRange
+    from sim_twin.effects.effect import Effect
+    from sim_twin.twin import AnyTwin
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
+def effects(scenario_file: ScenarioFile, machine: Json = False) -> None:
+    from rig.files.scenario import load_scenario
+    from rig.twin.scenario_twin import catalogue_of, twin_of
+    from sim_twin.rigs.catalogue import model_of
 
-    @app.command()
-    def effects(scenario_file: ScenarioFile, machine: Json = False) -> None:
-        """List the effects that a scenario's twin can have, with the ranges of their parameters."""
-        twin = twin_of(load_scenario(scenario_file))
-        model = model_of(twin)
-        allowed = catalogue_of(model)
-        if machine:
-            print_json([_as_json(effect, twin, allowed) for effect in model.effects.values()])
-            return
-        Screen(Console()).console.print(_table(twin, allowed))
+    twin = twin_of(load_scenario(scenario_file))
+    model = model_of(twin)
+    allowed = catalogue_of(model)
+    if machine:
+        print_json([_as_json(effect, twin, allowed) for effect in model.effects.values()])
+        return
+    Screen(Console()).console.print(_table(twin, allowed))
 
 
 def _as_json(effect: Effect, twin: AnyTwin, allowed: Catalogue) -> dict[str, object]:
@@ -43,6 +41,8 @@ def _as_json(effect: Effect, twin: AnyTwin, allowed: Catalogue) -> dict[str, obj
 
 
 def _table(twin: AnyTwin, allowed: Catalogue) -> Table:
+    from sim_twin.rigs.catalogue import model_of
+
     table = Table(box=None, pad_edge=False)
     for column in ("effect", "where", "parameter", "may be"):
         table.add_column(column, no_wrap=column != "may be", overflow="fold")

@@ -6,17 +6,17 @@ import signal
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-import typer
 from rich.console import Console
 
 from rig.commands.arguments import BenchFile, Json, ScenarioFile, load_pair, print_json
-from rig.emulation import Emulated, EmulatedBench, starting
-from rig.files.bench import Bench
-from rig.files.reaching import bench_reaching
 from rig.session.progress import Screen
 from rig.session.signals import Stopped
+
+if TYPE_CHECKING:
+    from rig.emulation import Emulated
+    from rig.files.bench import Bench
 
 _NO_PARITY: Final = (
     "inverter: a pseudo terminal (/dev/pts/...) carries no parity, which the bench asks for; use the socket, "
@@ -24,35 +24,34 @@ _NO_PARITY: Final = (
 )
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
+def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
+    from rig.emulation import EmulatedBench, starting
 
-    @app.command()
-    def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
-        """Start the emulated instruments on their real wire protocols; prints where each listens."""
-        scenario, bench = load_pair(scenario_file, bench_file)
-        screen = Screen(Console(stderr=as_json))
-        ended = threading.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: ended.set())
-        with ExitStack() as stack:
-            with screen.busy(starting(bench)):
-                emulated = stack.enter_context(EmulatedBench(scenario, bench))
-            addresses = {
-                table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []
-                for table in bench.instruments
-            }
-            if as_json:
-                print_json(addresses)
-            for name, each in addresses.items():
-                screen.say(f"{name}: {', '.join(each) or 'real, not emulated'}")
-            _say_how_to_reach(bench, emulated, scenario_file, screen)
-            screen.say("Ctrl-C ends them")
-            ended.wait()
-        raise Stopped("emulated instruments ended")
+    scenario, bench = load_pair(scenario_file, bench_file)
+    screen = Screen(Console(stderr=as_json))
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with ExitStack() as stack:
+        with screen.busy(starting(bench)):
+            emulated = stack.enter_context(EmulatedBench(scenario, bench))
+        addresses = {
+            table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []
+            for table in bench.instruments
+        }
+        if as_json:
+            print_json(addresses)
+        for name, each in addresses.items():
+            screen.say(f"{name}: {', '.join(each) or 'real, not emulated'}")
+        _say_how_to_reach(bench, emulated, scenario_file, screen)
+        screen.say("Ctrl-C ends them")
+        ended.wait()
+    raise Stopped("emulated instruments ended")
 
 
 def _say_how_to_reach(bench: Bench, emulated: Emulated, scenario_file: Path, screen: Screen) -> None:
+    from rig.files.reaching import bench_reaching
+
     if "inverter" in emulated.instruments and bench.inverter.parity != "N":
         screen.say(_NO_PARITY)
     screen.say(

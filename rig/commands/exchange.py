@@ -7,80 +7,66 @@ import datetime
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from daq.block import NS_PER_S
 from daq.errors import ConfigurationError, Problem
-from daq.log import LogReader, LogWriter
 from rig.commands.arguments import RunFile
-from rig.files.quantity import QuantityError, si_value
-from rig.files.scenario import Scenario, load_scenario, parse_scenario
 from rig.session.progress import Screen
-from rig.twin.prediction_file import removed_if_it_fails
 
 if TYPE_CHECKING:
     from daq.formats.contents import Contents
     from daq.formats.recording import Recording
     from daq.formats.samples import Scratch
     from rig.files.foreign import Answers
+    from rig.files.scenario import Scenario
 
-# Formats are imported where they are used: their packages take a second, which no other command need pay.
 Pairs = list[str] | None
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
+def export(
+    run: RunFile,
+    to: Annotated[str, typer.Option("--to", metavar="uff|tdms|mat|csv|parquet", help="The format.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN in that format.")
+    ] = None,
+) -> None:
+    screen = Screen(Console())
+    for path in export_log(run, to, out, screen):
+        screen.say(f"file       {path}")
 
-    @app.command()
-    def export(
-        run: RunFile,
-        to: Annotated[str, typer.Option("--to", metavar="uff|tdms|mat|csv|parquet", help="The format.")],
-        out: Annotated[
-            Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN in that format.")
-        ] = None,
-    ) -> None:
-        """Write a log in another program's format; warns of what the format cannot hold."""
-        screen = Screen(Console())
-        for path in export_log(run, to, out, screen):
-            screen.say(f"file       {path}")
 
-    @app.command("import")
-    def import_(
-        files: Annotated[
-            list[Path], typer.Argument(metavar="FILE...", help="A file, or the files of one run.")
-        ],
-        scenario: Annotated[
-            Path | None,
-            typer.Option("--scenario", metavar="S.toml", help="Default: the one that the file carries."),
-        ] = None,
-        out: Annotated[
-            Path | None, typer.Option("-o", "--out", metavar="FILE.mcap", help="Default: FILE.mcap")
-        ] = None,
-        rename: Annotated[Pairs, typer.Option("--rename", metavar="THEIRS=OURS", help=_RENAME)] = None,
-        unit: Annotated[Pairs, typer.Option("--unit", metavar="THEIRS=UNIT", help=_UNIT)] = None,
-        skip: Annotated[Pairs, typer.Option("--skip", metavar="THEIRS", help="Leave a channel out.")] = None,
-        sample_rate: Annotated[Pairs, typer.Option("--sample-rate", metavar="RATE", help=_RATE)] = None,
-        started: Annotated[str | None, typer.Option("--started", metavar="TIME", help=_STARTED)] = None,
-    ) -> None:
-        """Make a log of another program's file; a scenario says which rig it was."""
-        from rig.files.foreign import Answers
+def import_(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="A file, or the files of one run.")],
+    scenario: Annotated[
+        Path | None,
+        typer.Option("--scenario", metavar="S.toml", help="Default: the one that the file carries."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE.mcap", help="Default: FILE.mcap")
+    ] = None,
+    rename: Annotated[Pairs, typer.Option("--rename", metavar="THEIRS=OURS", help=_RENAME)] = None,
+    unit: Annotated[Pairs, typer.Option("--unit", metavar="THEIRS=UNIT", help=_UNIT)] = None,
+    skip: Annotated[Pairs, typer.Option("--skip", metavar="THEIRS", help="Leave a channel out.")] = None,
+    sample_rate: Annotated[Pairs, typer.Option("--sample-rate", metavar="RATE", help=_RATE)] = None,
+    started: Annotated[str | None, typer.Option("--started", metavar="TIME", help=_STARTED)] = None,
+) -> None:
+    from rig.files.foreign import Answers
 
-        answers = Answers(
-            _pairs(rename, "--rename"),
-            _pairs(unit, "--unit"),
-            skip or (),
-            [_rate(text) for text in sample_rate or ()],
-            None if started is None else _unix_ns(started),
-        )
-        target = out or files[0].with_suffix(".mcap")
-        screen = Screen(Console())
-        import_files(files, scenario, target, answers, screen)
-        screen.say(f"log        {target}")
+    answers = Answers(
+        _pairs(rename, "--rename"),
+        _pairs(unit, "--unit"),
+        skip or (),
+        [_rate(text) for text in sample_rate or ()],
+        None if started is None else _unix_ns(started),
+    )
+    target = out or files[0].with_suffix(".mcap")
+    screen = Screen(Console())
+    import_files(files, scenario, target, answers, screen)
+    screen.say(f"log        {target}")
 
 
 _RENAME = "What the file calls a channel, and its name on the rig. May come again."
@@ -94,6 +80,7 @@ def export_log(run: Path, to: str, out: Path | None, screen: Screen) -> tuple[Pa
     from daq.formats import FORMATS
     from daq.formats.log_recording import read_log
     from daq.formats.samples import Scratch
+    from daq.log.reader import LogReader
 
     chosen = FORMATS.get(to)
     if chosen is None or chosen.write is None:
@@ -115,7 +102,10 @@ def import_files(
     """Make the new log `target` of `files`; raises ConfigurationError, LogError, RecorderFailed."""
     from daq.formats.log_recording import write_log
     from daq.formats.samples import Scratch
+    from daq.log.writer import LogWriter
     from rig.files.foreign import matched_to_rig
+    from rig.files.scenario import load_scenario
+    from rig.twin.prediction_file import removed_if_it_fails
 
     given = None if scenario_file is None else load_scenario(scenario_file)
     source = ", ".join(map(str, files))
@@ -149,6 +139,8 @@ def _contents(files: Sequence[Path], scratch: Scratch) -> Contents:
 
 
 def _carried_scenario(contents: Contents, source: str) -> Scenario:
+    from rig.files.scenario import parse_scenario
+
     text = contents.rest.metadata.get("scenario", {}).get("toml", "")
     if not text:
         raise ConfigurationError(source, [Problem("--scenario", "(missing)", "the file carries none")])
@@ -157,6 +149,8 @@ def _carried_scenario(contents: Contents, source: str) -> Scenario:
 
 def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path]) -> Recording:
     """The recording with the scenario in it, and with where it came from in its `run` record."""
+    from importlib.metadata import version
+
     starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
     run = {
         "id": files[0].stem,
@@ -170,7 +164,7 @@ def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path
 
 
 def _iso(time_ns: int) -> str:
-    seconds, nanoseconds = divmod(time_ns, NS_PER_S)
+    seconds, nanoseconds = divmod(time_ns, 10**9)
     moment = datetime.datetime.fromtimestamp(seconds, datetime.UTC)
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
 
@@ -186,7 +180,7 @@ def _unix_ns(text: str) -> int:
         moment = datetime.datetime.fromisoformat(match[1]).replace(tzinfo=datetime.UTC)
     except ValueError as error:
         raise typer.BadParameter(f"--started {text}: a time such as 2026-09-21T14:13:20.5Z") from error
-    return int(moment.timestamp()) * NS_PER_S + int((match[2] or "0").ljust(9, "0"))
+    return int(moment.timestamp()) * 10**9 + int((match[2] or "0").ljust(9, "0"))
 
 
 def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
@@ -200,6 +194,8 @@ def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
 
 
 def _rate(text: str) -> float:
+    from rig.files.quantity import QuantityError, si_value
+
     try:
         rate = float(text) if re.fullmatch(r"[\d.]+", text) else si_value(text, "Hz")
     except (QuantityError, ValueError) as error:

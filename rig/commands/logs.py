@@ -4,33 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from daq.log import LogReader, recover_log, verify_log
-from daq.log.recover import LogReport
 from rig.commands.arguments import Json, RunFile, print_json
+
+if TYPE_CHECKING:
+    from daq.log.recover import LogReport
 
 _UNSOUND = 1
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
+def verify(log: RunFile, as_json: Json = False) -> None:
+    from daq.log.recover import verify_log
 
-    @app.command()
-    def verify(log: RunFile, as_json: Json = False) -> None:
-        """Check a log's integrity and account for every sample."""
-        _show(verify_log(log), as_json)
+    _show(verify_log(log), as_json)
 
-    @app.command()
-    def recover(
-        log: RunFile, out: Annotated[Path, typer.Option("-o", metavar="FILE", help="The new log.")]
-    ) -> None:
-        """Rebuild a log that a crash left, into a new file."""
-        _show(recover_log(log, out), as_json=False)
+
+def recover(
+    log: RunFile, out: Annotated[Path, typer.Option("-o", metavar="FILE", help="The new log.")]
+) -> None:
+    from daq.log.recover import recover_log
+
+    _show(recover_log(log, out), as_json=False)
 
 
 def _show(report: LogReport, as_json: bool) -> None:
@@ -43,6 +42,8 @@ def _show(report: LogReport, as_json: bool) -> None:
 
 
 def _print(report: LogReport) -> None:
+    from daq.log.reader import LogReader
+
     table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
     for topic in report.topics:
         table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))

@@ -3,50 +3,41 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from daq.clock import SystemClock
 from rig.commands.arguments import RUNS, BenchFile, Live, Model, ScenarioFile, load_pair
-from rig.commands.summary import report_and_name, show_summary
-from rig.files.bench import Bench
-from rig.files.model_file import load_model
-from rig.files.pairing import check_pair
-from rig.files.scenario import Scenario
-from rig.session.devices import Devices
 from rig.session.progress import Screen
-from rig.session.run import RunRequest, run_scenario
-from rig.twin.scenario_twin import check_twin
-
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
 
 
-def add_to(app: typer.Typer, connect: Connect) -> None:
-    """Add the command."""
+def run(
+    scenario_file: ScenarioFile,
+    bench_file: BenchFile = None,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = RUNS,
+    live: Live = False,
+    model: Model = None,
+) -> None:
+    from daq.clock import SystemClock
+    from rig.app import connect
+    from rig.commands.summary import report_and_name, show
+    from rig.files.model_file import load_model
+    from rig.files.pairing import check_pair
+    from rig.report.record import read_run
+    from rig.report.summary import summary_of
+    from rig.session.run import RunRequest, run_scenario
+    from rig.twin.scenario_twin import check_twin
 
-    @app.command()
-    def run(
-        scenario_file: ScenarioFile,
-        bench_file: BenchFile = None,
-        out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = RUNS,
-        live: Live = False,
-        model: Model = None,
-    ) -> None:
-        """Drive the rig, record every instrument, predict, overlay; prints the path of the log."""
-        screen = Screen(Console(stderr=False))
-        scenario, bench = load_pair(scenario_file, bench_file)
-        fitted = None if model is None else load_model(model, scenario.rig)
-        clock = SystemClock()
-        check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
-        check_twin(scenario)
-        request = RunRequest(
-            scenario, bench, lambda stack, to: connect(scenario, bench, stack, to), out, live, fitted
-        )
-        log = run_scenario(request, screen, clock)
-        show_summary(log, screen)
-        report_and_name(log, screen)
+    screen = Screen(Console(stderr=False))
+    scenario, bench = load_pair(scenario_file, bench_file)
+    fitted = None if model is None else load_model(model, scenario.rig)
+    clock = SystemClock()
+    check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+    check_twin(scenario)
+    request = RunRequest(scenario, bench, connect, out, live, fitted)
+    log = run_scenario(request, screen, clock)
+    recorded = read_run(log)
+    show(summary_of(recorded), screen)
+    report_and_name(recorded, screen)

@@ -6,41 +6,42 @@ import dataclasses
 from collections.abc import Iterator
 from math import tau
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 
-from daq.angle import RecordingSkew, Skew, find_skew, late
 from daq.errors import LogError
 from rig.commands.arguments import Json, RunFiles, print_json
-from rig.session.encoder_check import logged_at_marks, refuse_several_rigs
+
+if TYPE_CHECKING:
+    from daq.angle.skew import RecordingSkew, Skew
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
+def skew(runs: RunFiles, as_json: Json = False) -> None:
+    from daq.angle.skew import find_skew
+    from rig.session.encoder_check import logged_at_marks, refuse_several_rigs
 
-    @app.command()
-    def skew(runs: RunFiles, as_json: Json = False) -> None:
-        """Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes."""
-        refuse_several_rigs(runs)
-        at_marks, paces = zip(*(logged_at_marks(run) for run in runs), strict=True)
-        found = find_skew(at_marks)
-        if found is None:
-            raise LogError("no mark of the crank lies within the encoder's readings")
-        if as_json:
-            told = dataclasses.asdict(found)
-            for run, each, pace, own in zip(runs, told["recordings"], paces, found.recordings, strict=True):
-                taken = pace.without(own)
-                each |= {"log": str(run), "first_s": None, "period_s": None}
-                each |= {} if taken is None else dataclasses.asdict(taken)
-            print_json(told)
-            return
-        console = Console()
-        for line in (*map(_of_run, runs, found.recordings), *_of_all(found)):
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+    refuse_several_rigs(runs)
+    at_marks, paces = zip(*(logged_at_marks(run) for run in runs), strict=True)
+    found = find_skew(at_marks)
+    if found is None:
+        raise LogError("no mark of the crank lies within the encoder's readings")
+    if as_json:
+        told = dataclasses.asdict(found)
+        for run, each, pace, own in zip(runs, told["recordings"], paces, found.recordings, strict=True):
+            taken = pace.without(own)
+            each |= {"log": str(run), "first_s": None, "period_s": None}
+            each |= {} if taken is None else dataclasses.asdict(taken)
+        print_json(told)
+        return
+    console = Console()
+    for line in (*map(_of_run, runs, found.recordings), *_of_all(found)):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _of_run(run: Path, each: RecordingSkew) -> str:
+    from daq.angle.skew import late
+
     rpm = ", ".join(f"{speed * 60 / tau:.2f}" for speed in each.speeds_rad_s)
     marks = f"{each.revolutions} marks at {rpm} rpm" if rpm else "no speed that stays for three marks"
     if each.skew_s is None or each.skew_uncertainty_s is None:

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.table import Table
 
 from daq.errors import RattleError
 from rig.report.page import write_report
-from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summarise
+from rig.report.record import RunRecord
+from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary
 from rig.session.progress import Screen
-
-
-def show_summary(log: Path, screen: Screen) -> None:
-    """Print what a log comes to."""
-    show(summarise(log), screen)
 
 
 def show(summary: RunSummary, screen: Screen) -> None:
@@ -29,12 +23,12 @@ def show(summary: RunSummary, screen: Screen) -> None:
     screen.say(f"gaps       {len(summary.gaps)}; overloaded blocks {summary.overloaded_blocks}")
 
 
-def report_and_name(log: Path, screen: Screen) -> None:
-    """Write the report beside a log and name both, the log last."""
-    report = log.with_suffix(".html")
+def report_and_name(run: RunRecord, screen: Screen) -> None:
+    """Write the report beside the log of a run and name both, the log last."""
+    log, report = run.path, run.path.with_suffix(".html")
     try:
         with screen.busy("writing the report"):
-            write_report(log, report)
+            write_report(run, report)
         screen.say(f"report     {report}")
     except OSError as error:
         raise RattleError(f"the log {log} is complete, but not its report: {error}") from error

@@ -5,33 +5,23 @@ from __future__ import annotations
 import datetime
 import re
 import shutil
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from daq.clock import SystemClock
 from daq.errors import ConfigurationError, Problem, RattleError
 from rig.commands.arguments import RUNS, BenchFile, Live, Model, load_sweep_pair
-from rig.commands.centre import found_lines
-from rig.files.bench import Bench
-from rig.files.model_file import load_model
-from rig.files.scenario import Scenario
-from rig.files.sweep import Sweep, points_named
-from rig.session.centring.probe import plan_of
-from rig.session.centring.rig import find_centre
-from rig.session.devices import Devices
 from rig.session.progress import Screen
-from rig.session.sweep.execute import Centre, SweepRequest, begun, run_sweep
-from rig.session.sweep.page import headings_of, rows_of, write_page
-from rig.session.sweep.plan import bytes_of, check_points, listing, real_instruments
-from rig.session.sweep.results import TABLE
-from rig.session.sweep.state import CentreState, SweepState, held, load_state
 
-Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+if TYPE_CHECKING:
+    from rig.files.bench import Bench
+    from rig.files.scenario import Scenario
+    from rig.files.sweep import Sweep
+    from rig.sweep.execute import Centre, SweepRequest
+    from rig.sweep.state import CentreState, SweepState
+
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
 Out = Annotated[
@@ -46,46 +36,55 @@ Again = Annotated[
 SetAgain = Annotated[bool, typer.Option("--set-again", help="Confirm anew what is set by hand.")]
 
 
-def add_to(app: typer.Typer, connect: Connect) -> None:
-    """Add the command."""
+def sweep(
+    sweep_file: SweepFile,
+    bench_file: BenchFile = None,
+    out: Out = None,
+    dry: Dry = False,
+    yes: Yes = False,
+    again: Again = None,
+    set_again: SetAgain = False,
+    live: Live = False,
+    model: Model = None,
+) -> None:
+    from daq.clock import SystemClock
+    from rig.app import connect
+    from rig.files.model_file import load_model
+    from rig.sweep.execute import SweepRequest, begun, run_sweep
+    from rig.sweep.page import write_page
+    from rig.sweep.state import held, load_state
 
-    @app.command()
-    def sweep(
-        sweep_file: SweepFile,
-        bench_file: BenchFile = None,
-        out: Out = None,
-        dry: Dry = False,
-        yes: Yes = False,
-        again: Again = None,
-        set_again: SetAgain = False,
-        live: Live = False,
-        model: Model = None,
-    ) -> None:
-        """Run a scenario point by point; the same call goes on where a sweep was stopped."""
-        screen = Screen(Console(stderr=False))
-        swept, bench = load_sweep_pair(sweep_file, bench_file)
-        folder = RUNS / _plain(swept.name) if out is None else out
-        asked = frozenset(again or [])
-        _check_again(asked, swept)
-        _check_rehearsal(yes, bench)
-        fitted = None if model is None else load_model(model, swept.rig)
-        request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, live, fitted)
-        _dry_check(request, screen)
-        if dry:
-            screen.say("nothing has moved")
-            return
-        with held(folder):
-            now = begun(request)  # read anew: another sweep may have been at work here until just now
-            try:
-                run_sweep(request, now, screen, SystemClock(), centre=_centring(connect, folder))
-            finally:
-                state = load_state(folder) or now
-                _show_points(request, state, screen)
-            screen.say(f"report     {write_page(folder, swept, state)}")
-        _sum_up(request, state, screen)
+    screen = Screen(Console(stderr=False))
+    swept, bench = load_sweep_pair(sweep_file, bench_file)
+    folder = RUNS / _plain(swept.name) if out is None else out
+    asked = frozenset(again or [])
+    _check_again(asked, swept)
+    _check_rehearsal(yes, bench)
+    fitted = None if model is None else load_model(model, swept.rig)
+    request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, live, fitted)
+    _dry_check(request, screen)
+    if dry:
+        screen.say("nothing has moved")
+        return
+    with held(folder):
+        now = begun(request)  # read anew: another sweep may have been at work here until just now
+        try:
+            run_sweep(request, now, screen, SystemClock(), centre=_centring(folder))
+        finally:
+            state = load_state(folder) or now
+            _show_points(request, state, screen)
+        screen.say(f"report     {write_page(folder, swept, state)}")
+    _sum_up(request, state, screen)
 
 
-def _centring(connect: Connect, folder: Path) -> Centre:
+def _centring(folder: Path) -> Centre:
+    from daq.clock import SystemClock
+    from rig.app import connect
+    from rig.commands.centre import found_lines
+    from rig.session.centring.probe import plan_of
+    from rig.session.centring.rig import find_centre
+    from rig.sweep.state import CentreState
+
     def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
         plan = plan_of(scenario, bench)
         found = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
@@ -109,6 +108,8 @@ def _check_again(again: frozenset[int], swept: Sweep) -> None:
 
 
 def _check_rehearsal(yes: bool, bench: Bench) -> None:
+    from rig.sweep.plan import real_instruments
+
     real = real_instruments(bench)
     if yes and real:
         allowed = "not with real instruments: what is set by hand has to be confirmed by who sets it"
@@ -117,6 +118,9 @@ def _check_rehearsal(yes: bool, bench: Bench) -> None:
 
 def _dry_check(request: SweepRequest, screen: Screen) -> None:
     """Refuse what no point may do, and say all that would be done."""
+    from rig.sweep.execute import begun
+    from rig.sweep.plan import bytes_of, check_points, listing
+
     swept, bench, folder = request.sweep, request.bench, request.folder
     free = shutil.disk_usage(_there(folder)).free
     check_points(swept, bench, datetime.datetime.now(datetime.UTC).date(), free)
@@ -135,6 +139,8 @@ def _there(folder: Path) -> Path:
 
 def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> None:
     """Print what the points that have ended came to; as lines, so that no path is cut."""
+    from rig.sweep.page import headings_of, rows_of
+
     rows = [headings_of(request.sweep), *rows_of(request.sweep, state)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows if len(rows) > 1 else ():
@@ -142,6 +148,9 @@ def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> No
 
 
 def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:
+    from rig.files.sweep import points_named
+    from rig.sweep.results import TABLE
+
     screen.say(f"table      {request.folder / TABLE}")
     bad = state.ended("failed", "interlock")
     if bad:

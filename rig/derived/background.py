@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from daq.block import SampleBlock
 from daq.clock import Clock
 from daq.errors import RecorderFailed
 from daq.log.reader import Origin
-from daq.log.records import Event, Impact
+from daq.log.records import Event
 from daq.signals.running_figures import warm_up
-from rig.derived.sink import DerivedSink, Note, Onward
+from rig.derived.derivation import Derivation
 from rig.files.scenario import Scenario
+from rig.stream import Block, Consumer, Record
 from rig.worker_process import QUEUE_ITEMS, WorkerFailed, WorkerProcess
 
 _LAST_S = 30.0
@@ -25,16 +21,8 @@ _LAST_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Settled:
-    """A metadata record: what everything else was derived by."""
-
-    name: str
-    record: dict[str, str]
-
-
-@dataclass(frozen=True, slots=True)
 class Derive:
-    """The task: takes blocks with their origins, gives blocks, impacts and metadata records."""
+    """The task: takes blocks, gives blocks, impacts and metadata."""
 
     channels: Mapping[Origin, tuple[str, ...]]
     scenario: Scenario
@@ -43,30 +31,16 @@ class Derive:
         """Compile."""
         warm_up()
 
-    def run(self, items: Iterator[tuple[Origin, SampleBlock]], send: Callable[[object], None]) -> None:
+    def run(self, blocks: Iterator[Block], send: Callable[[object], None]) -> None:
         """Derive from all that comes and, once that ends, what waits for more."""
-        note: Note = lambda name, record: send(_Settled(name, dict(record)))  # noqa: E731
-        derived = DerivedSink(_Sent(send), self.channels, self.scenario, note=note)
-        for origin, block in items:
-            derived.block(origin, block)
-        derived.finish()
+        derivation = Derivation(send, self.channels, self.scenario)
+        for block in blocks:
+            derivation(block)
+        derivation.finish()
 
 
-class _Sent:
-    """Sends what is derived."""
-
-    def __init__(self, send: Callable[[object], None]) -> None:
-        self._send = send
-
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        self._send(block)
-
-    def impact(self, impact: Impact) -> None:
-        self._send(impact)
-
-
-class InBackground:
-    """A sink whose blocks go to a process that derives; `deliver_to` says who gets what that finds.
+class DerivationProcess:
+    """A consumer whose blocks go to a process that derives; `publish` gets what that finds.
 
     `worker` is a context of its own. A fault, or a queue that is full, ends it, and `events` tells. What was
     recorded does not depend on it: a replay of the log derives all of it.
@@ -77,36 +51,22 @@ class InBackground:
         channels: Mapping[Origin, tuple[str, ...]],
         scenario: Scenario,
         clock: Clock,
+        publish: Consumer,
         queue_blocks: int = QUEUE_ITEMS,
     ) -> None:
-        self._clock = clock
-        self._onward: Onward | None = None
-        self._note: Note = lambda name, record: None
+        self._origins = tuple(channels)
+        self._clock, self._publish = clock, publish
         self._told = False
-        task = Derive(channels, scenario)
-        self.worker = WorkerProcess("derivation", task, self._deliver, queue_blocks)
-
-    def deliver_to(self, onward: Onward, note: Note) -> None:
-        """Say who gets what is derived, and who the metadata record; to be called before the first block."""
-        self._onward, self._note = onward, note
+        self.worker = WorkerProcess("derivation", Derive(channels, scenario), self._deliver, queue_blocks)
 
     def wait_ready(self, check: Callable[[], None]) -> None:
         """Wait until it is compiled, or has failed at that; raises what `check` raises meanwhile."""
         with suppress(WorkerFailed):
             self.worker.wait_ready(check)
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Hand a block over; returns at once."""
-        self.worker.give((origin, block))
-
-    def event(self, event: Event) -> None:
-        """Nothing follows from an event."""
-
-    def impact(self, impact: Impact) -> None:
-        """Nothing follows from an impact."""
-
-    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
-        """Nothing follows from a shape."""
+    def __call__(self, record: Record) -> None:
+        if isinstance(record, Block) and record.origin in self._origins:
+            self.worker.give(record)
 
     def finish(self, tell: Callable[[Event], None], check: Callable[[], None] = lambda: None) -> None:
         """Derive what waits and the end of the record; `tell` hears what `events` has not told.
@@ -132,15 +92,7 @@ class InBackground:
         text = f"nothing is derived from here on: {why}; rattle replay derives it"
         return (Event(self._clock.unix_ns(), "warning", "derived", "derived.stopped", text),)
 
-    def _deliver(self, found: Any) -> None:
+    def _deliver(self, found: Record) -> None:
         """In the worker's thread."""
-        onward = self._onward
-        if onward is None:
-            return
         with suppress(RecorderFailed):  # whoever records hears of it, and stops the rig
-            if isinstance(found, _Settled):
-                self._note(found.name, found.record)
-            elif isinstance(found, SampleBlock):
-                onward.block("derived", found)
-            else:
-                onward.impact(found)
+            self._publish(found)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from math import nan
 
@@ -13,13 +12,12 @@ from numpy.typing import NDArray
 from daq.angle.begins import Cycles
 from daq.block import SampleBlock, sample_time_ns
 from daq.log.records import Impact
-from daq.signals import BounceGrouper, ImpactDetector, ImpactEvents
+from daq.signals.impact_events import BounceGrouper, ImpactDetector, ImpactEvents
 from rig.derived.roles import role_of
 from rig.derived.settings import Settings, magnitude
+from rig.stream import Consumer
 
 _LOOK_S = 0.5
-
-Emit = Callable[[Impact], None]
 
 
 class ImpactWatch:
@@ -46,7 +44,7 @@ class ImpactWatch:
         self._detector = ImpactDetector(self._levels, self._rate)
         self._grouper = BounceGrouper(self._rate, self._within_s)
 
-    def add(self, block: SampleBlock, emit: Emit) -> None:
+    def add(self, block: SampleBlock, publish: Consumer) -> None:
         """Take the channel's next block."""
         if block.first_sample != self._next:
             self._end()
@@ -57,12 +55,12 @@ class ImpactWatch:
         self._next = block.end_sample
         if sum(map(len, self._unseen)) >= _LOOK_S * self._rate:
             self._look()
-            self._tell(emit)
+            self._tell(publish)
 
-    def finish(self, emit: Emit) -> None:
+    def finish(self, publish: Consumer) -> None:
         """Take the record for ended."""
         self._end()
-        self._tell(emit)
+        self._tell(publish)
 
     def _look(self) -> None:
         """Search the blocks that came since the last time: together they take little longer than one."""
@@ -81,7 +79,7 @@ class ImpactWatch:
             columns = (getattr(events, name).tolist() for name in _COLUMNS)
             self._waiting.extend((self._base, _Event(*row)) for row in zip(*columns, strict=True))
 
-    def _tell(self, emit: Emit) -> None:
+    def _tell(self, publish: Consumer) -> None:
         while self._waiting:
             base, event = self._waiting[0]
             start, turns = base + event.start, nan
@@ -89,7 +87,7 @@ class ImpactWatch:
                 if start >= self._cycles.begins.until:
                     return
                 turns = self._cycles.turns_at(start)
-            emit(
+            publish(
                 Impact(
                     sample_time_ns(self._start_ns, start, self._rate),
                     self._origin,

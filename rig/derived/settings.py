@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import LogError
-from daq.signals import Levels, levels_of
-from daq.signals.impacts import largest_force
+from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.derived.roles import Role, Watch, role_of
 
 RECORD = "derived"

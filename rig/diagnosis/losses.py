@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock
 from daq.errors import LogError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 
 _SPOILT = {Flag.OVERLOAD: "overloaded", Flag.OPEN_SENSOR: "open", Flag.NOT_FINITE: "not finite"}
 _MISSING = "missing"

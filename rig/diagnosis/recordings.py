@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.diagnosis.losses import lost_of, span, usable
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
 from rig.twin.alignment import FREQUENCY_TOLERANCE, Alignment
-from rig.twin.overlay import followed_scenario
+from rig.twin.logged import followed_scenario
 from rig.twin.rigs import kind_of
 from rig.twin.scenario_twin import twin_of
 from sim_twin.decimation import decimated

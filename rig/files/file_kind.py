@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from daq.errors import ConfigurationError, Problem
-from daq.log import begins_as_log
+from daq.log.reader import begins_as_log
 from rig.files.faults import read_text, read_toml
 
 FileKind = Literal["scenario", "bench", "sweep", "model", "log"]

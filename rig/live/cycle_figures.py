@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.derived_names import CYCLE_PEAK, CYCLE_RMS, derived_name
 from daq.log.reader import Origin
 from rig.live import paths
+from rig.live.displayed_channels import DisplayedChannels
 from rig.live.picture import Stage
 from rig.live.series import line_style, lines_over_time
-from rig.live.shown import Shown
 
 _FIGURES = {CYCLE_PEAK: "peak", CYCLE_RMS: "rms"}
 _THIN = 0.5
@@ -28,7 +26,7 @@ class _Series(NamedTuple):
     figure: str
 
 
-def figure_views(shown: Shown) -> list[rrb.TimeSeriesView]:
+def figure_views(shown: DisplayedChannels) -> list[rrb.TimeSeriesView]:
     """A view of each channel that has figures; the first one has a legend."""
     views: list[rrb.TimeSeriesView] = []
     for channel, unit in shown.units.items():
@@ -55,14 +53,14 @@ class CycleFigurePlots:
             style = line_style(whose, f"{whose} {_FIGURES[series.figure]}", width)
             self._stage.recording.log(paths.derived(name), style, static=True)
 
-    def add(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
-        """Add figures at times in s, shape (n,); other derived channels are none."""
+    def add(self, block: SampleBlock) -> None:
+        """Add figures; other derived channels are none."""
         if block.channel in self._shown:
             values = rr.Scalars.columns(scalars=block.values)
-            self._stage.columns(paths.derived(block.channel), times_s, values)
+            self._stage.columns(paths.derived(block.channel), self._stage.times_of(block), values)
 
 
-def _series(shown: Shown, channel: str) -> list[_Series]:
+def _series(shown: DisplayedChannels, channel: str) -> list[_Series]:
     """In the order in which they are drawn: the last is on top."""
     each = (
         _Series(derived_name(origin, channel, figure), origin, figure)

@@ -9,74 +9,54 @@ from dataclasses import asdict
 from typing import IO, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock
-from daq.log.reader import Origin
 from daq.log.records import Event, Impact
+from rig.stream import Block, Record, Shape
 
 _LENGTHS = struct.Struct("<II")
 _SINGLE = np.dtype(np.float32).itemsize
 
 
-class BlockFrame(NamedTuple):
-    """A block of one origin."""
+class Dropped(NamedTuple):
+    """How many records the sender has thrown away so far."""
 
-    origin: Origin
-    block: SampleBlock
-
-
-class ShapeFrame(NamedTuple):
-    """The twin's rig at one time (s): what `Truth.shape` tells of it, in m."""
-
-    time_s: float
-    points_m: NDArray[np.float32]
+    records: int
 
 
-class DroppedFrame(NamedTuple):
-    """How many frames the sender has thrown away so far."""
-
-    frames: int
+Frame = Block | Shape | Event | Impact | Dropped
 
 
-Frame = BlockFrame | ShapeFrame | DroppedFrame | Event | Impact
+def encode(record: Record | Dropped) -> bytes:
+    """Return the frame of a record, its values copied; empty for a record that no view shows.
 
-
-def encode_block(origin: Origin, block: SampleBlock) -> bytes:
-    """Return the frame of a block; its values are copied, as single unless they are double."""
-    kind = "<f8" if block.values.dtype.itemsize > _SINGLE else "<f4"
-    header = {
-        "kind": "block",
-        "origin": origin,
-        "channel": block.channel,
-        "first": block.first_sample,
-        "time": block.time_ns,
-        "rate": block.sample_rate,
-        "flags": int(block.flags),
-        "type": kind,
-    }
-    return _frame(header, block.values.astype(kind, copy=False).tobytes())
-
-
-def encode_shape(time_s: float, points_m: NDArray[np.floating]) -> bytes:
-    """Return the frame of the twin's shape, points of any number of axes."""
-    header = {"kind": "shape", "time": time_s, "dimensions": points_m.shape}
-    return _frame(header, points_m.astype("<f4").tobytes())
-
-
-def encode_event(event: Event) -> bytes:
-    """Return the frame of an event."""
-    return _frame({"kind": "event", "fields": asdict(event)})
-
-
-def encode_impact(impact: Impact) -> bytes:
-    """Return the frame of an impact."""
-    return _frame({"kind": "impact", "fields": asdict(impact)})
-
-
-def encode_dropped(count: int) -> bytes:
-    """Return the frame that says how many frames were thrown away."""
-    return _frame({"kind": "dropped", "frames": count})
+    Samples travel as single unless they are double, the points of a shape as single.
+    """
+    match record:
+        case Block(origin, samples):
+            kind = "<f8" if samples.values.dtype.itemsize > _SINGLE else "<f4"
+            header: dict[str, Any] = {
+                "kind": "block",
+                "origin": origin,
+                "channel": samples.channel,
+                "first": samples.first_sample,
+                "time": samples.time_ns,
+                "rate": samples.sample_rate,
+                "flags": int(samples.flags),
+                "type": kind,
+            }
+            return _frame(header, samples.values.astype(kind, copy=False).tobytes())
+        case Shape(time_s, points_m):
+            header = {"kind": "shape", "time": time_s, "dimensions": points_m.shape}
+            return _frame(header, points_m.astype("<f4").tobytes())
+        case Event():
+            return _frame({"kind": "event", "fields": asdict(record)})
+        case Impact():
+            return _frame({"kind": "impact", "fields": asdict(record)})
+        case Dropped(records):
+            return _frame({"kind": "dropped", "records": records})
+        case _:
+            return b""
 
 
 def read_frames(stream: IO[bytes]) -> Iterator[Frame]:
@@ -105,13 +85,13 @@ def _decode(header: dict[str, Any], values: bytes) -> Frame:
                 np.frombuffer(values, header["type"]),
                 Flag(header["flags"]),
             )
-            return BlockFrame(header["origin"], block)
+            return Block(header["origin"], block)
         case "shape":
             points = np.frombuffer(values, "<f4").reshape(header["dimensions"])
-            return ShapeFrame(header["time"], points)
+            return Shape(header["time"], points)
         case "event":
             return Event(**header["fields"])
         case "impact":
             return Impact(**header["fields"])
         case _:
-            return DroppedFrame(header["frames"])
+            return Dropped(header["records"])

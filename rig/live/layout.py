@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from daq.channel import Channel
+from rig.live.displayed_channels import DisplayedChannels
 from rig.live.picture import Picture
 from rig.live.rigs import PICTURES
-from rig.live.shown import Shown
 
 
 @dataclass(frozen=True, slots=True)
-class Layout(Shown):
+class Layout(DisplayedChannels):
     """What is shown, and the rig's picture where it has one."""
 
     picture: Picture | None = None

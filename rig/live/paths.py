@@ -41,6 +41,16 @@ def derived(name: str) -> str:
     return rr.new_entity_path(["derived", name])
 
 
+def impacts(group: str) -> str:
+    """Impacts of a group of channels over the crank angle."""
+    return rr.new_entity_path(["impacts", group])
+
+
+def orders(channel: str) -> str:
+    """Amplitudes of a channel over orders."""
+    return rr.new_entity_path(["orders", channel])
+
+
 def spectrum(channel: str, part: str = "") -> str:
     """Picture of a channel's autospectrum, or a part of it."""
     return rr.new_entity_path(["spectra", channel, *([part] if part else [])])

@@ -15,11 +15,9 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
-from daq.log.reader import Origin
-from daq.log.records import Impact
 from rig.live import paths
-from rig.live.frames import ShapeFrame
-from rig.live.shown import Shown
+from rig.live.displayed_channels import DisplayedChannels
+from rig.stream import Record
 
 if TYPE_CHECKING:  # the view process does without the twin, which takes seconds to import
     from sim_twin.twin import AnyTwin
@@ -40,10 +38,19 @@ class OwnViews:
 
 
 class Stage:
-    """The recording that a view fills, and what it shows."""
+    """The recording that a view fills, and what it shows; `start_ns` is the time of sample 0, once known."""
 
-    def __init__(self, recording: rr.RecordingStream, shown: Shown) -> None:
+    def __init__(self, recording: rr.RecordingStream, shown: DisplayedChannels) -> None:
         self.recording, self.shown = recording, shown
+        self.start_ns: int | None = None
+
+    def time_of(self, time_ns: int) -> float:
+        """Seconds from sample 0 to a time; 0 while no sample has come."""
+        return 0.0 if self.start_ns is None else (time_ns - self.start_ns) / NS_PER_S
+
+    def times_of(self, samples: SampleBlock) -> NDArray[np.float64]:
+        """Those of a block's values, s since sample 0, shape (n,), by its own time."""
+        return self.time_of(samples.time_ns) + np.arange(len(samples)) / samples.sample_rate
 
     def at(self, time_s: float) -> None:
         """What is logged from now on belongs to `time_s`, seconds since sample 0."""
@@ -62,20 +69,8 @@ class Play(Protocol):
         """Log what stays."""
         ...
 
-    def add_block(self, origin: Origin, block: SampleBlock) -> None:
-        """Take a block of any channel."""
-        ...
-
-    def add_derived(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
-        """Take a block of a derived channel; its values are those of `times_s`, shape (n,)."""
-        ...
-
-    def add_impact(self, time_s: float, impact: Impact) -> None:
-        """Take an impact that began at `time_s`."""
-        ...
-
-    def add_shape(self, shape: ShapeFrame) -> None:
-        """Take where the twin's rig is."""
+    def take(self, record: Record) -> None:
+        """Show of a record what the rig has a view for."""
         ...
 
     def finish(self) -> None:
@@ -94,7 +89,7 @@ class Picture(Protocol):
         """The picture of a twin's rig."""
         ...
 
-    def views(self, shown: Shown) -> OwnViews:
+    def views(self, shown: DisplayedChannels) -> OwnViews:
         """How the rig's own views are arranged."""
         ...
 

@@ -1,25 +1,41 @@
-"""Turns blocks, shapes and events into what Rerun shows; the same for a live run and a finished log."""
+"""Turns the records of a run into what Rerun shows."""
 
 from __future__ import annotations
 
+import heapq
+import itertools
+import math
+from collections.abc import Collection
+from typing import Generic, TypeVar
+
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
-from daq.log.records import Event, Impact
-from daq.signals import autospectrum
-from rig.crank.recent import Recent
+from daq.log.records import Event
+from daq.signals.envelope import envelope
+from daq.signals.spectrum import autospectrum
+from rig.derived.last_seconds import LastSeconds
 from rig.live import paths
 from rig.live.cycle_figures import CycleFigurePlots
-from rig.live.frames import ShapeFrame
+from rig.live.frames import Dropped, Frame
 from rig.live.layout import Layout
 from rig.live.picture import OwnViews, Stage
 from rig.live.series import line_style
 from rig.live.spectrum_picture import SpectrumPicture
-from rig.live.trace import Trace
+from rig.stream import Block, Record, Shape
 
-_SPECTRUM_OVER_S = 1.0
+Item = TypeVar("Item")
+
+
+_BATCH_S = 0.5
+"""A browser pays for every batch, whatever is in it, so that small ones are costly."""
+_STEP_S = 0.3
+"""Traces, beam and peaks go out together, in lots of this length: the viewer's axis ends at the newest of
+them, and one that ran ahead would leave the others blank there."""
+_SPECTRUM_OVER_S = _SPECTRUM_PERIOD_S = 1.0
 _SPECTRA_PER_S = 32
 """Those of 16 channels, measured and predicted; with more channels each is renewed less often."""
 _LEVELS = {
@@ -29,23 +45,69 @@ _LEVELS = {
 }
 
 
-class Scene:
-    """A recording that is being filled; every method logs at the time of what it is given.
+class OverlayOrder(Generic[Item]):
+    """Items in order of time (s), given out once both origins have come so far.
 
-    Spectra, over the last second, are renewed every `spectrum_period_s` of each channel's own time.
+    The twin needs a moment longer than the sensors. Nothing waits longer than `patience_s` behind the newest
+    item, so that a twin which is late or silent delays the view and does not stop it. `expected` are the
+    origins that have channels. Items come out in lots that are `step_s` of data apart.
     """
 
-    def __init__(self, recording: rr.RecordingStream, layout: Layout, spectrum_period_s: float = 1.0) -> None:
+    def __init__(self, expected: Collection[Origin], patience_s: float, step_s: float = 0.0) -> None:
+        self._patience_s = patience_s
+        self._step_s = step_s
+        self._given_s = -math.inf
+        self._newest: dict[Origin, float] = dict.fromkeys(expected, -math.inf)
+        self._count = itertools.count()
+        self._waiting: list[tuple[float, int, Item]] = []
+
+    def note(self, origin: Origin, time_s: float) -> None:
+        """Say that `origin` has come to `time_s`."""
+        self._newest[origin] = max(self._newest.get(origin, -math.inf), time_s)
+
+    def add(self, time_s: float, item: Item) -> None:
+        """Keep an item that belongs to `time_s`."""
+        heapq.heappush(self._waiting, (time_s, next(self._count), item))
+
+    def ready(self) -> list[Item]:
+        """Take out what both origins have reached, oldest first; nothing before another `step_s` has come."""
+        newest = self._newest.values()
+        reached = max(min(newest), max(newest) - self._patience_s)
+        if reached < self._given_s + self._step_s:
+            return []
+        self._given_s = reached
+        return self._take(reached)
+
+    def rest(self) -> list[Item]:
+        """Take out everything, oldest first."""
+        return self._take(math.inf)
+
+    def _take(self, until_s: float) -> list[Item]:
+        taken = []
+        while self._waiting and self._waiting[0][0] <= until_s:
+            taken.append(heapq.heappop(self._waiting)[2])
+        return taken
+
+
+class Scene:
+    """A recording that is being filled, each record at its own time, measured and predicted together.
+
+    Measured data waits up to `patience_s` for its prediction. Spectra, over the last second, are renewed once
+    a second of each channel's own time, less often where there are many.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, layout: Layout, patience_s: float) -> None:
         self._stage = Stage(recording, layout)
         self._recording = recording
         self._layout = layout
+        expected = [origin for origin, names in layout.origins.items() if names]
+        self._order = OverlayOrder[Record](expected or ["measured"], patience_s, _STEP_S)
         traces = sum(len(names) for names in layout.origins.values())
-        self._spectrum_period_s = max(spectrum_period_s, traces / _SPECTRA_PER_S)
-        self._start_ns: int | None = None
+        self._spectrum_period_s = max(_SPECTRUM_PERIOD_S, traces / _SPECTRA_PER_S)
         self._figures = CycleFigurePlots(self._stage)
         self._play = layout.picture.play(self._stage) if layout.picture else None
         self._traces: dict[tuple[Origin, str], Trace] = {}
-        self._recent: dict[tuple[Origin, str], Recent] = {}
+        self._recent: dict[tuple[Origin, str], LastSeconds] = {}
         self._spectrum_due_s: dict[tuple[Origin, str], float] = {}
         own = layout.picture.views(layout) if layout.picture else OwnViews(())
         heard = [name for name in layout.units if name not in own.plain]
@@ -60,64 +122,65 @@ class Scene:
         self._figures.open()
         if self._play is not None:
             self._play.open()
+        self._show_dropped(0)
 
-    def begin(self, block: SampleBlock) -> None:
-        """Take sample 0 of the first block's record for the begin of all time."""
-        if self._start_ns is None:
-            self._start_ns = sample_time_ns(block.time_ns, -block.first_sample, block.sample_rate)
+    def take(self, frame: Frame) -> None:
+        """Accept a record, and show what is due by now."""
+        match frame:
+            case Dropped(records):
+                self._show_dropped(records)
+            case Shape():
+                self._order.add(frame.time_s, frame)
+            case Block("derived", samples):
+                self._order.add(self._stage.time_of(samples.time_ns), frame)
+            case Block(origin, samples):
+                if self._stage.start_ns is None:
+                    start_ns = sample_time_ns(samples.time_ns, -samples.first_sample, samples.sample_rate)
+                    self._stage.start_ns = start_ns
+                end_s = samples.end_sample / samples.sample_rate
+                self._order.note(origin, end_s)
+                self._order.add(end_s, frame)
+            case _:
+                self._order.add(self._stage.time_of(frame.time_ns), frame)
+        self._show(self._order.ready())
 
-    def add_block(self, origin: Origin, block: SampleBlock) -> None:
-        """Show a block's envelope, and what is computed from the blocks so far."""
-        self.begin(block)
-        self._trace(origin, block.channel).add(block)
+    def finish(self) -> None:
+        """Show what waits for more: no more will come."""
+        self._show(self._order.rest())
         if self._play is not None:
-            self._play.add_block(origin, block)
-        if block.channel in self._spectra:
-            self._renew_spectrum(origin, block)
+            self._play.finish()
+        self._flush()
 
-    def add_derived(self, block: SampleBlock) -> None:
-        """Show what was computed from blocks."""
-        times_s = self.time_of(block.time_ns) + np.arange(len(block)) / block.sample_rate
-        self._figures.add(times_s, block)
-        if self._play is not None:
-            self._play.add_derived(times_s, block)
+    def _show(self, due: list[Record]) -> None:
+        for record in due:
+            match record:
+                case Block("derived", samples):
+                    self._figures.add(samples)
+                case Block(origin, samples):
+                    self._trace(origin, samples.channel).add(samples)
+                    if samples.channel in self._spectra:
+                        self._renew_spectrum(origin, samples)
+                case Event():
+                    self._stage.at(self._stage.time_of(record.time_ns))
+                    level = _LEVELS.get(record.level, rr.TextLogLevel.INFO)
+                    self._recording.log(
+                        paths.EVENTS, rr.TextLog(f"{record.source}: {record.text}", level=level)
+                    )
+            if self._play is not None:
+                self._play.take(record)
+        if due:
+            self._flush()
 
-    def add_impact(self, impact: Impact) -> None:
-        """Show an impact, where the rig's picture has a place for it."""
-        if self._play is not None:
-            self._play.add_impact(self.time_of(impact.time_ns), impact)
-
-    def add_shape(self, shape: ShapeFrame) -> None:
-        """Show where the twin's rig is, where it has a picture."""
-        if self._play is not None:
-            self._play.add_shape(shape)
-
-    def add_event(self, event: Event) -> None:
-        """Show an event."""
-        self._stage.at(self.time_of(event.time_ns))
-        level = _LEVELS.get(event.level, rr.TextLogLevel.INFO)
-        self._recording.log(paths.EVENTS, rr.TextLog(f"{event.source}: {event.text}", level=level))
-
-    def time_of(self, time_ns: int) -> float:
-        """Seconds from sample 0 to a time; 0 while no sample has come."""
-        return 0.0 if self._start_ns is None else (time_ns - self._start_ns) / NS_PER_S
-
-    def show_dropped(self, count: int) -> None:
+    def _show_dropped(self, count: int) -> None:
         """Show how many blocks did not reach this view."""
         text = f"{count} blocks not shown: this view was too slow. The log has them all."
         status = f"{self._layout.title}\n\n{text if count else 'No block dropped.'}"
         self._recording.log(paths.STATUS, rr.TextDocument(status), static=True)
 
-    def flush(self) -> None:
+    def _flush(self) -> None:
         """Send what waits for the next batch."""
         for trace in self._traces.values():
             trace.flush()
-
-    def finish(self) -> None:
-        """Show what waits for more: no more will come."""
-        if self._play is not None:
-            self._play.finish()
-        self.flush()
 
     def _trace(self, origin: Origin, channel: str) -> Trace:
         key = origin, channel
@@ -128,7 +191,7 @@ class Scene:
 
     def _renew_spectrum(self, origin: Origin, block: SampleBlock) -> None:
         key = origin, block.channel
-        recent = self._recent.setdefault(key, Recent(_SPECTRUM_OVER_S))
+        recent = self._recent.setdefault(key, LastSeconds(_SPECTRUM_OVER_S))
         recent.add(block)
         end_s = block.end_sample / block.sample_rate
         if end_s < self._spectrum_due_s.setdefault(key, _SPECTRUM_OVER_S):
@@ -139,3 +202,37 @@ class Scene:
         self._stage.at(end_s)
         spectrum = autospectrum(values, block.sample_rate)
         self._spectra[block.channel].draw(self._layout.whose(origin), spectrum, block.sample_rate)
+
+
+class Trace:
+    """Keeps the envelope of the newest blocks of one channel until a batch of them is full."""
+
+    def __init__(self, recording: rr.RecordingStream, path: str, points_per_s: float) -> None:
+        self._recording = recording
+        self._path = path
+        self._points_per_s = points_per_s
+        self._times: list[NDArray[np.timedelta64]] = []
+        self._values: list[NDArray[np.floating]] = []
+        self._waiting_s = 0.0
+
+    def add(self, block: SampleBlock) -> None:
+        """Take a block, and send the batch if that fills it."""
+        seconds = len(block) / block.sample_rate
+        chosen = envelope(block.values, max(round(self._points_per_s * seconds), 4))
+        times_ns = (block.first_sample + chosen.indices) * (NS_PER_S / block.sample_rate)
+        self._times.append(times_ns.round().astype("m8[ns]"))
+        self._values.append(chosen.values)
+        self._waiting_s += seconds
+        if self._waiting_s >= _BATCH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what waits."""
+        if not self._values:
+            return
+        self._recording.send_columns(
+            self._path,
+            [rr.TimeColumn(paths.TIMELINE, duration=np.concatenate(self._times))],
+            rr.Scalars.columns(scalars=np.concatenate(self._values)),
+        )
+        self._times, self._values, self._waiting_s = [], [], 0.0

@@ -8,7 +8,7 @@ import select
 import threading
 from collections import deque
 
-from rig.live.frames import encode_dropped
+from rig.live.frames import Dropped, encode
 
 _PERIOD_S = 0.05
 """Frames leave in batches: one wake-up of the thread in 50 ms, not one a block, and no eye sees 50 ms."""
@@ -71,7 +71,7 @@ class FrameSender:
                 stopping = self._stop.wait(_PERIOD_S)
                 if told != self.dropped:
                     told = self.dropped
-                    self._write(encode_dropped(told))
+                    self._write(encode(Dropped(told)))
                 self._drain()
                 if stopping:
                     return

@@ -6,7 +6,7 @@ import math
 
 import rerun as rr
 
-from daq.signals import Autospectrum, log_bands
+from daq.signals.spectrum import Autospectrum, log_bands
 from rig.live import paths
 from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades
 

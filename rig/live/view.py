@@ -13,19 +13,15 @@ import time
 from collections.abc import Sequence
 from types import TracebackType
 
-import numpy as np
 import psutil
-from numpy.typing import NDArray
 
-from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.errors import InstrumentAbsent
-from daq.log.reader import Origin
-from daq.log.records import Event, Impact
-from rig.live.frames import encode_block, encode_event, encode_impact, encode_shape
+from rig.live.frames import encode
 from rig.live.layout import layout_of
 from rig.live.picture import Picture
 from rig.live.sender import FrameSender
+from rig.stream import Record
 
 _START_TIMEOUT_S = 30.0
 _QUEUE_BYTES_A_TRACE = 512 << 10
@@ -100,25 +96,10 @@ class LiveView:
         """Process ids of the view process and of the viewer's server."""
         return self._process.pid, self._server.pid if self._server else 0
 
-    def offer(self, origin: Origin, block: SampleBlock) -> None:
-        """Show a block if there is time; copies its values and returns at once."""
-        if self._open:
-            self._sender.offer(encode_block(origin, block))
-
-    def offer_shape(self, time_s: float, points_m: NDArray[np.floating]) -> None:
-        """Show where the twin's rig is at `time_s` (s since sample 0), points as its `shape` gives them."""
-        if self._open:
-            self._sender.offer(encode_shape(time_s, points_m))
-
-    def offer_impact(self, impact: Impact) -> None:
-        """Show an impact."""
-        if self._open:
-            self._sender.offer(encode_impact(impact))
-
-    def offer_event(self, event: Event) -> None:
-        """Show an event."""
-        if self._open:
-            self._sender.offer(encode_event(event))
+    def offer(self, record: Record) -> None:
+        """Show a record if there is time and a place for it; copies its values and returns at once."""
+        if self._open and (frame := encode(record)):
+            self._sender.offer(frame)
 
     def close(self, timeout_s: float = 4.0) -> None:
         """Let the view show what it has, at most `timeout_s`, and end both processes."""

@@ -12,68 +12,20 @@ import select
 import sys
 import threading
 import time
-from functools import partial
 
 import rerun as rr
 
 from daq.errors import InstrumentAbsent
-from daq.log.records import Impact
 from rig.live.blueprint import blueprint
-from rig.live.frames import BlockFrame, DroppedFrame, Frame, ShapeFrame, read_frames
+from rig.live.frames import read_frames
 from rig.live.layout import Layout
-from rig.live.overlay_order import OverlayOrder
 from rig.live.scene import Scene
 from rig.live.viewer_server import ViewerServer
 
 _LAST_WORDS_S = 1.5
 """What is still in the pipe when the run ends has this long to reach the viewer."""
 
-_STEP_S = 0.3
-"""Traces, beam and peaks go out together, in lots of this length: the viewer's axis ends at the newest of
-them, and one that ran ahead would leave the others blank there."""
-
 _APPLICATION = "rattle"
-
-
-class Director:
-    """Brings frames on stage in order of time, measured and predicted together."""
-
-    def __init__(self, scene: Scene, layout: Layout, patience_s: float) -> None:
-        self._scene = scene
-        expected = [origin for origin, names in layout.origins.items() if names]
-        self._order = OverlayOrder[partial[None]](expected or ["measured"], patience_s, _STEP_S)
-
-    def take(self, frame: Frame) -> None:
-        """Accept a frame and show what is due."""
-        match frame:
-            case BlockFrame("derived", block):
-                begin_s = self._scene.time_of(block.time_ns)
-                self._order.add(begin_s, partial(self._scene.add_derived, block))
-            case BlockFrame(origin, block):
-                self._scene.begin(block)
-                end_s = block.end_sample / block.sample_rate
-                self._order.note(origin, end_s)
-                self._order.add(end_s, partial(self._scene.add_block, origin, block))
-            case ShapeFrame():
-                self._order.add(frame.time_s, partial(self._scene.add_shape, frame))
-            case DroppedFrame(count):
-                self._scene.show_dropped(count)
-            case Impact():
-                self._order.add(self._scene.time_of(frame.time_ns), partial(self._scene.add_impact, frame))
-            case _:
-                self._order.add(self._scene.time_of(frame.time_ns), partial(self._scene.add_event, frame))
-        self._show(self._order.ready())
-
-    def finish(self) -> None:
-        """Show what still waits."""
-        self._show(self._order.rest())
-        self._scene.finish()
-
-    def _show(self, due: list[partial[None]]) -> None:
-        for show in due:
-            show()
-        if due:
-            self._scene.flush()
 
 
 def main() -> None:
@@ -92,13 +44,11 @@ def _serve(server: ViewerServer, layout: Layout, patience_s: float) -> None:
     recording = rr.RecordingStream(_APPLICATION)
     recording.connect_grpc(server.sink_url, default_blueprint=blueprint(layout))
     recording.send_recording_name(layout.title)
-    scene = Scene(recording, layout)
+    scene = Scene(recording, layout, patience_s)
     scene.open()
-    scene.show_dropped(0)
-    director = Director(scene, layout, patience_s)
     for frame in read_frames(sys.stdin.buffer):
-        director.take(frame)
-    director.finish()
+        scene.take(frame)
+    scene.finish()
     recording.flush(timeout_sec=_LAST_WORDS_S)
 
 

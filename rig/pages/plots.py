@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.signals import envelope
+from daq.signals.envelope import envelope
 from rig.pages.content import Figure
 
 BLUE: Final = "#1a6fb5"

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import Autospectrum, autospectrum, log_bands
-from rig.report.record import RunRecord, Trace, read_run
+from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
+from rig.report.record import RunRecord, Trace
 
 _BANDS = 42
 """Between 2 Hz and 25.6 kHz about a third of an octave each."""
@@ -38,9 +37,9 @@ def closeness(run: RunRecord) -> list[Closeness]:
     return [each for name in run.channels if (each := _of(run, name)) is not None]
 
 
-def overall_closeness(log: Path) -> Closeness | None:
-    """Read a log and return the closeness over all its channels; None without a nominal twin in it."""
-    channels = closeness(read_run(log))
+def overall_closeness(run: RunRecord) -> Closeness | None:
+    """The closeness over all channels; None without a nominal twin."""
+    channels = closeness(run)
     return overall(channels) if channels else None
 
 

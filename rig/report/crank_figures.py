@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock
 from daq.log.reader import Origin
-from rig.crank.order_lines import OrderLines
-from rig.crank.turns import Turns, turns_from
-from rig.derived import RECORD, from_record
+from rig.derived.order_lines import OrderLines
+from rig.derived.settings import RECORD, from_record
+from rig.derived.turns import Turns, turns_from
 from rig.report.record import ORIGINS, RunRecord, Trace
 
 _PIECE_S = 1.0

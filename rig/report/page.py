@@ -9,7 +9,7 @@ from typing import TypeAlias
 from daq.plugins import plugins
 from rig.pages.content import Part, Section, Sentence
 from rig.pages.page import page
-from rig.report.record import RunRecord, read_run
+from rig.report.record import RunRecord
 from rig.report.sections import impacts, log, orders, overlays, peaks, revolution, spectra, speed, summary
 
 ReportSection: TypeAlias = Section[RunRecord]
@@ -32,9 +32,9 @@ SECTIONS: Mapping[str, ReportSection] = {
 """Heading and content of each section; what has nothing to say of a rig is left out of its report."""
 
 
-def write_report(log: Path, html: Path) -> None:
-    """Write the report of the run in `log`; raises LogError, and OSError where `html` cannot be written."""
-    html.write_text(render(read_run(log)), encoding="utf-8")
+def write_report(run: RunRecord, html: Path) -> None:
+    """Write the report of a run that has been read; raises OSError where `html` cannot be written."""
+    html.write_text(render(run), encoding="utf-8")
 
 
 def render(run: RunRecord) -> str:

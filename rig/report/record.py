@@ -6,6 +6,7 @@ import functools
 import math
 import tomllib
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from daq.log.reader import LogReader, Origin
 from daq.log.records import Event, Gap, Impact
 from rig.files.quantity import QuantityError, si_value
 from rig.report.roles import LOWER, UPPER, Roles, roles_of
+from rig.stream import Block, Consumer, Record, Stream
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 """In the order in which they are drawn, the last on top."""
@@ -125,7 +127,7 @@ class RunRecord:
 
 
 class RunCollector:
-    """A run's record from its blocks as they pass: a sink of a replay, or fed by `read_run`.
+    """A run's record from a stream as it passes: a consumer of a replay, or of `read_run`.
 
     Blocks of a channel come in their order. Of what is derived a record has impacts and the crank's speed.
     """
@@ -143,25 +145,17 @@ class RunCollector:
         self._speeds: dict[Origin, list[SampleBlock]] = defaultdict(list)
         self._impacts: list[Impact] = []
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Take a block."""
-        if origin == "derived" and block.channel in self._whose_speed:
-            self._speeds[self._whose_speed[block.channel]].append(block)
-        key = origin, block.channel
-        if key in self._limits:
-            self._tallies[key].add(block)
-            if block.end_sample <= self._limits[key]:
-                self._blocks[key].append(block)
-
-    def event(self, event: Event) -> None:
-        """Events are read with the record."""
-
-    def impact(self, impact: Impact) -> None:
-        """Take an impact."""
-        self._impacts.append(impact)
-
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        """Shapes are not in a record."""
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("derived", samples) if samples.channel in self._whose_speed:
+                self._speeds[self._whose_speed[samples.channel]].append(samples)
+            case Block(origin, samples) if (origin, samples.channel) in self._limits:
+                key = origin, samples.channel
+                self._tallies[key].add(samples)
+                if samples.end_sample <= self._limits[key]:
+                    self._blocks[key].append(samples)
+            case Impact():
+                self._impacts.append(record)
 
     def record(self) -> RunRecord:
         """The run, from the blocks so far; raises LogError."""
@@ -183,14 +177,18 @@ class RunCollector:
         )
 
 
-def read_run(log: Path) -> RunRecord:
-    """Read a log in one pass; raises LogError if it is none or damaged in its middle."""
+def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
+    """Read a log in one pass, of which `consumers` get every block and impact too.
+
+    Raises LogError if it is none or damaged in its middle.
+    """
     with LogReader(log) as reader:
         collector = RunCollector(reader)
+        stream = Stream([collector, *consumers])
         for origin, block in reader.blocks((*ORIGINS, "derived")):
-            collector.block(origin, block)
+            stream(Block(origin, block))
         for impact in reader.impacts():
-            collector.impact(impact)
+            stream(impact)
         return collector.record()
 
 

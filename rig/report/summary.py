@@ -10,7 +10,7 @@ import numpy as np
 
 from daq.log.reader import Origin
 from daq.log.records import Gap
-from daq.signals import HalfCycles, half_cycles
+from daq.signals.impacts import HalfCycles, half_cycles
 from rig.report.record import RunRecord, Tally, read_run
 
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from daq.signals import HalfCycles, half_cycles
+from daq.signals.impacts import HalfCycles, half_cycles
 from rig.reproduce.statement import Sample
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.status import Status
-from sim_twin.switched import Simulation
+from sim_twin.switched.simulation import Simulation
 
 Array = NDArray[np.float64]
 RATE = 204_800.0

@@ -6,7 +6,7 @@ import math
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from types import TracebackType
 
 import numpy as np
@@ -16,10 +16,10 @@ from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
 from daq.log.records import Event
-from drivers.protocols import AcquisitionCard, CardReading
+from drivers.protocols.card import AcquisitionCard, CardReading
 from rig.session.clocks import CardClock
-from rig.session.hub import Hub
 from rig.session.limits import LimitWatch, Passed
+from rig.stream import Block, Stream
 
 BLOCK_S = 0.1
 _FLAG_CODES = {
@@ -28,8 +28,8 @@ _FLAG_CODES = {
     Flag.CLOCK_NOT_LOCKED: "clock_not_locked",
     Flag.NOT_FINITE: "not_finite",
 }
-Recorded = Mapping[str, NDArray[np.floating]]
-"""What of a reading was recorded, by channel, shape (n,); as wide as the log keeps it."""
+Reader = Callable[[CardReading], None]
+"""Takes a reading in the acquisition thread, which waits for it."""
 
 
 class AcquisitionFault(RattleError, RuntimeError):
@@ -41,20 +41,25 @@ class Acquisition:
 
     The card's sample clock is the time base, `base`. Whoever waits for progress waits on `changed`, a
     condition that every block notifies. The first error of its thread ends it and stands in `error`.
-    `enough` is asked with each reading's recorded values; once it says so, the record ends there.
+    A reading goes to the limits first, then to the record, which is handed to `stream`, then to `readers`.
     """
 
     def __init__(
         self,
         card: AcquisitionCard,
         clock: Clock,
-        hub: Hub,
+        stream: Stream,
         limits: LimitWatch,
-        on_reading: Callable[[CardReading], None],
-        enough: Callable[[Recorded], bool] | None = None,
+        readers: Iterable[Reader] = (),
     ) -> None:
-        self._card, self._clock, self._hub, self._limits = card, clock, hub, limits
-        self._on_reading, self._enough = on_reading, enough
+        self._card, self._clock, self._stream, self._limits = card, clock, stream, limits
+        self._readers: tuple[Reader, ...] = (
+            self._note_arrival,
+            self._watch_limits,
+            self._note_flags,
+            self._record,
+            *readers,
+        )
         self._names = [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -113,12 +118,22 @@ class Acquisition:
         begin, until = self.record_from, self.record_until
         if begin is None or until is None:
             return False
-        return reading.first_sample < until and reading.first_sample + reading.values.shape[1] > begin
+        return reading.first_sample < until and _end_of(reading) > begin
+
+    def end_record(self, reading: CardReading) -> None:
+        """Let the record end with `reading`; to be called by a reader."""
+        with self.changed:
+            if self.record_until is not None and self.records(reading):
+                self.record_until = min(self.record_until, _end_of(reading))
 
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                self._take(self._card.read(self._count))
+                reading = self._card.read(self._count)
+                for take in self._readers:
+                    take(reading)
+                with self.changed:
+                    self.changed.notify_all()
             self._card.stop()
         except RattleError as error:
             self.error = error
@@ -129,26 +144,16 @@ class Acquisition:
         with self.changed:
             self.changed.notify_all()
 
-    def _take(self, reading: CardReading) -> None:
-        self.base.arrived(reading.first_sample + reading.values.shape[1], reading.arrived_s)
+    def _note_arrival(self, reading: CardReading) -> None:
+        self.base.arrived(_end_of(reading), reading.arrived_s)
+
+    def _watch_limits(self, reading: CardReading) -> None:
         rows = dict(zip(self._names, reading.values, strict=True))
         for passed in self._limits.check(rows, dict(zip(self._names, reading.flags, strict=True))):
-            self._note_limit(passed)
-        self._note_flags(reading)
-        with self.changed:  # a record that starts now starts after this reading or with it, never within
-            self.acquired = reading.first_sample + reading.values.shape[1]
-            begin, until = self.record_from, self.record_until
-        if begin is not None and until is not None:
-            self._record(reading, begin, until)
-        self._on_reading(reading)
-        with self.changed:
-            self.changed.notify_all()
-
-    def _note_limit(self, passed: Passed) -> None:
-        if passed.abort:
-            self.tripped = passed
-        level, code = ("error", "limit.abort") if passed.abort else ("warning", "limit.warning")
-        self._event(level, code, str(passed))
+            if passed.abort:
+                self.tripped = passed
+            level, code = ("error", "limit.abort") if passed.abort else ("warning", "limit.warning")
+            self._event(level, code, str(passed))
 
     def _note_flags(self, reading: CardReading) -> None:
         for name, flags in zip(self._names, reading.flags, strict=True):
@@ -161,21 +166,23 @@ class Acquisition:
         for finding in reading.findings:
             self._event("warning", f"sensor.{finding.code}", f"{finding.channel}: {finding.text}")
 
-    def _record(self, reading: CardReading, begin: int, until: int) -> None:
+    def _record(self, reading: CardReading) -> None:
+        with self.changed:  # a record that starts now starts after this reading or with it, never within
+            self.acquired = _end_of(reading)
+            begin, until = self.record_from, self.record_until
+        if begin is None or until is None:
+            return
         low = max(begin - reading.first_sample, 0)
         high = min(reading.values.shape[1], until - reading.first_sample)
         if high <= low:
             return
-        first = reading.first_sample + low - begin
-        rate = self._card.sample_rate
+        first, rate = reading.first_sample + low - begin, self._card.sample_rate
         time_ns = sample_time_ns(self.record_start_ns, first, rate)
-        recorded: dict[str, NDArray[np.floating]] = {}
         for name, row, flags in zip(self._names, reading.values[:, low:high], reading.flags, strict=True):
-            recorded[name] = as_logged(name, self._from_first_turn(name, row))
-            self._hub.block("measured", SampleBlock(name, first, time_ns, rate, recorded[name], flags))
-        if self._enough is not None and self._enough(recorded):
-            with self.changed:
-                self.record_until = reading.first_sample + high
+            values = as_logged(name, self._from_first_turn(name, row))
+            block = Block("measured", SampleBlock(name, first, time_ns, rate, values, flags))
+            for consume in self._stream:
+                consume(block)
 
     def _from_first_turn(self, name: str, row: NDArray[np.float64]) -> NDArray[np.float64]:
         """An angle less the whole turns that it had made before the record began."""
@@ -187,4 +194,9 @@ class Acquisition:
         return row - self.turned_off[name]
 
     def _event(self, level: str, code: str, text: str) -> None:
-        self._hub.event(Event(self._clock.unix_ns(), level, "acquisition", code, text))
+        self._stream(Event(self._clock.unix_ns(), level, "acquisition", code, text))
+
+
+def _end_of(reading: CardReading) -> int:
+    """The card's index of the sample after its last one."""
+    return reading.first_sample + len(reading.values[0])

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from daq.block import NS_PER_S
 from daq.clock import Clock
 from daq.log.records import ClockRecord, Event
-from daq.time_base import ClockFit, ClockModel, polled_clock
+from daq.time_base.fit import ClockFit
+from daq.time_base.model import ClockModel
+from daq.time_base.polled import polled_clock
 
 Array = NDArray[np.float64]
 

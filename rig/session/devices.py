@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 from daq.errors import InstrumentError
-from drivers.protocols import AcquisitionCard, Actuator, PositionEncoder
-from rig.session.drive import Motion
+from drivers.protocols.actuator import Actuator
+from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
+from rig.files.bench import Bench
+from rig.files.scenario import Scenario
+from rig.session.drive import Motion, drive_off_after
+from rig.session.progress import Screen
+from rig.session.signals import StopRequest
 
 
 class InstrumentsMissing(InstrumentError):
@@ -53,3 +60,30 @@ class Devices:
         if self.encoder is not None:
             self.encoder.close()
         self.card.close()
+
+
+Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
+"""Makes the devices of a bench, not opened yet, for as long as the stack lasts, and notes for the log."""
+
+
+def connected(
+    stack: ExitStack, connect: Connect, scenario: Scenario, bench: Bench, screen: Screen
+) -> tuple[StopRequest, Devices, dict[str, str]]:
+    """The bench's devices, open, for as long as `stack` lasts, and the notes that `connect` made for the log.
+
+    Whatever is raised from then on, the drive is off after it.
+    """
+    stop = stack.enter_context(StopRequest())
+    devices, notes = connect(scenario, bench, stack, screen)
+    stack.callback(devices.close)
+    stop.check()
+    with screen.busy("connecting"):
+        devices.open()
+    stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))
+    screen.say(f"drive      {devices.actuator.identity} at {devices.actuator.address}")
+    screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
+               f"{devices.card.address}")  # fmt: skip
+    if devices.encoder is not None:
+        screen.say(f"encoder    {devices.encoder.identity} at {devices.encoder.address}")
+    stop.check()
+    return stop, devices, notes

@@ -10,7 +10,9 @@ from typing import Any, Protocol
 
 from daq.errors import InstrumentError
 from daq.log.records import ClockRecord
-from drivers.protocols import Actuator, DriveGenerator, Notice
+from drivers.protocols.actuator import Actuator
+from drivers.protocols.generator import DriveGenerator
+from drivers.protocols.notice import Notice
 from rig.files.rigs.impact_beam import DriveSection
 from rig.session.clocks import CardClock
 from rig.session.progress import Screen

@@ -8,51 +8,75 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from daq.errors import RecorderFailed
-from daq.log import LogWriter
+from daq.clock import Clock
+from daq.errors import RattleError, RecorderFailed
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Limit
-from rig.session.acquisition import Acquisition, Recorded
+from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
-from rig.session.drive import drive_off_after
+from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
-from rig.session.hub import Hub
 from rig.session.limits import LimitWatch
-from rig.session.logbook import Logbook
+from rig.session.logbook import Logbook, Run, logged_by, new_run, run_record
 from rig.session.progress import Screen
-from rig.session.provenance import Run, new_run, run_record
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.supervisor import SILENCE_S, Supervisor
-from rig.session.watch import Watch
+from rig.stream import Stream
 
-Connect = Callable[[ExitStack, Screen], tuple[Devices, dict[str, str]]]
+_LOOK_S = 0.02
+_BLOCK_S = 0.1
+_SILENCE_S = 5.0
+HANGS_S = 3.0
+"""A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
 
 
-def connected(
-    stack: ExitStack, connect: Connect, screen: Screen
-) -> tuple[StopRequest, Devices, dict[str, str]]:
-    """The rig's devices, open, for as long as `stack` lasts, and the notes that `connect` made for the log.
+class Watch:
+    """Calls every one of `checks`, in their order, while it waits; what one of them raises ends the run."""
 
-    Whatever is raised from then on, the drive is off after it.
-    """
-    stop = stack.enter_context(StopRequest())
-    devices, notes = connect(stack, screen)
-    stack.callback(devices.close)
-    stop.check()
-    with screen.busy("connecting"):
-        devices.open()
-    stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))
-    screen.say(f"drive      {devices.actuator.identity} at {devices.actuator.address}")
-    screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "
-               f"{devices.card.address}")  # fmt: skip
-    if devices.encoder is not None:
-        screen.say(f"encoder    {devices.encoder.identity} at {devices.encoder.address}")
-    stop.check()
-    return stop, devices, notes
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._looked_s = clock.monotonic_s()
+        self.checks: list[Callable[[], None]] = []
+
+    @property
+    def hangs(self) -> bool:
+        """Whether nobody has looked for so long that the run must be taken for dead."""
+        return self._clock.monotonic_s() - self._looked_s > HANGS_S
+
+    def check(self) -> None:
+        """Raise whatever ends the run: a lost device, a limit, a person."""
+        self._looked_s = self._clock.monotonic_s()
+        for check in self.checks:
+            check()
+
+    def wait(self, seconds: float) -> None:
+        """Wait; raises what ends the run meanwhile."""
+        end = self._clock.monotonic_s() + seconds
+        while (left := end - self._clock.monotonic_s()) > 0:
+            self.check()
+            self._clock.sleep(min(left, _LOOK_S))
+        self.check()
+
+    def until(
+        self, acquisition: Acquisition, done: Callable[[], bool], show: Callable[[], None] = lambda: None
+    ) -> None:
+        """Wait until `done` while samples come; raises what ends the run early, and where none come."""
+        silent_since, seen = self._clock.monotonic_s(), -1
+        while not done():
+            self.check()
+            with acquisition.changed:
+                acquisition.changed.wait(_BLOCK_S)
+            show()
+            if acquisition.acquired != seen:
+                silent_since, seen = self._clock.monotonic_s(), acquisition.acquired
+            elif self._clock.monotonic_s() - silent_since > _SILENCE_S:
+                raise RattleError(f"{acquisition.name} gave no samples for {_SILENCE_S:g} s")
+        self.check()
 
 
 class DrivenRig:
@@ -71,14 +95,15 @@ class DrivenRig:
         self.names = [channel.name for channel in devices.card.channels]
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
-        self.motion = devices.motion(self.watch.wait, self.shaft.rpm)
+        self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
         self._supervisor = Supervisor(devices.spare)
+        self.stream = Stream()
+        self.logbook = Logbook(clock, self.stream, screen)
         self.recorder: Recorder
-        self.hub: Hub
-        self.logbook: Logbook
         self.acquisition: Acquisition
         self.encoder: EncoderRecord | None = None
-        self.on_stopping: Callable[[], None] = lambda: None
+        self.on_stopping: Callable[[], None] | None = None
+        """Called where it stops before its time; None where nothing follows what is recorded."""
         self._rests = False
 
     def launch(self, stack: ExitStack) -> None:
@@ -91,27 +116,32 @@ class DrivenRig:
         run = new_run(folder, name, self.clock)
         stack.push(partial(self._tell_of_partial, run.log))
         self.recorder = stack.enter_context(Recorder(LogWriter(run.log), self.clock))
+        self.stream.insert(0, logged_by(self.recorder))
         return run
 
     def record(
         self,
-        hub: Hub,
         limits: Sequence[Limit],
         fastest_rad_s: float | None,
-        on_reading: Callable[[CardReading], None] = lambda _: None,
-        enough: Callable[[Recorded], bool] | None = None,
+        readers: Sequence[Reader] = (),
+        enough: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Make what records card and encoder through `hub`; nothing is started yet.
+        """Make what records card and encoder into `stream`; nothing is started yet.
 
-        `on_reading` is called in the acquisition thread; the shaft is to turn at `fastest_rad_s` at most.
+        Each of `readers` gets every reading. `enough` is asked after each one that was recorded: once it
+        says so, the record ends there. The shaft is to turn at `fastest_rad_s` at most.
         """
-        self.hub, self.logbook = hub, Logbook(self.clock, self.recorder, hub, self.screen)
+
+        def end_with_enough(reading: CardReading) -> None:
+            if self.acquisition.records(reading) and enough():
+                self.acquisition.end_record(reading)
+
         card, watched = self.devices.card, LimitWatch(limits, self.sample_rate)
-        look = partial(self._look, on_reading)
-        self.acquisition = Acquisition(card, self.clock, hub, watched, look, enough)
+        consumers = (end_with_enough, self._look, *readers)
+        self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers)
         if self.devices.encoder is not None:
             self.encoder = self.shaft.recording(
-                self.devices.encoder, self.acquisition, hub, self.recorder.gap, fastest_rad_s
+                self.devices.encoder, self.acquisition, self.stream, fastest_rad_s
             )
         self._follow()
 
@@ -174,7 +204,6 @@ class DrivenRig:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
-                self.on_stopping()
                 self._tell_of_stopping()
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.off)
@@ -196,7 +225,10 @@ class DrivenRig:
                 self.logbook.tell("info", code, text)
 
     def _tell_of_stopping(self) -> None:
-        text = "stopping before its time: what is recorded from here on has no prediction"
+        text = "stopping before its time"
+        if self.on_stopping is not None:
+            self.on_stopping()
+            text += ": what is recorded from here on has no prediction"
         with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
             self.logbook.tell("warning", "drive.stopping", text)
 
@@ -220,13 +252,12 @@ class DrivenRig:
             logbook.clocks.append(self.encoder.clocks)
         self.watch.checks += [logbook.look, self._heed_stop]
 
-    def _look(self, on_reading: Callable[[CardReading], None], reading: CardReading) -> None:
-        """In the acquisition thread: the shaft, a sign of life, and whatever else wants the reading."""
+    def _look(self, reading: CardReading) -> None:
+        """In the acquisition thread: the shaft, and a sign of life."""
         for event in self.shaft.take(reading, self.acquisition):
-            self.hub.event(event)
+            self.stream(event)
         if self.acquisition.tripped is None and not self.shaft.tripped and not self.watch.hangs:
             self._supervisor.beat()
-        on_reading(reading)
 
     def _heed_stop(self) -> None:
         if self._stop.wanted:

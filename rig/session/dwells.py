@@ -14,15 +14,14 @@ from pathlib import Path
 
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
-from daq.time_base import RunClock
+from daq.time_base.run_clock import RunClock
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.session.driven_rig import Connect, DrivenRig, connected
-from rig.session.hub import Hub
+from rig.session.devices import Connect, connected
+from rig.session.driven_rig import DrivenRig
 from rig.session.motor import Motor
 from rig.session.progress import Screen
-from rig.session.sinks import LogSink
-from rig.twin.overlay import DWELLS
+from rig.twin.logged import DWELLS
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _WITHOUT_END = 2**62
@@ -56,21 +55,17 @@ class DwellRequest:
 
 def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
     """Record and return the path of the log. Whatever happens and is raised, the motor is off after it."""
+    first = request.scenarios[0]
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, request.connect, screen)
+        stop, devices, notes = connected(stack, request.connect, first, request.bench, screen)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
-        motor = _motor(rig, request.scenarios[0])
+        motor = _motor(rig, first)
         motor.arm(soft=True)
         rig.launch(stack)
-        run = rig.open_log(stack, request.folder, f"{request.scenarios[0].name} dwells")
+        run = rig.open_log(stack, request.folder, f"{first.name} dwells")
         dwells = _Dwells(request, rig, motor)
-        rig.record(
-            Hub([LogSink(rig.recorder)]),
-            request.scenarios[0].limits,
-            max(request.speeds_rad_s),
-            enough=lambda _: dwells.ended,
-        )
-        rig.declare(run.id, request.scenarios[0].text, {**notes, DWELLS: request.what})
+        rig.record(first.limits, max(request.speeds_rad_s), enough=lambda: dwells.ended)
+        rig.declare(run.id, first.text, {**notes, DWELLS: request.what})
         with rig.moving():
             dwells.go_through()
             rig.ramp_down()

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from daq.angle import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew
+from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.errors import LogError
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from rig.crank.shaft import shows_marks
 from rig.session.encoder_record import ENCODER_CHANNEL, ENCODER_DEVICE
 from rig.session.shaft_speed import shaft_reading

@@ -7,7 +7,7 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -16,18 +16,18 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import Unwrapper
+from daq.angle.unwrap import Unwrapper
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.records import ClockRecord, Event, Gap
-from drivers.protocols import PositionBlock, PositionEncoder
+from drivers.protocols.encoder import PositionBlock, PositionEncoder
 from rig.crank.channels import ENCODER_ANGLE
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
-from rig.session.hub import Hub
-from rig.session.shaft_speed import ByAngle, Shown
+from rig.session.shaft_speed import ByAngle, SpeedReading
 from rig.session.speed_guard import SpeedGuard
+from rig.stream import Block, Stream
 
 Array = NDArray[np.float64]
 
@@ -78,12 +78,11 @@ class EncoderRecord:
         self,
         encoder: PositionEncoder,
         base: CardClock,
-        hub: Hub,
-        on_gap: Callable[[Gap], None],
+        stream: Stream,
         fastest_rad_s: float,
         guard: SpeedGuard,
     ) -> None:
-        self._encoder, self._base, self._hub, self._on_gap = encoder, base, hub, on_gap
+        self._encoder, self._base, self._stream = encoder, base, stream
         self._guard, self._speed = guard, self._new_speed()
         self._clock = DeviceClock(ENCODER_DEVICE, base)
         self._count = max(1, round(BLOCK_S / encoder.period_s))
@@ -144,7 +143,7 @@ class EncoderRecord:
         """How the encoder's clock lies, where there is news of it."""
         records, steps = self._clock.refit(at_last)
         for step in steps:
-            self._hub.event(step)
+            self._stream(step)
         return records
 
     @property
@@ -215,16 +214,16 @@ class EncoderRecord:
 
     def _show(self, stretches: list[_Stretch]) -> None:
         """Show the guard how fast the encoder turns; that is not known where whole turns may be lost."""
-        shown = Shown()
+        shown = SpeedReading()
         for stretch in stretches:
             if stretch.ambiguous:
                 self._speed = self._new_speed()
             shown = self._speed.take(stretch.number, stretch.angle_rad)
         if any(stretch.ambiguous for stretch in stretches):
-            shown = Shown()
+            shown = SpeedReading()
         shown = replace(shown, speed_rad_s=abs(shown.speed_rad_s))
         for event in self._guard.look(shown, self._next_number * self._encoder.period_s):
-            self._hub.event(event)
+            self._stream(event)
 
     def _new_speed(self) -> ByAngle:
         return ByAngle(1.0 / self._encoder.period_s, math.tau / self._encoder.counts_per_revolution)
@@ -253,11 +252,11 @@ class EncoderRecord:
             self._first = number
             self._turned_off = math.tau * math.floor(stretch.angle_rad[low] / math.tau)
         for gap in self._gaps_before(number):
-            self._on_gap(gap)
+            self._stream(gap)
         values = stretch.angle_rad[low:high] - self._turned_off
         time_ns, rate = self._base.unix_ns(card_s), 1.0 / self._encoder.period_s
         block = SampleBlock(ENCODER_CHANNEL, number - self._first, time_ns, rate, values, stretch.flags)
-        self._hub.block("measured", block)
+        self._stream(Block("measured", block))
 
     def _gaps_before(self, number: int) -> Iterator[Gap]:
         """What the encoder said of positions that are missing within the record, up to a frame."""
@@ -277,10 +276,10 @@ class EncoderRecord:
         if wrong:
             time_ns = self._base.unix_ns(float(self._base.card_s(self._base.now_s())))
             text = f"of {frames} positions: {wrong}"
-            self._hub.event(Event(time_ns, "warning", self._encoder.name, "encoder.frames", text))
+            self._stream(Event(time_ns, "warning", self._encoder.name, "encoder.frames", text))
 
     def _event(self, arrival_s: float, level: str, code: str, text: str) -> None:
-        self._hub.event(Event(self._unix_ns(arrival_s), level, self._encoder.name, code, text))
+        self._stream(Event(self._unix_ns(arrival_s), level, self._encoder.name, code, text))
 
     def _unix_ns(self, arrival_s: float) -> int:
         return self._base.unix_ns(float(self._base.card_s(self._base.host_s(arrival_s))))

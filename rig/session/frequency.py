@@ -9,10 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock
-from daq.log.reader import Origin
-from daq.log.records import Event, Impact
-from daq.signals import SineFit, fit_sine
+from daq.signals.sine import SineFit, fit_sine
+from rig.stream import Block, Record
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 
 TOLERANCE = 2e-4
@@ -207,31 +205,22 @@ class FrequencyHold:
         return (meter or DriveMeter(self._nominal_hz, self._rate)).result()
 
 
-class FrequencySink:
-    """Watches one channel of the record; `result` is the verdict on it."""
+class FrequencyCheck:
+    """Watches one measured channel of a stream; `result` is the verdict on its record."""
 
-    def __init__(self, channel: str, nominal_hz: float, sample_rate: float) -> None:
-        self._channel, self._nominal_hz, self._rate = channel, nominal_hz, sample_rate
-        self._meter, self._end = DriveMeter(nominal_hz, sample_rate), 0
+    def __init__(self, channel: str, nominal_hz: float) -> None:
+        self._channel, self._nominal_hz = channel, nominal_hz
+        self._meter: DriveMeter | None = None
+        self._end = 0
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        """Take a block; after a hole it begins anew."""
-        if origin != "measured" or block.channel != self._channel:
-            return
-        if block.first_sample != self._end:
-            self._meter = DriveMeter(self._nominal_hz, self._rate)
-        self._end = block.end_sample
-        self._meter.add(block.values)
-
-    def impact(self, impact: Impact) -> None:
-        """Impacts say nothing of it."""
-
-    def event(self, event: Event) -> None:
-        """Nothing to do."""
-
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        """Nothing to do."""
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("measured", samples) if samples.channel == self._channel:
+                if self._meter is None or samples.first_sample != self._end:  # it begins anew after a hole
+                    self._meter = DriveMeter(self._nominal_hz, samples.sample_rate)
+                self._end = samples.end_sample
+                self._meter.add(samples.values)
 
     def result(self) -> DriveFrequency:
         """The verdict on the record."""
-        return self._meter.result()
+        return self._meter.result() if self._meter else DriveFrequency(self._nominal_hz, nan, nan, nan, nan)

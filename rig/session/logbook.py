@@ -1,19 +1,108 @@
-"""What a log gets besides samples while a run goes on: events, and how the clocks lie."""
+"""What a log gets besides samples: its name and origin, events, and how the clocks lie."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import datetime
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 
+from daq.block import NS_PER_S
+from daq.clock import Clock
 from daq.errors import RecorderFailed
-from daq.log.records import ClockRecord, Event
+from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import Notice
-from rig.session.hub import Hub
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.notice import Notice
+from rig.files.bench import Bench
+from rig.session.devices import Devices
 from rig.session.progress import Screen
+from rig.stream import Block, Consumer, Metadata, Record, Stream
+
+_LONGEST_NAME = 60
+
 
 _EVERY_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run's identity and its log."""
+
+    id: str
+    log: Path
+
+
+def new_run(folder: Path, name: str, clock: Clock) -> Run:
+    """Name a run after its scenario and the time; makes `folder` if needed."""
+    started = _now(clock)
+    plain = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:_LONGEST_NAME] or "run"
+    run_id = f"{plain}_{started:%Y%m%d-%H%M%S}-{started.microsecond // 1000:03d}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecorderFailed(f"cannot make {folder}: {error.strerror}") from error
+    return Run(run_id, folder / f"{run_id}.mcap")
+
+
+def run_record(
+    bench: Bench, devices: Devices, notes: Mapping[str, str], run_id: str, clock: Clock
+) -> dict[str, str]:
+    """The log's `run` record: identity, time, software, digests of what the run depended on, and `notes`.
+
+    Notes on chains of sensors (`chain.<channel>`) count for the digest of the calibrations.
+    """
+    calibration = [
+        f"{c.name} {c.serial} {c.sensitivity} {c.gain} {c.calibrated} {c.valid_until}"
+        for c in bench.daq_card.channels
+    ]
+    calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
+    encoder = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
+    return {
+        "id": run_id,
+        "started": f"{_now(clock):%Y-%m-%dT%H:%M:%S.%fZ}",
+        "software": f"rattle {version('rattle')}",
+        "bench": bench.source,
+        "bench_sha256": _digest(bench.text),
+        "calibration_sha256": _digest("\n".join(calibration)),
+        "actuator": devices.actuator.identity,
+        "card": devices.card.address,
+        **encoder,
+        **notes,
+    }
+
+
+def _now(clock: Clock) -> datetime.datetime:
+    return datetime.datetime.fromtimestamp(clock.unix_ns() / NS_PER_S, datetime.UTC)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def logged_by(recorder: Recorder) -> Consumer:
+    """Everything but shapes goes to the log: it holds what was measured and what follows from that."""
+
+    def log(record: Record) -> None:
+        match record:
+            case Block(origin, samples):
+                recorder.block(origin, samples)
+            case Impact():
+                recorder.impact(record)
+            case Event():
+                recorder.event(record)
+            case Gap():
+                recorder.gap(record)
+            case ClockRecord():
+                recorder.clock_record(record)
+            case Metadata(name, values):
+                recorder.metadata(name, values)
+
+    return log
 
 
 class Logbook:
@@ -24,15 +113,15 @@ class Logbook:
     takes nothing more is then no second error.
     """
 
-    def __init__(self, clock: RunClock, recorder: Recorder, hub: Hub, screen: Screen) -> None:
-        self._clock, self._recorder, self._hub, self._screen = clock, recorder, hub, screen
+    def __init__(self, clock: RunClock, stream: Stream, screen: Screen) -> None:
+        self._clock, self._stream, self._screen = clock, stream, screen
         self._looked_s = clock.monotonic_s()
         self.events: list[Callable[[], tuple[Event, ...]]] = []
         self.clocks: list[Callable[[bool], list[ClockRecord]]] = []
 
     def tell(self, level: str, code: str, text: str) -> None:
         """Note an event of the rig itself, now."""
-        self._hub.event(Event(self._clock.unix_ns(), level, "rig", code, text))
+        self._stream(Event(self._clock.unix_ns(), level, "rig", code, text))
 
     def stamped(self, source: str, notices: Iterable[Notice]) -> tuple[Event, ...]:
         """Events of what an instrument told by the monotonic clock, at the run's time."""
@@ -43,7 +132,7 @@ class Logbook:
 
     def note(self, event: Event) -> None:
         """Write down what a device or worker has to say."""
-        self._hub.event(event)
+        self._stream(event)
         if event.level != "info":
             self._screen.warn(f"{event.source}: {event.text}")
 
@@ -72,4 +161,4 @@ class Logbook:
             self.note(event)
         for clocks in self.clocks:
             for record in clocks(at_last):
-                self._recorder.clock_record(record)
+                self._stream(record)

@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
-from drivers.protocols import Notice, SpeedDrive
+from drivers.protocols.notice import Notice
+from drivers.protocols.speed_drive import SpeedDrive
 from rig.files.rigs.speed import SpeedSection
 from rig.session.clocks import CardClock
-from rig.session.held import Held
+from rig.session.debounce import Debounced
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 _STEP_S = 0.02
@@ -86,7 +87,7 @@ class Motor:
         self._clock = clock or SystemClock()
         self._speed_rad_s = speed_rad_s
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * _RPM_PER_RAD_S
-        self._too_fast = Held(OVERSPEED_S + 60.0 / self._wanted_rpm)
+        self._too_fast = Debounced(OVERSPEED_S + 60.0 / self._wanted_rpm)
         self._kept_rpm = 0.0
         self._notices: list[Notice] = []
         self._polls_s: list[tuple[float, float]] = []
@@ -167,7 +168,7 @@ class Motor:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * _RPM_PER_RAD_S
         self._speed_rad_s = speed_rad_s
         self._fastest_rpm = max(before_rpm, self._wanted_rpm)
-        self._too_fast = Held(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
+        self._too_fast = Debounced(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
         left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
         self._await_output(left_rpm)
         self._await_shaft()

@@ -8,63 +8,71 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from daq.block import NS_PER_S, SampleBlock, sample_time_ns
+from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
-from daq.errors import LogError
-from daq.log import Event, Impact, LogReader, Origin
-from rig.derived import derived_channels
+from daq.errors import ConfigurationError, LogError
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Impact
+from rig.derived.derivation import ORIGINS, Derivation, derived_channels
+from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import AcquisitionSection, Scenario
-from rig.live import LiveView
-from rig.session.deriving import derive_again
-from rig.session.hub import Hub, Sink
+from rig.live.rigs import picture_of
+from rig.live.view import LiveView
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
-from rig.session.sinks import ViewSink
-from rig.twin.overlay import align_to, predicting_twin, scenario_of
-from rig.twin.picture import picture_of
+from rig.stream import Block, Consumer, Record, Shape, Stream
+from rig.twin.logged import align_to, predicting_twin, scenario_of
 from rig.twin.prediction import AlignedTwin
 from sim_twin.twin import AnyTwin
 
 _ALIGN_ON_S = 2.0
-Item = tuple[int, int, Origin | None, SampleBlock | Event]
 
 
 def replay_log(
-    path: Path, speed: float, live: bool, screen: Screen, clock: Clock, sinks: tuple[Sink, ...] = ()
+    path: Path, speed: float, live: bool, screen: Screen, clock: Clock, consumers: tuple[Consumer, ...] = ()
 ) -> int:
     """Play every block and event in the order of their times; returns the number of blocks.
 
-    `speed` is in times real time, 0 as fast as possible. `sinks` get everything beside the view. What the log
-    has of derived channels and impacts is not played: they are derived from its samples once more.
+    `speed` is in times real time, 0 as fast as possible. `consumers` get everything beside the view. What the
+    log has of derived channels and impacts is not played: they are derived from its samples once more.
     """
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
         log = stack.enter_context(LogReader(path))
         if not log.channels("measured") and not log.channels("predicted"):
             raise LogError(f"{path}: no channels in it")
-        follow: Callable[[float], None] = lambda _: None  # noqa: E731
+        stream, derived = Stream(consumers), _Derived()
         if live:
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
             view = stack.enter_context(_view(log, scenario, twin))
             screen.say(f"live view  {view.url}")
-            sink = ViewSink(view)
-            sinks = (*sinks, sink)
-            follow = _ShapeFollower(log, twin, scenario.acquisition, sink)
-        found = _Found()
-        derived = derive_again(log, Hub((*sinks, found)))
-        count = _Player(Hub((*sinks, derived)), speed, clock, stop).play(log, follow, screen)
-        derived.finish()
-        screen.say(f"derived    {found}")
+            stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
+        derivation = derive_again(log, stream)
+        stream += [derived, derivation]
+        with screen.busy("replaying"):
+            count = _play(log, speed, clock, stop, stream)
+        derivation.finish()
+        screen.say(f"derived    {derived}")
         if live:
             screen.hold("the live view stays open; Enter closes it ")
         return count
 
 
-class _Found:
+def derive_again(log: LogReader, publish: Consumer) -> Derivation:
+    """What derives from a log's samples what the run derived, by what was settled then.
+
+    Where the log does not say, it is settled by the same rule; raises LogError where it cannot be read.
+    """
+    try:
+        scenario = scenario_of(log)
+    except (LogError, ConfigurationError):
+        scenario = None  # another program's log: there are impacts, but no cycles
+    channels = {origin: list(log.channels(origin)) for origin in ORIGINS}
+    return Derivation(publish, channels, scenario, from_record(log.metadata.get(RECORD, {})))
+
+
+class _Derived:
     """Counts what was derived."""
 
     def __init__(self) -> None:
@@ -74,86 +82,69 @@ class _Found:
     def __str__(self) -> str:
         return f"{len(self._samples)} channels, {self._samples.total()} values, {self._impacts} impacts"
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        self._samples[block.channel] += len(block)
-
-    def impact(self, impact: Impact) -> None:
-        self._impacts += 1
-
-    def event(self, event: Event) -> None:
-        """Events are not derived."""
-
-    def shape(self, time_s: float, points: NDArray[np.floating]) -> None:
-        """Shapes are not derived."""
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("derived", samples):
+                self._samples[samples.channel] += len(samples)
+            case Impact():
+                self._impacts += 1
 
 
-class _Player:
-    """Paces a log on the monotonic clock."""
-
-    def __init__(self, hub: Hub, speed: float, clock: Clock, stop: StopRequest) -> None:
-        self._hub, self._speed, self._clock, self._stop = hub, speed, clock, stop
-
-    def play(self, log: LogReader, follow: Callable[[float], None], screen: Screen) -> int:
-        started, first_ns, count = self._clock.monotonic_s(), None, 0
-        with screen.busy("replaying"):
-            for time_ns, _, origin, item in _in_order(log):
-                first_ns = time_ns if first_ns is None else first_ns
-                self._wait_until(started, (time_ns - first_ns) / NS_PER_S)
-                if isinstance(item, Event):
-                    self._hub.event(item)
-                elif origin is not None:
-                    self._hub.block(origin, item)
-                    count += 1
-                    if origin == "predicted":
-                        follow(item.end_sample / item.sample_rate)
-        return count
-
-    def _wait_until(self, started: float, record_s: float) -> None:
-        self._stop.check()
-        if self._speed <= 0:
-            return
-        while (left := started + record_s / self._speed - self._clock.monotonic_s()) > 0:
-            self._stop.check()
-            self._clock.sleep(min(left, 0.05))
+def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish: Consumer) -> int:
+    """Paced on the monotonic clock; returns the number of blocks."""
+    started_s, first_ns, count = clock.monotonic_s(), None, 0
+    for time_ns, record in _in_order(log):
+        first_ns = time_ns if first_ns is None else first_ns
+        stop.check()
+        if speed > 0:
+            due_s = started_s + (time_ns - first_ns) / NS_PER_S / speed
+            while (left_s := due_s - clock.monotonic_s()) > 0:
+                stop.check()
+                clock.sleep(min(left_s, 0.05))
+        publish(record)
+        count += isinstance(record, Block)
+    return count
 
 
-def _in_order(log: LogReader) -> Iterator[Item]:
+def _in_order(log: LogReader) -> Iterator[tuple[int, Record]]:
     """Blocks by the time at which they end (when a live run would have had them), and events."""
-    blocks = [_blocks_of(log, origin) for origin in _ORIGINS]
-    events = ((event.time_ns, number, None, event) for number, event in enumerate(log.events()))
-    return heapq.merge(*blocks, events, key=lambda item: item[:1])
+
+    def blocks(origin: Origin) -> Iterator[tuple[int, Record]]:
+        for _, block in log.blocks(origin):
+            end_ns = sample_time_ns(block.time_ns, len(block), block.sample_rate)
+            yield end_ns, Block(origin, block)
+
+    events: Iterator[tuple[int, Record]] = ((event.time_ns, event) for event in log.events())
+    return heapq.merge(*map(blocks, ORIGINS), events, key=lambda item: item[0])
 
 
-_ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
+class ShapeFollower:
+    """A consumer that runs the predicting twin beside a replay, so that its picture moves as it did."""
 
-
-def _blocks_of(log: LogReader, origin: Origin) -> Iterator[Item]:
-    for number, (_, block) in enumerate(log.blocks(origin)):
-        yield sample_time_ns(block.time_ns, len(block), block.sample_rate), number, origin, block
-
-
-class _ShapeFollower:
-    """Runs the predicting twin beside a replay, so that its picture moves as it did."""
-
-    def __init__(self, log: LogReader, twin: AnyTwin, wanted: AcquisitionSection, sink: Sink) -> None:
+    def __init__(
+        self, log: LogReader, twin: AnyTwin, wanted: AcquisitionSection, publish: Callable[[Shape], None]
+    ) -> None:
         alignment = align_to(log, twin, _ALIGN_ON_S)
         self._twin = AlignedTwin(twin, alignment, wanted.sample_rate, wanted.settle)
-        self._sink = sink
+        self._publish = publish
 
-    def __call__(self, time_s: float) -> None:
-        behind = round(time_s * self._twin.sample_rate) - self._twin.samples
-        if behind > 0:
-            self._twin.advance(behind)
-            self._sink.shape(time_s, self._twin.shape())
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("predicted", samples):
+                time_s = samples.end_sample / samples.sample_rate
+                behind = round(time_s * self._twin.sample_rate) - self._twin.samples
+                if behind > 0:
+                    self._twin.advance(behind)
+                    self._publish(Shape(time_s, self._twin.shape()))
 
 
 def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
-    origins = {origin: list(log.channels(origin).values()) for origin in _ORIGINS}
+    origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
     return LiveView(
         scenario.name,
         origins["measured"],
         origins["predicted"],
-        picture_of(twin),
+        picture_of(scenario.rig, twin),
         nominal=origins["nominal"],
         derived=derived_channels(origins, scenario),
     )

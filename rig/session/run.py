@@ -11,27 +11,26 @@ from typing import Any
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.reader import Origin
-from daq.time_base import RunClock
-from drivers.protocols import CardReading
-from rig.derived import derived_channels
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
+from rig.derived.background import DerivationProcess
+from rig.derived.derivation import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.rigs import RIGS
 from rig.files.scenario import Scenario
-from rig.live import LiveView
-from rig.session.acquisition import Recorded
-from rig.session.deriving import derive_live
-from rig.session.driven_rig import Connect, DrivenRig, connected
+from rig.live.rigs import picture_of
+from rig.live.view import LiveView
+from rig.session.devices import Connect, connected
+from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
-from rig.session.frequency import HELD, FrequencyHold, FrequencySink
-from rig.session.hub import Hub, Sink
+from rig.session.frequency import HELD, FrequencyCheck, FrequencyHold
 from rig.session.progress import FIRST_START, Screen
 from rig.session.sequence import Sequence, starts_softly
 from rig.session.signals import StopRequest
-from rig.session.sinks import LogSink, ViewSink
 from rig.session.twin_feed import TwinFeed
+from rig.stream import Consumer
 from rig.twin.matched_twin import with_model
-from rig.twin.picture import picture_of
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
@@ -41,9 +40,9 @@ from sim_twin.twin import AnyTwin
 class RunRequest:
     """What to run: checked files, turned by `connect` into devices and notes for the log.
 
-    `model`: what calibration found of the rig; None where the twin is the scenario's. `enough` is called in
-    the acquisition thread with each reading's recorded values by channel, and must be quick; once it returns
-    True, the record ends with that reading. `view_stays` until a person closes it.
+    `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
+    record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
+    quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
     `path`: the sections [drive] that the drive comes through before it settles.
     """
 
@@ -53,7 +52,8 @@ class RunRequest:
     folder: Path
     live: bool = False
     model: ModelFile | None = None
-    enough: Callable[[Recorded], bool] | None = None
+    consumers: tuple[Consumer, ...] = ()
+    enough: Callable[[], bool] = lambda: False
     view_stays: bool = True
     path: tuple[Any, ...] = ()
 
@@ -61,7 +61,7 @@ class RunRequest:
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, request.connect, screen)
+        stop, devices, notes = connected(stack, request.connect, request.scenario, request.bench, screen)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
         return _Run(request, rig, notes, stop).execute(stack)
 
@@ -72,47 +72,52 @@ class _Run:
     def __init__(self, request: RunRequest, rig: DrivenRig, notes: dict[str, str], stop: StopRequest) -> None:
         self._request, self._scenario = request, request.scenario
         self._rig, self._notes, self._stop = rig, notes, stop
-        self._hold: FrequencyHold | None
-        self._frequency: FrequencySink | None
-        self._hold, self._frequency = self._frequency_watched()
-        self._view: LiveView | None = None
+        self._hold: FrequencyHold | None = None
+        self._frequency: FrequencyCheck | None = None
+        sine = RIGS[self._scenario.rig].sine
+        hertz = None if sine is None else sine.hertz(self._scenario.drive)
+        if sine is not None and hertz is not None and sine.channel in rig.names and not request.bench.unseen:
+            self._hold = FrequencyHold(sine.channel, hertz, rig.sample_rate)
+            self._frequency = FrequencyCheck(sine.channel, hertz)
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         rig, wanted, twin = self._rig, self._scenario.acquisition, self._twin()
         rig.motion.arm(starts_softly(wanted), self._request.path)
         rig.launch(stack)
-        self._feed = TwinFeed(twin, rig.names, rig.sample_rate, wanted.settle, self._unseen)
-        self._origins: dict[Origin, list[Channel]] = {
+        tell, unseen = rig.logbook.tell, self._unseen
+        feed = TwinFeed(twin, rig.names, rig.sample_rate, wanted.settle, rig.stream, tell, unseen)
+        self._feed = feed
+        predicted = [channel for channel in predicted_channels(twin) if channel.name in rig.names]
+        origins: dict[Origin, list[Channel]] = {
             "measured": list(rig.devices.card.channels),
-            "predicted": self._predicted(twin),
+            "predicted": predicted,
         }
-        self._derived = derive_live(self._origins, self._scenario, rig.clock)
-        stack.enter_context(self._derived.worker)
-        stack.enter_context(self._feed.worker)
+        names = {origin: tuple(channel.name for channel in each) for origin, each in origins.items()}
+        derivation = DerivationProcess(names, self._scenario, rig.clock, rig.stream)
+        stack.enter_context(derivation.worker)
+        stack.enter_context(feed.worker)
         emulated = "daq_card" in self._request.bench.emulated  # then its start has told it
         with rig.screen.busy(f"warming up the twin{'' if emulated else f' ({FIRST_START})'}"):
-            self._feed.worker.wait_ready(self._stop.check)
-            self._derived.wait_ready(self._stop.check)
+            feed.worker.wait_ready(self._stop.check)
+            derivation.wait_ready(self._stop.check)
         run = rig.open_log(stack, self._request.folder, self._scenario.name)
-        self._feed.hub = Hub(self._sinks(stack, twin))
-        rig.record(
-            self._feed.hub,
-            self._scenario.limits,
-            rig.motion.speed_rad_s,
-            self._on_reading,
-            self._request.enough,
-        )
-        rig.logbook.events.append(self._derived.events)
-        self._feed.tell = rig.logbook.tell
-        rig.on_stopping = self._feed.end
-        self._declare(run.id)
+        derived = derived_channels(origins, self._scenario)
+        view = self._view(stack, twin, origins, derived) if self._request.live else None
+        rig.stream += [*self._request.consumers, *filter(None, [self._frequency]), derivation]
+        stack.callback(lambda: derivation.finish(rig.logbook.note))  # however the run ends
+        stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
+        readers = [self._feed_twin] if self._hold is None else [self._hold_frequency, self._feed_twin]
+        rig.record(self._scenario.limits, rig.motion.speed_rad_s, readers, self._request.enough)
+        rig.logbook.events.append(derivation.events)
+        rig.on_stopping = feed.end
+        self._declare(run.id, predicted, derived)
         self._move_and_record()
         with rig.screen.busy("finishing the prediction"):
-            self._feed.finish(self._stop.check)
-        self._derived.finish(rig.logbook.note, self._stop.check)
-        if self._view is not None:
-            rig.logbook.tell("info", "view.dropped", f"{self._view.dropped} blocks were not shown")
+            feed.finish(self._stop.check)
+        derivation.finish(rig.logbook.note, self._stop.check)
+        if view is not None:
+            rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
         rig.recorder.close()
         if self._request.live and self._request.view_stays:
             rig.screen.hold("the live view stays open; Enter closes it ")
@@ -128,68 +133,47 @@ class _Run:
             look_at = "the amplifier on"
         self._rig.screen.warn(f"{text}: is {look_at}?")
 
-    def _move_and_record(self) -> None:
-        with self._rig.moving():
-            sequence = Sequence(
-                self._scenario.acquisition, self._rig, self._feed, self._hold, self._request.path
-            )
-            sequence.drive_and_record()
-        self._rig.tell_of_marks()
-        self._rig.tell_of_encoder()
-        if self._frequency is not None:
-            self._verify(self._frequency)
+    def _view(
+        self, stack: ExitStack, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
+    ) -> LiveView:
+        """The live view, which gets every record from now on and may drop it."""
+        encoder, measured = self._rig.devices.encoder, origins["measured"]
+        if encoder is not None:
+            measured = [*measured, encoder_channel(encoder)]
+        picture = picture_of(self._scenario.rig, twin)
+        view = LiveView(self._scenario.name, measured, origins["predicted"], picture, derived=derived)
+        stack.enter_context(view)
+        self._rig.screen.say(f"live view  {view.url}")
+        self._rig.stream.append(view.offer)
+        return view
 
-    def _on_reading(self, reading: CardReading) -> None:
-        """In the acquisition thread: what holds the frequency, and the twin's share."""
-        if self._hold is not None:
-            self._hold.take(reading.values[self._rig.names.index(self._hold.channel)])
-        self._feed.take(reading, self._rig.acquisition)
-
-    def _frequency_watched(self) -> tuple[FrequencyHold, FrequencySink] | tuple[None, None]:
-        """What holds and verifies the frequency of a drive that is a measured sine."""
-        sine = RIGS[self._scenario.rig].sine
-        hertz = None if sine is None else sine.hertz(self._scenario.drive)
-        if sine is None or hertz is None or sine.channel not in self._rig.names or self._request.bench.unseen:
-            return None, None
-        of_sine = (sine.channel, hertz, self._rig.sample_rate)
-        return FrequencyHold(*of_sine), FrequencySink(*of_sine)
-
-    def _verify(self, frequency: FrequencySink) -> None:
-        """Say whether the record's drive had the frequency that the scenario asks for."""
-        found = frequency.result()
-        if found.code == HELD:
-            self._rig.logbook.tell("info", found.code, str(found))
-        else:
-            self._rig.warn(found.code, str(found))
-
-    def _sinks(self, stack: ExitStack, twin: AnyTwin) -> list[Sink]:
-        sinks: list[Sink] = [LogSink(self._rig.recorder)]
-        derived = derived_channels(self._origins, self._scenario)
-        if self._frequency is not None:
-            sinks.append(self._frequency)
-        if self._request.live:
-            picture = picture_of(twin)
-            encoder = self._rig.devices.encoder
-            beside = [] if encoder is None else [encoder_channel(encoder)]
-            channels = ([*self._origins["measured"], *beside], self._origins["predicted"])
-            view = stack.enter_context(LiveView(self._scenario.name, *channels, picture, derived=derived))
-            self._rig.screen.say(f"live view  {view.url}")
-            self._view = view
-            sinks.append(ViewSink(view))
-        for channel in derived:
-            self._rig.recorder.declare("derived", channel)
-        self._derived.deliver_to(Hub(sinks), self._rig.recorder.metadata)
-        stack.callback(lambda: self._derived.finish(self._rig.logbook.note))  # however the run ends
-        stack.callback(self._feed.worker.close)  # what it predicts from then on would not be derived from
-        return [*sinks, self._derived]
-
-    def _predicted(self, twin: AnyTwin) -> list[Channel]:
-        return [channel for channel in predicted_channels(twin) if channel.name in self._rig.names]
-
-    def _declare(self, run_id: str) -> None:
+    def _declare(self, run_id: str, predicted: list[Channel], derived: list[Channel]) -> None:
         rig, model = self._rig, self._request.model
+        for channel in derived:
+            rig.recorder.declare("derived", channel)
         rig.declare(run_id, self._scenario.text, self._notes)
         if model is not None:
             rig.recorder.metadata("twin", twin_record(None, model))
-        for channel in self._origins["predicted"]:
+        for channel in predicted:
             rig.recorder.declare("predicted", channel)
+
+    def _move_and_record(self) -> None:
+        rig, path = self._rig, self._request.path
+        with rig.moving():
+            Sequence(self._scenario.acquisition, rig, self._feed, self._hold, path).drive_and_record()
+        rig.tell_of_marks()
+        rig.tell_of_encoder()
+        if self._frequency is None:
+            return
+        found = self._frequency.result()
+        if found.code == HELD:
+            rig.logbook.tell("info", found.code, str(found))
+        else:
+            rig.warn(found.code, str(found))
+
+    def _hold_frequency(self, reading: CardReading) -> None:
+        if self._hold is not None:
+            self._hold.take(reading.values[self._rig.names.index(self._hold.channel)])
+
+    def _feed_twin(self, reading: CardReading) -> None:
+        self._feed.take(reading, self._rig.acquisition)

@@ -11,8 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle import MarkTracker
-from daq.angle.marker import MOST_MISSING
+from daq.angle.marker import MOST_MISSING, MarkTracker
 from daq.channel import Channel
 from daq.clock import Clock
 from rig.crank.shaft import shaft_channel, shows_marks
@@ -32,7 +31,7 @@ _MISSED = f"more than {MOST_MISSING} marks in a row are missing: the marker is o
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class SpeedReading:
     """What a channel shows: the speed in rad/s (NaN: not at this moment), and whether it can be relied on.
 
     `lost` says in words why the shaft cannot be followed any more, in the block where that came to light.
@@ -48,7 +47,7 @@ class ShaftReading(Protocol):
 
     marks: deque[float]
 
-    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> SpeedReading:
         """Take the next samples, shape (n,), without a hole."""
         ...
 
@@ -62,10 +61,10 @@ class ShaftSpeed:
     def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
         self.channel, self._reading = shaft_reading(channels, sample_rate)
         self._clock = clock
-        self._shown, self._at_s = Shown(), -math.inf
+        self._shown, self._at_s = SpeedReading(), -math.inf
 
     @property
-    def shown(self) -> Shown:
+    def shown(self) -> SpeedReading:
         """What the latest block showed."""
         return self._shown
 
@@ -100,17 +99,17 @@ class ByAngle:
         self._last: float | None = None
         self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
 
-    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> SpeedReading:
         """Take the next samples, shape (n,); those that a hole left out are passed over at an even speed."""
         if not len(values) or not np.isfinite(values).all():
             self._last = None
-            return Shown()
+            return SpeedReading()
         self._mark(first_sample, values)
         at = np.arange(len(values) - 1, -1, -self._every)[::-1]
         times = ((first_sample + at) / self._rate).tolist()
         self._points.extend(zip(times, values[at].tolist(), strict=True))
         self._forget_old()
-        return Shown(self._speed(), valid=True)
+        return SpeedReading(self._speed(), valid=True)
 
     def _speed(self) -> float:
         time, angle = (np.array(column) for column in zip(*self._points, strict=True))
@@ -154,7 +153,7 @@ class _ByMarker:
         self._last = -math.inf
         self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
 
-    def take(self, first_sample: int, values: NDArray[np.float64]) -> Shown:
+    def take(self, first_sample: int, values: NDArray[np.float64]) -> SpeedReading:
         marks, changes = self._tracker.track(values)
         if len(marks):
             self._last = float(marks.position[-1])
@@ -165,9 +164,9 @@ class _ByMarker:
         lost = _MISSED if missed else ""
         interval = self._tracker.samples_per_turn
         if interval is None:
-            return Shown(lost=lost)
+            return SpeedReading(lost=lost)
         overdue = first_sample + len(values) - self._last > _OVERDUE * interval
-        return Shown(math.nan if overdue else math.tau * self._rate / interval, valid=True, lost=lost)
+        return SpeedReading(math.nan if overdue else math.tau * self._rate / interval, valid=True, lost=lost)
 
 
 def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:

@@ -9,8 +9,8 @@ from daq.angle.marker import MOST_MISSING
 from daq.clock import Clock
 from daq.errors import InterlockTripped
 from daq.log.records import Event
-from rig.session.held import Held
-from rig.session.shaft_speed import Shown
+from rig.session.debounce import Debounced
+from rig.session.shaft_speed import SpeedReading
 
 _RPM_PER_RAD_S = 60.0 / math.tau
 OFF_SHARE, OFF_S = 0.05, 0.5
@@ -52,13 +52,13 @@ class SpeedGuard:
         self._clock, self._shows, self._shows_not = clock, shows, shows_not
         self._lock = threading.Lock()
         self._wanted_rad_s: float | None = None
-        self._off, self._unknown = Held(OFF_S), Held(UNKNOWN_S)
+        self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
         self.tripped: str | None = None
 
     def arm(self, wanted_rad_s: float) -> None:
         """Hold the shaft to a speed from now on."""
         with self._lock:
-            self._off, self._unknown = Held(OFF_S), Held(UNKNOWN_S)
+            self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
             self._wanted_rad_s = wanted_rad_s
 
     @property
@@ -76,7 +76,7 @@ class SpeedGuard:
         if self.tripped is not None:
             raise InterlockTripped(f"interlock: {self.tripped}; the motor is off")
 
-    def look(self, shown: Shown, card_s: float) -> list[Event]:
+    def look(self, shown: SpeedReading, card_s: float) -> list[Event]:
         """Judge what a block that ends at `card_s`, by any even clock, showed; what to tell of it."""
         with self._lock:
             wanted = self._wanted_rad_s
@@ -93,7 +93,7 @@ class SpeedGuard:
         return [Event(self._clock.unix_ns(), level, "acquisition", code, text) for level, code, text in told]
 
     def _judge(
-        self, what: str, held: Held, card_s: float, holds: bool, gone: bool, text: str
+        self, what: str, held: Debounced, card_s: float, holds: bool, gone: bool, text: str
     ) -> list[tuple[str, str, str]]:
         known_s = held.since_s
         lasted_s = held.look(card_s, holds=holds, gone=gone)

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 
 from daq.errors import InstrumentError, RattleError
-from drivers.protocols import Actuator
+from drivers.protocols.actuator import Actuator
 from rig.session.signals import STOP_SIGNALS
 
 SILENCE_S = 4.0

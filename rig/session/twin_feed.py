@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from daq.block import SampleBlock, as_logged
-from drivers.protocols import CardReading
+from daq.block import as_logged
+from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
-from rig.session.hub import Hub
+from rig.stream import Block, Consumer, Shape
 from rig.twin.alignment import Alignment
 from rig.twin.rigs import kind_of
-from rig.twin.worker import Drive, Predict, Recorded, Shape
+from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
 
@@ -22,8 +22,8 @@ _FINISH_S = 600.0
 class TwinFeed:
     """Feeds a twin from `feed_from` on, until it is in step, and passes on what it predicts of `names`.
 
-    `unseen` hears what a person should look at where the measurement shows no drive. `worker` is a context of
-    its own; `hub` and `tell(level, code, text)`, which notes an event, are set before anything is fed.
+    `publish` gets the prediction, `tell(level, code, text)` notes an event, and `unseen` hears what a person
+    should look at where the measurement shows no drive. `worker` is a context of its own.
     """
 
     def __init__(
@@ -32,15 +32,15 @@ class TwinFeed:
         names: Sequence[str],
         sample_rate: float,
         settle_s: float,
+        publish: Consumer,
+        tell: Callable[[str, str, str], None],
         unseen: Callable[[str], None],
     ) -> None:
-        self._names, self._unseen = names, unseen
+        self._names, self._publish, self._tell, self._unseen = names, publish, tell, unseen
         self._reference = kind_of(twin).reference(names).channel
         self._last = self._ends = False
         task = Predict(twin, self._reference, sample_rate, settle_s)
         self.worker = WorkerProcess("twin", task, self._deliver)
-        self.hub = Hub(())
-        self.tell: Callable[[str, str, str], None] = lambda level, code, text: None
         self.feed_from: int | None = None
 
     def take(self, reading: CardReading, acquisition: Acquisition) -> None:
@@ -61,7 +61,7 @@ class TwinFeed:
                 return  # it begins with the next reading: until then nobody knows what turns it leaves out
             turned_off = acquisition.turned_off.get(self._reference, 0.0)
             start_ns = acquisition.record_start_ns
-            self.worker.give(Recorded(begin, end - begin, start_ns, self._last, turned_off))
+            self.worker.give(RecordedSpan(begin, end - begin, start_ns, self._last, turned_off))
 
     def end(self) -> None:
         """Predict no further than what has been recorded by now: the drive leaves what the twin follows."""
@@ -72,28 +72,28 @@ class TwinFeed:
         try:
             self.worker.finish(_FINISH_S, check)
         except WorkerFailed as error:
-            self.tell("error", "twin.failed", str(error))
+            self._tell("error", "twin.failed", str(error))
             raise WorkerFailed(
                 f"{error}; all that was measured is in the log, rattle overlay adds a prediction"
             ) from error
 
     def _deliver(self, message: object) -> None:
         """In the twin's thread: pass on what it predicts, for the channels that are measured."""
-        if isinstance(message, SampleBlock):
-            if message.channel in self._names:
-                self.hub.block("predicted", message)
-        elif isinstance(message, Shape):
-            self.hub.shape(message.time_s, message.points)
-        elif isinstance(message, Alignment):
-            self._note_alignment(message)
+        match message:
+            case Block(_, samples) if samples.channel in self._names:
+                self._publish(message)
+            case Shape():
+                self._publish(message)
+            case Alignment():
+                self.feed_from = None
+                self._tell_of(message)
 
-    def _note_alignment(self, alignment: Alignment) -> None:
-        self.feed_from = None
+    def _tell_of(self, alignment: Alignment) -> None:
         degrees = np.degrees(alignment.phase) % 360.0
         if alignment.trusted:
             text = f"drive at {alignment.frequency:.5g} Hz, phase {degrees:.1f} degrees"
-            self.tell("info", "twin.aligned", text)
+            self._tell("info", "twin.aligned", text)
         else:
             unseen = f"{self._reference} shows no drive"
-            self.tell("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
+            self._tell("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
             self._unseen(unseen)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import SineFit, fit_sine
+from daq.signals.sine import SineFit, fit_sine
 from sim_twin.rigs.impact_beam.model import SineDrive
 
 FREQUENCY_TOLERANCE = 1e-3

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.protocols import DriveSettings, Plant
+from drivers.protocols.card import Plant
+from drivers.protocols.generator import DriveSettings
 from sim_twin.ranges import require
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.rig import MODEL

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.protocols import InverterOutput, Plant
+from drivers.protocols.card import Plant
+from drivers.protocols.speed_drive import InverterOutput
 from rig.twin.shaft import EmulatedMotor, ShaftCourse, SpeedChange
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.crank_drive import SpeedDrive

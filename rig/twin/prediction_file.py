@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.block import SampleBlock, as_logged, sample_time_ns
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario

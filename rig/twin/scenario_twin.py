@@ -13,6 +13,7 @@ from rig.files.scenario import Scenario
 from rig.twin.rigs import KINDS
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.rig_model import RigModel
+from sim_twin.sensors import oversampling
 from sim_twin.twin import AnyTwin
 
 
@@ -31,7 +32,8 @@ def check_twin(scenario: Scenario) -> None:
     """Raise ConfigurationError for a scenario that no twin can be set up for."""
     twin = twin_of(scenario)
     try:
-        model_of(twin).stream(twin, scenario.acquisition.sample_rate)
+        rate = scenario.acquisition.sample_rate
+        model_of(twin).truth(twin, rate * oversampling(rate), False)
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
 

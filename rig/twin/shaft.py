@@ -16,7 +16,8 @@ from typing import Final
 
 import numpy as np
 
-from drivers.protocols import InverterOutput, Shaft
+from drivers.protocols.encoder import Shaft
+from drivers.protocols.speed_drive import InverterOutput
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 
 STEP_S: Final = 0.01

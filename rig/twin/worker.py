@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.stream import Block, Shape
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
 from rig.twin.rigs import kind_of
@@ -23,14 +24,6 @@ _KEEP_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
-    """Where the twin's rig is at `time_s` since sample 0: points in m, as `Truth.shape` gives them."""
-
-    time_s: float
-    points: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
 class Drive:
     """The measured reference from sample `first_sample` of the card on, as it is logged."""
 
@@ -39,7 +32,7 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedSpan:
     """Up to which of its samples the record goes by now; the prediction follows it.
 
     `begin` is the card's sample at which the record begins, `start_ns` its time. `last`: it ends here.
@@ -55,7 +48,7 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Predict:
-    """The task: takes Drive and Recorded, gives Alignment, then SampleBlock and Shape.
+    """The task: takes Drive and RecordedSpan, gives Alignment, then Block and Shape.
 
     The twin keeps step with the measured channel `reference`.
     """
@@ -71,7 +64,7 @@ class Predict:
         stream.drive(self.twin.drive)
         stream.advance(64)
 
-    def run(self, items: Iterator[Drive | Recorded], send: Callable[[object], None]) -> None:
+    def run(self, items: Iterator[Drive | RecordedSpan], send: Callable[[object], None]) -> None:
         """Predict up to where the record ends."""
         _Prediction(send, self.twin, self.reference, self.sample_rate, self.settle_s).run(items)
 
@@ -94,9 +87,9 @@ class _Prediction:
         self._drive: list[Drive] = []
         self._aligned: AlignedTwin | None = None
 
-    def run(self, items: Iterator[Drive | Recorded]) -> None:
+    def run(self, items: Iterator[Drive | RecordedSpan]) -> None:
         for item in items:
-            if isinstance(item, Recorded):
+            if isinstance(item, RecordedSpan):
                 self._follow(item)
                 if item.last:
                     return
@@ -104,13 +97,13 @@ class _Prediction:
                 self._drive.append(item)
                 self._forget_old()
 
-    def _follow(self, record: Recorded) -> None:
+    def _follow(self, record: RecordedSpan) -> None:
         if self._aligned is None and (record.last or self._enough()):
             self._align(record)
         if self._aligned is None:
             return
         for block in self._aligned.blocks(record.end_sample, record.start_ns):
-            self._send(block)
+            self._send(Block("predicted", block))
         if record.end_sample:
             self._send(Shape(record.end_sample / self._rate, self._aligned.shape()))
 
@@ -122,7 +115,7 @@ class _Prediction:
         while sum(len(each.values) for each in self._drive[1:]) > max(_KEEP_S, self._enough_s) * self._rate:
             del self._drive[0]
 
-    def _align(self, record: Recorded) -> None:
+    def _align(self, record: RecordedSpan) -> None:
         seen = np.concatenate([each.values for each in self._drive]) if self._drive else np.zeros(0)
         if record.turned_off:
             seen = seen - record.turned_off

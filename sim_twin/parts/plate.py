@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import Basis, BilinearForm, ElementQuadBFS, MeshQuad
-from skfem.helpers import dd, ddot, eye, trace
 
 from sim_twin.ranges import require
 
@@ -59,10 +57,15 @@ class Plate:
 
     @cached_property
     def _basis(self) -> Any:
+        from skfem import Basis, ElementQuadBFS, MeshQuad
+
         return Basis(MeshQuad.init_tensor(np.array(self.x), np.array(self.y)), ElementQuadBFS(), intorder=6)
 
     def matrices(self) -> tuple[Array, Array]:
         """Mass and stiffness of the free plate, each of shape (dofs, dofs), dofs = 4 nodes, SI."""
+        from skfem import BilinearForm
+        from skfem.helpers import dd, ddot, eye, trace
+
         D, nu = self.sheet.bending_stiffness, self.sheet.nu
 
         def bending(u: Any, v: Any, _: Any) -> Any:

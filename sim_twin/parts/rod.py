@@ -12,7 +12,6 @@ from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from sim_twin.ranges import require
 
@@ -69,6 +68,8 @@ def bending_modes(rod: Rod, count: int) -> BendingModes:
 
 def wave_numbers(count: int) -> Array:
     """beta L of the lowest pinned-free bending modes, shape (count,): 3.9266, 7.0686, 10.2102, ..."""
+
+    from scipy.optimize import brentq
 
     def mismatch(x: float) -> float:
         return float(np.tan(x) - np.tanh(x))

@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pkgutil import resolve_name
+from typing import Final
 
-from sim_twin.rigs.impact_beam.rig import MODEL as IMPACT_BEAM
-from sim_twin.rigs.planar_slider_crank.rig import MODEL as PLANAR_SLIDER_CRANK
 from sim_twin.rigs.rig_model import RigModel
-from sim_twin.rigs.spatial_slider_crank.rig import MODEL as SPATIAL_SLIDER_CRANK
 from sim_twin.twin import AnyTwin
 
-_MODELS = (IMPACT_BEAM, PLANAR_SLIDER_CRANK, SPATIAL_SLIDER_CRANK)
-RIGS: Mapping[str, RigModel] = {model.name: model for model in _MODELS}
+_MODELS: Final = {
+    "impact_beam": "sim_twin.rigs.impact_beam.rig:MODEL",
+    "planar_slider_crank": "sim_twin.rigs.planar_slider_crank.rig:MODEL",
+    "spatial_slider_crank": "sim_twin.rigs.spatial_slider_crank.rig:MODEL",
+}
+
+
+class _Rigs(Mapping[str, RigModel]):
+    """Each is loaded when it is asked for: nobody has more than one on the bench."""
+
+    def __getitem__(self, name: str) -> RigModel:
+        model: RigModel = resolve_name(_MODELS[name])
+        return model
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_MODELS)
+
+    def __len__(self) -> int:
+        return len(_MODELS)
+
+
+RIGS: Final = _Rigs()
 
 
 def model_of(twin: AnyTwin) -> RigModel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pkgutil import resolve_name
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +26,20 @@ Follow: TypeAlias = Callable[[NDArray[np.floating], float, float], Cycles]
 JointRecords: TypeAlias = Callable[
     [AnyTwin, Mapping[str, NDArray[np.floating]], Cycles], tuple[JointRecord, ...]
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class Deferred:
+    """The function at `module:name`, imported when it is first called.
+
+    Whoever needs no motion of a rig, only its channels, ranges and effects, loads no compiler.
+    """
+
+    where: str
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Call it."""
+        return resolve_name(self.where)(*arguments, **named)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.switched.kernel import run
 from sim_twin.switched.system import SwitchedSystem
-from sim_twin.switched.tables import Tables, build_tables
+
+if TYPE_CHECKING:
+    from sim_twin.switched.tables import Tables
 
 _MOST_SWITCHES_A_STEP = 0.5
 
@@ -61,6 +63,10 @@ class Simulation:
 
     def advance(self, count: int) -> Trace:
         """Advance by `count` steps; the trace starts now and ends one step before the new present."""
+        # The compiler is loaded by what moves, not by what only looks whether a system can be set up.
+        from sim_twin.switched.kernel import run
+        from sim_twin.switched.tables import build_tables
+
         if self._tables is None:
             self._tables = build_tables(self.system, self._omega, self.step)
         out = np.zeros((max(1, self.system.outputs), count))

@@ -17,7 +17,8 @@ from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, PIVOTED_ONLY, Eff
 from benchmarks.blind.logs import write_campaign
 from benchmarks.blind.operating_points import scenario_text
 from benchmarks.blind.recording import Recording
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 from rig.files.scenario import parse_scenario
 from rig.twin.scenario_twin import catalogue_of, twin_of
 from sim_twin.rigs.catalogue import RIGS

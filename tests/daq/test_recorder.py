@@ -13,7 +13,10 @@ from daq import recorder as recorder_module
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import RecorderFailed
-from daq.log import Event, LogReader, LogWriter, recover_log, verify_log
+from daq.log.reader import LogReader
+from daq.log.records import Event
+from daq.log.recover import recover_log, verify_log
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from tests.daq.log.logs import BLOCK, START_NS, block
 

@@ -12,10 +12,10 @@ import psutil
 import pytest
 
 from drivers.emulator_process import EmulatedInstrument
-from drivers.ni_daq import CardChannel, CardSettings
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.ni_daq.channels import CardChannel, CardSettings
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
-from drivers.scpi.emulator import start_function_generator
+from drivers.scpi.emulator.process import start_function_generator
 from tests.drivers.plants import SinePlant
 
 # A 20 mV/N force chain and a 10 mV per m/s2 accelerometer: both stay within 5 V for what is used here.

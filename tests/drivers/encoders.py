@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from daq import SystemClock
-from drivers.canopen_cia406 import CanopenEncoder, EncoderSettings
+from daq.clock import SystemClock
 from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
-from drivers.protocols import Shaft
+from drivers.canopen_cia406.encoder import CanopenEncoder
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.protocols.encoder import Shaft
 
 PATIENCE_S = 5.0  # a busy machine may take this long to answer; nothing here depends on it
 CALM_MS = (

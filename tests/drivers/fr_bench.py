@@ -14,9 +14,8 @@ from pymodbus.constants import ExcCodes
 from daq.errors import DeviceLost, InstrumentError
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.diary import Diary
-from drivers.mitsubishi_fr.emulator import DriveFaults, InverterSetup, LineFaults
-from drivers.mitsubishi_fr.emulator.drive import EmulatedDrive, Unanswered
-from drivers.mitsubishi_fr.emulator.line_faults import Disturbance
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults, EmulatedDrive, InverterSetup, Unanswered
+from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults
 from drivers.mitsubishi_fr.emulator.load import FreeMotor
 from drivers.mitsubishi_fr.frames import READ, Answer, Request, checksum, find_answer, what_was_heard
 from drivers.mitsubishi_fr.keeper import Keeper
@@ -24,7 +23,7 @@ from drivers.mitsubishi_fr.line import LineHealth, NoAnswer
 from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.registers import FIRST_NUMBER, RUNNING_FREQUENCY, STATUS_AND_COMMAND, Command
 from drivers.mitsubishi_fr.settings import InverterSettings
-from drivers.protocols import InverterOutput
+from drivers.protocols.speed_drive import InverterOutput
 
 T = TypeVar("T")
 GAP_S = 0.002

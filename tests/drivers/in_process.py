@@ -10,12 +10,15 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard, card, session
+from drivers.ni_daq import card, session
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.channels import CardChannel, CardSettings
 from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.server import CardServer
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
-from drivers.protocols import DriveSettings, Plant
+from drivers.protocols.card import Plant
+from drivers.protocols.generator import DriveSettings
 
 BUFFER_S = 20.0
 PATIENCE_S = 60.0

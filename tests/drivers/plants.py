@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 
 
 @dataclass

@@ -12,17 +12,18 @@ import can
 import numpy as np
 import pytest
 
-from daq import Flag, SystemClock
+from daq.block import Flag
+from daq.clock import SystemClock
 from daq.errors import (
     DeviceLost,
     InstrumentError,
     InstrumentRefused,
     InstrumentSilent,
 )
-from drivers.canopen_cia406 import CanopenEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup, FaultKind, random_faults
+from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.socketcand import SocketcandBus
-from drivers.protocols import PositionBlock, PositionStatistics
+from drivers.protocols.encoder import PositionBlock, PositionStatistics
 from tests.drivers.encoders import PATIENCE_S, emulated, opened, slow_shaft, socketcand, turning
 
 COUNTS = 4096

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
-from drivers.canopen_cia406 import CanopenEncoder, EncoderSettings
+from drivers.canopen_cia406.encoder import CanopenEncoder
+from drivers.canopen_cia406.settings import EncoderSettings
 from tests.drivers.encoders import PATIENCE_S, opened
 
 NODE = 0x1C

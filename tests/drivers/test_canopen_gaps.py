@@ -5,11 +5,11 @@ from __future__ import annotations
 import can
 import pytest
 
-from daq import Flag
-from drivers.canopen_cia406 import EncoderSettings
+from daq.block import Flag
 from drivers.canopen_cia406.objects import PositionLayout
+from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.canopen_cia406.stream import PositionStream
-from drivers.protocols import PositionBlock
+from drivers.protocols.encoder import PositionBlock
 
 PERIOD_S, EPOCH_S, NODE, RANGE, COUNT = 1e-3, 1.75e9, 7, 4096, 200
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from daq.errors import ConfigurationError
-from drivers.canopen_cia406 import CanopenEncoder, EncoderSettings, frames, objects
+from drivers.canopen_cia406 import frames, objects
+from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.objects import PositionLayout
+from drivers.canopen_cia406.settings import EncoderSettings
 
 SPEED = 0x6030_0110
 POSITION = 0x6004_0020

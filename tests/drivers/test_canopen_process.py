@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
-from daq import Flag
-from drivers.canopen_cia406.emulator import start_encoder
+from daq.block import Flag
+from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from tests.drivers.encoders import CALM_MS, opened, slow_shaft, socketcand
 

@@ -13,17 +13,22 @@ from dataclasses import dataclass
 import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentSilent
-from drivers.canopen_cia406 import CanopenEncoder
-from drivers.canopen_cia406.emulator import start_encoder
+from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.emulator_process import EmulatedInstrument
-from drivers.mitsubishi_fr import FrInverter, InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup, start_inverter
-from drivers.ni_daq import NiDaqCard
-from drivers.ni_daq.emulator import start_daq_card
-from drivers.protocols import AcquisitionCard, DriveGenerator, PositionEncoder, SpeedDrive
-from drivers.scpi import GeneratorSettings, ScpiGenerator
-from drivers.scpi.emulator import start_function_generator
+from drivers.mitsubishi_fr.emulator.drive import InverterSetup
+from drivers.mitsubishi_fr.emulator.process import start_inverter
+from drivers.mitsubishi_fr.inverter import FrInverter
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.emulator.process import start_daq_card
+from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
+from drivers.protocols.generator import DriveGenerator
+from drivers.protocols.speed_drive import SpeedDrive
+from drivers.scpi.emulator.process import start_function_generator
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import WIRING, card_settings
 from tests.drivers.encoders import CALM_MS, slow_shaft, socketcand
 from tests.drivers.plants import SinePlant

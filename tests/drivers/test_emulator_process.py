@@ -13,12 +13,12 @@ import psutil
 import pytest
 
 from daq.errors import ConfigurationError, InstrumentAbsent
-from drivers.canopen_cia406.emulator import start_encoder
-from drivers.ni_daq import NiDaqCard
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.canopen_cia406.emulator.process import start_encoder
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
-from drivers.scpi import GeneratorSettings, ScpiGenerator
-from drivers.scpi.emulator import start_function_generator
+from drivers.scpi.emulator.process import start_function_generator
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import WIRING, card_settings
 from tests.drivers.encoders import slow_shaft
 from tests.drivers.plants import SinePlant, UnbuildablePlant
@@ -26,8 +26,8 @@ from tests.drivers.plants import SinePlant, UnbuildablePlant
 DEADLINE_S = 10.0
 PARENT = """
 from drivers.emulator_process import DriveLink
-from drivers.ni_daq.emulator import start_daq_card
-from drivers.scpi.emulator import start_function_generator
+from drivers.ni_daq.emulator.process import start_daq_card
+from drivers.scpi.emulator.process import start_function_generator
 from tests.drivers.conftest import WIRING
 from tests.drivers.plants import SinePlant
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.emulator import DriveFaults
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults
 from drivers.mitsubishi_fr.frames import Request
 from drivers.mitsubishi_fr.motor import STEP_S, WITHDRAWALS
 from drivers.mitsubishi_fr.registers import Command

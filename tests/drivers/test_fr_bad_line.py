@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentSilent
-from drivers.mitsubishi_fr.emulator import LineFaults
-from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import WRITE, Request
 from drivers.mitsubishi_fr.registers import (
     CHOOSE_NETWORK,

@@ -13,8 +13,7 @@ from pymodbus.constants import ExcCodes
 from daq.errors import DeviceLost, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
-from drivers.mitsubishi_fr.emulator import LineFaults
-from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import READ, Request
 from drivers.mitsubishi_fr.registers import Block, Command
 from tests.drivers.fr_bench import VirtualLine, VirtualLoop, answer_frame, in_virtual_time

@@ -8,8 +8,13 @@ import pytest
 from pymodbus.constants import ExcCodes
 
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.emulator import DriveFaults, InverterSetup
-from drivers.mitsubishi_fr.emulator.drive import RUNNING_FREQUENCY_EEPROM, EmulatedDrive, Unanswered
+from drivers.mitsubishi_fr.emulator.drive import (
+    RUNNING_FREQUENCY_EEPROM,
+    DriveFaults,
+    EmulatedDrive,
+    InverterSetup,
+    Unanswered,
+)
 from drivers.mitsubishi_fr.registers import Command, Register, Status
 from tests.drivers.fr_bench import RecordedMotor
 

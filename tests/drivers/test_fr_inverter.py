@@ -18,13 +18,13 @@ import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.emulator_process import EmulatedInstrument
-from drivers.mitsubishi_fr import FrInverter, InverterMisconfigured, InverterSettings, reset_tripped
-from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, Trip, start_inverter
-from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
-from drivers.mitsubishi_fr.emulator.line_faults import KINDS
-from drivers.mitsubishi_fr.inverter import _Open
+from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, InverterSetup, Trip
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.inverter import FrInverter, _Open, reset_tripped
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
-from drivers.protocols import InverterOutput, SpeedDrive
+from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings
+from drivers.protocols.speed_drive import InverterOutput, SpeedDrive
 from tests.drivers.fr_peer import PlainServer
 
 WATCHDOG_S = 2.0
@@ -32,7 +32,8 @@ FAST = {7: 5, 8: 5, 122: 20}  # 60 Hz in 0.5 s; the longest watchdog, so that a 
 DEADLINE_S = 10.0
 CHILD = """
 import sys, time
-from drivers.mitsubishi_fr import FrInverter, InverterSettings
+from drivers.mitsubishi_fr.inverter import FrInverter
+from drivers.mitsubishi_fr.settings import InverterSettings
 inverter = FrInverter(InverterSettings(sys.argv[1], 1, 19200, "E", 30.0, 300.0, unattended_s=1e3))
 inverter.open()
 inverter.set_speed(200.0)

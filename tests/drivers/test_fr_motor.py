@@ -9,8 +9,8 @@ import pytest
 
 from daq.errors import InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.emulator import DriveFaults, LineFaults
-from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, Piece
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults
+from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults, Piece
 from drivers.mitsubishi_fr.frames import Answer, Request
 from drivers.mitsubishi_fr.orders import OvertakenOrder
 from drivers.mitsubishi_fr.registers import Command, Status

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.modbus_noise import LINES, MUST_HOLD, Outcome, Truth, differences, one
-from drivers.protocols import InverterOutput, MotorState
+from drivers.protocols.speed_drive import InverterOutput, MotorState
 
 PATIENCE = 2.5  # a stall of this machine is no silence of the drive
 RIGHT = MotorState(10.0, True, 200.1, 200.1, 6.67, 0.6, 22.2)

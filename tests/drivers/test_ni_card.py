@@ -17,7 +17,7 @@ import pytest
 from nidaqmx.errors import DaqNotFoundError
 from numpy.typing import NDArray
 
-from daq import Flag
+from daq.block import Flag
 from daq.errors import (
     ConfigurationError,
     DeviceLost,
@@ -26,12 +26,13 @@ from daq.errors import (
     RecorderFailed,
 )
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.channels import CardChannel, CardSettings
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
-from drivers.protocols import DriveSettings
-from drivers.scpi import GeneratorSettings, ScpiGenerator
-from drivers.scpi.emulator import start_function_generator
+from drivers.protocols.generator import DriveSettings
+from drivers.scpi.emulator.process import start_function_generator
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from tests.drivers.conftest import ACCELERATION, CONSTANT, FORCE, OPEN, WIRING, card_settings
 from tests.drivers.plants import BrokenPlant, NotFinitePlant, RampPlant, SinePlant
 

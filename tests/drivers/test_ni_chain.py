@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq import Flag
-from drivers.ni_daq import Amplifier, AntiAliasFilter, CardChannel, CardSettings, NiDaqCard
+from daq.block import Flag
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, LowPassStage, Wire
 from drivers.ni_daq.quality import QualityWatch
-from drivers.protocols import CardReading, Finding
+from drivers.protocols.card import CardReading, Finding
 from tests.drivers.in_process import RowsPlant, opened
 
 RATE = 25600.0

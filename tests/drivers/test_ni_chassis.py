@@ -10,7 +10,7 @@ import pytest
 from nidaqmx.error_codes import DAQmxErrors
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.ni_daq import CardChannel, Pulses
+from drivers.ni_daq.channels import CardChannel, Pulses
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Teds, Wire, chassis_of
 from tests.drivers.in_process import RowsPlant, opened, served

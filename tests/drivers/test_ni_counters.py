@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
 
-from daq import Flag
+from daq.block import Flag
 from daq.errors import ConfigurationError, InstrumentRefused, InstrumentSilent, RecorderFailed
-from drivers.ni_daq import CardChannel, CardSettings, NiDaqCard, Pulses
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.channels import CardChannel, CardSettings, Pulses
 from drivers.ni_daq.counting import COUNTER_STATES, MarkPulses, UnwrappedCount
-from drivers.ni_daq.emulator import start_daq_card
 from drivers.ni_daq.emulator.acquisition import CounterRun
 from drivers.ni_daq.emulator.counters import AngleCount
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
 from tests.drivers.in_process import BUFFER_S, RowsPlant, opened, served

@@ -12,7 +12,7 @@ from nidaqmx._stubs import nidaqmx_pb2, nidaqmx_pb2_grpc
 from drivers.ni_daq.emulator.acquisition import Acquisition, DriveInbox
 from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input, Wire, coerced_rate
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 from tests.drivers.plants import SinePlant, seen_at
 
 LSB_V = 5.0 / 2**23

@@ -15,8 +15,8 @@ from nidaqmx.error_codes import DAQmxErrors, DAQmxWarnings
 from nidaqmx.errors import DaqError, DaqWarning, RpcError
 
 from drivers.emulator_process import EmulatedInstrument
-from drivers.ni_daq import NiDaqCard
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.survey import Survey
 from drivers.ni_daq.tasks import AnalogTask
 from tests.drivers.conftest import WIRING, card_settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
-from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from tests.drivers.scripted import Answer, ScriptedInstrument, healthy
 
 HUNG_UP = r"it closed the connection|the connection is lost \(.*reset"

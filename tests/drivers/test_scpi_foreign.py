@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
-from drivers.scpi import GeneratorSettings, ScpiGenerator
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 
 simulator = pytest.importorskip("sinstruments.simulator")
 serving = pytest.importorskip("sinstruments.pytest")

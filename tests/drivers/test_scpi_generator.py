@@ -14,12 +14,12 @@ import psutil
 import pytest
 import pyvisa
 
-from daq import SystemClock
+from daq.clock import SystemClock
 from daq.errors import InstrumentAbsent, InstrumentRefused
 from drivers.emulator_process import EmulatedInstrument
-from drivers.protocols import DriveGenerator, DriveSettings
-from drivers.scpi import GeneratorSettings, ScpiGenerator
-from drivers.scpi.emulator import GeneratorSetup, start_function_generator
+from drivers.protocols.generator import DriveGenerator, DriveSettings
+from drivers.scpi.emulator.process import GeneratorSetup, start_function_generator
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from drivers.scpi.link import ScpiLink
 
 DEADLINE_S = 5.0

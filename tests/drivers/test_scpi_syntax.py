@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 from drivers.scpi import answers
 from drivers.scpi.emulator.agilent_33220a import Emulated33220A
 

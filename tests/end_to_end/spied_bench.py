@@ -8,10 +8,10 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
-from drivers.protocols import DriveSettings
-from drivers.scpi.emulator import start_function_generator
+from drivers.protocols.generator import DriveSettings
+from drivers.scpi.emulator.process import start_function_generator
 from rig.files.bench import embedded_bench
 from tests.drivers.plants import SinePlant
 from tests.end_to_end.command import await_true

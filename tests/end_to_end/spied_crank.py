@@ -15,15 +15,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.canopen_cia406.emulator import start_encoder
+from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.mitsubishi_fr import InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, LineFaults, start_inverter
+from drivers.mitsubishi_fr.emulator.drive import InverterSetup
+from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
-from drivers.ni_daq.emulator import start_daq_card
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
-from drivers.protocols import InverterOutput
+from drivers.protocols.speed_drive import InverterOutput
 from rig.twin.shaft import EmulatedMotor, ShaftCourse, ShaftFactory
 from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.end_to_end.command import await_true

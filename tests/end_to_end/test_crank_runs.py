@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from daq.block import SampleBlock
-from daq.log import LogReader, Origin, verify_log
+from daq.log.reader import LogReader, Origin
+from daq.log.recover import verify_log
 from rig.files.rigs import RIGS
 from tests.end_to_end.command import await_gone, command, rattle
 from tests.end_to_end.files import write_crank, write_crank_bench

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.log import LogReader
-from rig.derived import RECORD
+from daq.log.reader import LogReader
+from rig.derived.settings import RECORD
 from tests.end_to_end.command import await_true, command
 from tests.end_to_end.files import CHANNELS, write_scenario
 from tests.rig.derived.test_live_and_replay import logged, replayed

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 from tests.end_to_end.command import command, rattle
 from tests.end_to_end.files import write_crank
 

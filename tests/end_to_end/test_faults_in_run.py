@@ -10,7 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 from tests.conftest import RESOURCE_TRACKER
 from tests.end_to_end.command import Command, Ended, await_gone, command
 from tests.end_to_end.conftest import SpiedBench

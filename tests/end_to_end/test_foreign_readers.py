@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from rerun.chunk import McapReader
 
 from daq.block import NS_PER_S, SampleBlock
-from daq.log import LogReader, Origin
+from daq.log.reader import LogReader, Origin
 
 ORIGINS: tuple[Origin, Origin] = ("measured", "predicted")
 CHANNEL = "contact.force_upper"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.log import LogReader, Origin
+from daq.log.reader import LogReader, Origin
 from rig.session.sequence import PRE_TRIGGER_S
 
 # Tolerances: 300 healthy draws of physics.md section 5 (sim_twin.healthy) with their noise, through the

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from daq.block import SampleBlock
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from tests.end_to_end.command import Ended
 from tests.end_to_end.conftest import HIDDEN_GAIN
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 from tests.end_to_end.command import await_gone, command, rattle
 from tests.end_to_end.conftest import SpiedBench
 from tests.end_to_end.files import write_bench, write_scenario

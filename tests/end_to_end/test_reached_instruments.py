@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 from rig.files.bench import embedded_bench
 from rig.files.rigs import RIGS
 from rig.session.progress import FIRST_START

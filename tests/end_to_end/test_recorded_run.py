@@ -13,7 +13,8 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
-from daq.log import LogReader, Origin, verify_log
+from daq.log.reader import LogReader, Origin
+from daq.log.recover import verify_log
 from rig.report.summary import summarise
 from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Ended

@@ -9,7 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daq.log import LogReader, recover_log
+from daq.log.reader import LogReader
+from daq.log.recover import recover_log
 from tests.end_to_end.command import Command, await_gone, await_true, command
 from tests.end_to_end.conftest import SpiedBench
 from tests.end_to_end.files import CHANNELS, write_scenario

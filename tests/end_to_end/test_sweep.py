@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.log import LogReader, verify_log
-from daq.signals import fit_sine
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
+from daq.signals.sine import fit_sine
 from rig.files.scenario import load_scenario
-from rig.session.centring.touching import what_is_touched
+from rig.session.centring.probe import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 

@@ -69,7 +69,7 @@ def test_each_command_is_shown_and_is_one_that_rattle_has(
     def ready(*_: object) -> NoReturn:
         raise RattleError("ready to run")
 
-    monkeypatch.setattr("rig.commands.run.run_scenario", ready)
+    monkeypatch.setattr("rig.session.run.run_scenario", ready)
     monkeypatch.chdir(project)
     for each, ends in zip(calls, ("ready to run", "not a log", "not a log"), strict=True):
         assert f"$ .venv/bin/rattle {each.strip()}" in shown

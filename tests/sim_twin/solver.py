@@ -6,7 +6,7 @@ import numpy as np
 
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
-from sim_twin.switched import Simulation, Trace
+from sim_twin.switched.simulation import Simulation, Trace
 
 RATE = 204_800.0
 ORDERS = (0, 1, 2, 3)

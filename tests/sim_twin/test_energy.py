@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
-from sim_twin.switched import Simulation
+from sim_twin.switched.simulation import Simulation
 
 RATE = 204_800.0
 

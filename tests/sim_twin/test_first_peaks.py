@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.switched import Trace
+from sim_twin.switched.simulation import Trace
 from tests.sim_twin.reference import Rig, simulate
 from tests.sim_twin.solver import RATE, solve
 

@@ -13,7 +13,7 @@ from sim_twin.rigs.impact_beam.lane_figures import figures
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.solver_values import solver_values
 from sim_twin.status import Status
-from sim_twin.switched import Simulation
+from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
 
 SINE = SineDrive(9.0, 20.0)

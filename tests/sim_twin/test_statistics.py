@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daq.signals import HalfCycles, half_cycles
+from daq.signals.impacts import HalfCycles, half_cycles
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from tests.sim_twin.solver import RATE, driven
 

@@ -14,8 +14,7 @@ from benchmarks.blind.gap.beam import beam_features
 from benchmarks.blind.gap.crank import crank_features
 from benchmarks.blind.gap.cycles import Samples
 from benchmarks.blind.gap.distance import Table
-from daq.log import LogReader
-from daq.log.reader import Origin
+from daq.log.reader import LogReader, Origin
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.prediction_file import write_prediction
 from rig.twin.scenario_twin import twin_of, with_effects

@@ -15,11 +15,11 @@ import canopen
 import numpy as np
 from canopen.nmt import NMT_STATES
 
-from daq import Clock
+from daq.clock import Clock
 from drivers.canopen_cia406.emulator.dictionary import dictionary
 from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
-from drivers.protocols import Shaft
+from drivers.protocols.encoder import Shaft
 
 _STATES = {name: number for number, name in NMT_STATES.items()}
 _RESENT_S = 130e-6

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from daq import SystemClock
+from daq.clock import SystemClock
 from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
-from drivers.protocols import Shaft
+from drivers.protocols.encoder import Shaft
 
 
 def start_encoder(

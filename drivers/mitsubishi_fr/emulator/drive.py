@@ -13,7 +13,7 @@ from pymodbus.constants import ExcCodes
 
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Command, Status
-from drivers.protocols import InverterOutput, MotorLoad
+from drivers.protocols.speed_drive import InverterOutput, MotorLoad
 
 # Raw values. Pr.3 to 6 are those of the manual's example of a read; the rest is as rattle needs it.
 PARAMETERS = {

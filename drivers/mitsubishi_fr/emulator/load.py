@@ -6,7 +6,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Protocol
 
-from drivers.protocols import InverterOutput
+from drivers.protocols.speed_drive import InverterOutput
 
 NO_LOAD_A = 0.6
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 
-from daq import SystemClock
+from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, EmulatedDrive, InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults

@@ -13,14 +13,14 @@ import numpy as np
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import DTypeLike, NDArray
 
-from daq import Clock
 from daq.block import NS_PER_S
-from daq.clock import wall_less_monotonic_ns
+from daq.clock import Clock, wall_less_monotonic_ns
 from drivers.ni_daq.emulator.buffer import SampleBuffer
 from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.counters import Measure
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
-from drivers.protocols import ActuatorOutput, Plant
+from drivers.protocols.actuator import ActuatorOutput
+from drivers.protocols.card import Plant
 
 Output = TypeVar("Output", bound=ActuatorOutput)
 BLOCK_S = 0.025

@@ -1,6 +1,6 @@
 """The calls of NI's gRPC device server about what is there: system, devices, sensors' data sheets."""
 
-# ruff: noqa: D102, N802 - the calls are named and described by NI's nidaqmx.proto
+# ruff: noqa: N802 - the calls are named and described by NI's nidaqmx.proto
 
 from __future__ import annotations
 

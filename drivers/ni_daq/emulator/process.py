@@ -9,13 +9,14 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from daq import SystemClock
+from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.server import CardServer
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
-from drivers.protocols import ActuatorOutput, Plant
+from drivers.protocols.actuator import ActuatorOutput
+from drivers.protocols.card import Plant
 
 Output = TypeVar("Output", bound=ActuatorOutput)
 

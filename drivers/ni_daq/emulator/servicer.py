@@ -1,6 +1,6 @@
 """The calls of NI's gRPC device server that continuous analog tasks and counters beside them need."""
 
-# ruff: noqa: D102, N802 - the calls are named and described by NI's nidaqmx.proto
+# ruff: noqa: N802 - the calls are named and described by NI's nidaqmx.proto
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from nidaqmx.constants import (
 from nidaqmx.error_codes import DAQmxErrors
 from numpy.typing import NDArray
 
-from daq import Clock
+from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, DriveInbox
 from drivers.ni_daq.emulator.counters import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
@@ -49,7 +49,7 @@ from drivers.ni_daq.emulator.wiring import (
     chassis_of,
     coerced_rate,
 )
-from drivers.protocols import Plant
+from drivers.protocols.card import Plant
 
 STANDARD_GRAVITY = 9.80665
 _DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}

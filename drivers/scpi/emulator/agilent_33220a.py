@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.command_tree import (
     Command,
     CommandError,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 
-from daq import SystemClock
+from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
-from drivers.protocols import DriveSettings
+from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.agilent_33220a import IDENTITY, Emulated33220A
 from drivers.scpi.emulator.server import ScpiServer
 

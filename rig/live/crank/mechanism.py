@@ -14,7 +14,7 @@ from rerun.components import FillMode
 from scipy.spatial.transform import Rotation
 
 from daq.log.reader import Origin
-from rig.crank.turns import Turns
+from rig.derived.turns import Turns
 from rig.live import paths
 from rig.live.picture import Stage
 

@@ -10,14 +10,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock
-from daq.log.reader import Origin
 from daq.log.records import Impact
 from rig.live import paths
-from rig.live.frames import ShapeFrame
+from rig.live.displayed_channels import DisplayedChannels
 from rig.live.picture import OwnViews, Stage
 from rig.live.series import points_style, scatter_over_time
-from rig.live.shown import Shown
+from rig.stream import Record, Shape
 
 if TYPE_CHECKING:
     from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
@@ -53,7 +51,7 @@ class BeamPicture:
         """How many times larger than life deflections are drawn."""
         return self.length_m * _CLEARANCE_ON_SCREEN / self.clearance_m
 
-    def views(self, shown: Shown) -> OwnViews:
+    def views(self, shown: DisplayedChannels) -> OwnViews:
         """The beam, and where its contact forces are among the channels, their impacts."""
         beam: tuple[rrb.View, float] = (self._beam_view(), 3.0)
         if not any(side in shown.units for side in _SIDES):
@@ -136,22 +134,15 @@ class _BeamPlay:
             if names:
                 recording.log(paths.peaks(origin), points_style(whose(origin)), static=True)
 
-    def add_block(self, origin: Origin, block: SampleBlock) -> None:
-        """Nothing of a beam follows from a block."""
-
-    def add_derived(self, times_s: NDArray[np.float64], block: SampleBlock) -> None:
-        """Nothing of a beam follows from what is derived."""
-
-    def add_impact(self, time_s: float, impact: Impact) -> None:
-        """Show the peak of an impact on a stop."""
-        if impact.channel in _SIDES:
-            self._stage.at(time_s)
-            self._stage.recording.log(paths.peaks(impact.origin), rr.Scalars(impact.peak))
-
-    def add_shape(self, shape: ShapeFrame) -> None:
-        """Show the beam."""
-        self._stage.at(shape.time_s)
-        self._picture.draw(self._stage.recording, shape.points_m)
+    def take(self, record: Record) -> None:
+        """Show the beam, and the peak of an impact on a stop."""
+        match record:
+            case Impact() if record.channel in _SIDES:
+                self._stage.at(self._stage.time_of(record.time_ns))
+                self._stage.recording.log(paths.peaks(record.origin), rr.Scalars(record.peak))
+            case Shape(time_s, points_m):
+                self._stage.at(time_s)
+                self._picture.draw(self._stage.recording, points_m)
 
     def finish(self) -> None:
         """Nothing waits."""

@@ -8,7 +8,7 @@ from math import ceil, log10
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.crank.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
+from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
 from rig.pages.words import DASH, number

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import find_impacts
-from daq.signals.impacts import largest_force
+from daq.signals.impacts import find_impacts, largest_force
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import Plots, points_each
 from rig.report.record import ORIGINS, RunRecord, Trace

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import CycleAverage
+from daq.signals.synchronous import CycleAverage
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import Plots, points_each
 from rig.report.crank_figures import beside_turns, in_pieces, turns_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daq.signals import autospectrum, log_bands
+from daq.signals.spectrum import autospectrum, log_bands
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import Plots
 from rig.report.record import ORIGINS, RunRecord

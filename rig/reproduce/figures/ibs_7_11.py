@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals import Autospectrum, autospectrum, log_bands
+from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
 from rig.pages.content import Figure
 from rig.pages.plots import Plots
 from rig.reproduce.beam_runs import (

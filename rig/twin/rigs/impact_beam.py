@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import pi
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rig.files.rigs.impact_beam import DriveSection, ImpactBeamSection
 from rig.twin.alignment import Alignment, align
@@ -13,7 +13,6 @@ from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.channels import stations_of
 from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, ImpactBeam, SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL
-from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.twin import Twin
 
 _TAKEN_AS_THEY_ARE = (
@@ -26,6 +25,9 @@ _TAKEN_AS_THEY_ARE = (
     "shaker_stiffness",
     "shaker_damping",
 )
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 
 def _build(section: ImpactBeamSection, drive: DriveSection, channels: tuple[str, ...]) -> BeamTwin:

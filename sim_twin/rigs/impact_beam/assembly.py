@@ -10,8 +10,16 @@ from numpy.typing import NDArray
 
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import Structure, structure_of
-from sim_twin.switched import Event, Excitation, Output, Regime, Residual, Row, SwitchedSystem
-from sim_twin.switched.system import Constraint
+from sim_twin.switched.system import (
+    Constraint,
+    Event,
+    Excitation,
+    Output,
+    Regime,
+    Residual,
+    Row,
+    SwitchedSystem,
+)
 
 Array = NDArray[np.float64]
 FREE, UPPER, LOWER = 0, 1, 2

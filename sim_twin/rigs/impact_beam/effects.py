@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.channels import COVER_UNITS
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
-from sim_twin.rigs.impact_beam.truth import BeamTwin
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 _LEAST_DISTORTION = 0.04
 _FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")

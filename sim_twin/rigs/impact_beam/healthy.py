@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from sim_twin.healthy import Tolerance, drawn, factor, of_sensors
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.channels import channel_unit
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
-from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.sensors import Sensor, SensorChain
 
 _NOISE = {"N": 0.05, "m/s2": 0.03}
@@ -33,6 +33,9 @@ _PARTS = (
     factor("shaker_mass", 0.003, "kg", "rig.shaker_mass"),
     factor("yoke_frequency", 0.02, "Hz", "rig.yoke_frequency"),
 )
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.impact_beam.truth import BeamTwin
 _BASE = (
     factor("base.E", 0.01, "Pa", "rig.base.sheet.E"),
     factor("base.rho", 0.005, "kg/m3", "rig.base.sheet.rho"),

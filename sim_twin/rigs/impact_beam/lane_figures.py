@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from daq.signals import half_cycles
+from daq.signals.impacts import half_cycles
 from sim_twin.rigs.impact_beam.lane_grid import resolves
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
 from sim_twin.rigs.impact_beam.solver_values import run_figures

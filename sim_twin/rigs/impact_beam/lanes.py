@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.lanes import Harmonics, Lane, Lanes, Stops
+from sim_twin.lanes.lane import Harmonics, Lane, Stops
+from sim_twin.lanes.lanes import Lanes
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import Structure, structure_of
 from sim_twin.rigs.impact_beam.truth import BeamTwin

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.rigs.impact_beam.lane_figures import figures
 from sim_twin.rigs.impact_beam.lane_grid import resolves
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
 from sim_twin.rigs.impact_beam.truth import BeamTruth, BeamTwin
-from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import resonance
 from sim_twin.status import Status
 
@@ -67,6 +65,3 @@ def _truth(twin: BeamTwin, phase: float, rate: float) -> BeamTruth:
     truth = BeamTruth(twin, rate)
     truth.change_drive(twin.drive, phase, 0.0)
     return truth
-
-
-SIDE_BY_SIDE = SideBySide(figures, BeamTruths)

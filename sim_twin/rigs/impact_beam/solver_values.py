@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from daq.errors import SimulationFailed
-from daq.signals import half_cycles
+from daq.signals.impacts import half_cycles
 from sim_twin.rigs.impact_beam.assembly import LOWER, UPPER, assemble
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.rigs.side_by_side import RunFigures
 from sim_twin.status import Status
-from sim_twin.switched import Simulation, Trace
+from sim_twin.switched.simulation import Simulation, Trace
 
 RATE = 204_800.0
 _ORDERS = (0, 1, 2, 3)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_gain, time_skew
 from sim_twin.rigs.crank_drive import fluctuation_coordinates
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, MARKER
 from sim_twin.rigs.planar_slider_crank.model import RodBending
-from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
 
 
 def _scale(twin: CrankTwin, values: ParameterValues, attribute: str) -> CrankTwin:

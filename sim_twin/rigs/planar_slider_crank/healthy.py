@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from sim_twin.healthy import Tolerance, drawn, factor, of_sensors, shift
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE, MARKER
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
-from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
 from sim_twin.sensors import Encoder, Sensor, SensorChain
 
 _NOISE, _MARKER_NOISE, _MARKER_RANGE = 0.05, 0.02, 10.0
@@ -29,6 +29,9 @@ _PARTS = (
     shift("restitution", 0.02, "", "rig.restitution", low=0.0, high=1.0),
     shift("friction", 0.003, "", "rig.friction", low=0.0),
 )
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
 _EACH_RUN = (factor("drive.speed", 2e-4, "rad/s", "drive.speed", each_run=True),)
 
 

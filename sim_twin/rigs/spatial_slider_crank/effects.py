@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from math import pi
+from typing import TYPE_CHECKING
 
 from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogue_of
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
 from sim_twin.rigs.crank_drive import fluctuation_coordinates
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER
 from sim_twin.rigs.spatial_slider_crank.model import BaseMass
-from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
 
 
 def _scale(twin: SpatialTwin, values: ParameterValues, attributes: tuple[str, ...]) -> SpatialTwin:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from sim_twin.healthy import Tolerance, drawn, factor, of_sensors, shift
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER, TACHOMETER
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
-from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
 from sim_twin.sensors import Sensor, SensorChain
 
 _FORCE_NOISE, _MARKER_NOISE, _TACHOMETER_NOISE, _MARKER_RANGE = 0.05, 0.02, 1e-3, 10.0
@@ -37,6 +37,9 @@ _PARTS = (
     factor("contact_span", 0.003, "m", "rig.contact_span"),
     shift("friction", 0.003, "", "rig.friction", low=0.0),
 )
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
 _EACH_RUN = (factor("drive.speed", 2e-4, "rad/s", "drive.speed", each_run=True),)
 
 

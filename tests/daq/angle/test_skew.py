@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.angle import AtMark, MarkTracker, Skew, Unwrapper, angles_at_marks, fastest_rad_s, find_skew
-from daq.time_base import Anchor, fit_clock
+from daq.angle.marker import MarkTracker
+from daq.angle.skew import AtMark, Skew, angles_at_marks, fastest_rad_s, find_skew
+from daq.angle.unwrap import Unwrapper
+from daq.time_base.fit import fit_clock
+from daq.time_base.model import Anchor
 
 Array = NDArray[np.float64]
 RATE = 25_600.0

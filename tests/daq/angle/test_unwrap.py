@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from daq.angle import Unwrapper, unwrap_counts
+from daq.angle.unwrap import Unwrapper, unwrap_counts
 from daq.errors import AmbiguousAngle, RattleError, UnphysicalParameter
 
 RANGES = [

@@ -14,7 +14,9 @@ from daq.formats.contents import Column, Contents
 from daq.formats.log_recording import read_log
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch
-from daq.log import ClockRecord, Event, Impact, LogReader, LogWriter, Origin
+from daq.log.reader import LogReader, Origin
+from daq.log.records import ClockRecord, Event, Impact
+from daq.log.writer import LogWriter
 
 START_NS = 1_790_000_000 * NS_PER_S + 123_456_789
 FORCE = Channel(

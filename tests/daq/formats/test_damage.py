@@ -12,7 +12,8 @@ import pytest
 from daq.errors import LogError
 from daq.formats import FORMATS, format_of
 from daq.formats.samples import Scratch
-from daq.log import Event, LogWriter
+from daq.log.records import Event
+from daq.log.writer import LogWriter
 from tests.daq.formats import runs
 
 CUTS, FLIPS = 12, 60

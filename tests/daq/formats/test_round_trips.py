@@ -17,7 +17,9 @@ from daq.formats.contents import Contents
 from daq.formats.log_recording import blocks_of, read_log, write_log
 from daq.formats.recording import Recording, Stretch, TimeBase, Track, union
 from daq.formats.samples import Scratch
-from daq.log import LogReader, LogWriter, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
+from daq.log.writer import LogWriter
 from tests.daq.formats import runs
 
 WRITERS = [name for name, each in FORMATS.items() if each.write is not None]

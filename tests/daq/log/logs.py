@@ -11,7 +11,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 
 RATE = 1000.0
 START_NS = 1_790_000_000 * NS_PER_S

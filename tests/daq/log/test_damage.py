@@ -13,7 +13,8 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from daq.errors import LogError
-from daq.log import LogReader, recover_log, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import recover_log, verify_log
 from tests.daq.log.logs import BLOCK, crashed_file, write_ramp
 
 CUTS = 40

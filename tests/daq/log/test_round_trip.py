@@ -16,17 +16,11 @@ from mcap.stream_reader import StreamReader
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError, RecorderFailed
-from daq.log import (
-    ClockRecord,
-    Event,
-    Gap,
-    Impact,
-    LogReader,
-    LogWriter,
-    codec,
-    recover_log,
-    verify_log,
-)
+from daq.log import codec
+from daq.log.reader import LogReader
+from daq.log.records import ClockRecord, Event, Gap, Impact
+from daq.log.recover import recover_log, verify_log
+from daq.log.writer import LogWriter
 from tests.daq.log.logs import BLOCK, RATE, START_NS, block, host_ns, write_ramp
 
 

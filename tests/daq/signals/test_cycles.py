@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from daq.signals import CycleFigures, CycleMeter, angle_turns, cycle_figures, drive_turns
+from daq.signals.cycles import CycleFigures, CycleMeter, cycle_figures
+from daq.signals.turns import angle_turns, drive_turns
 from tests.daq.signals.cuts import blocks, cuts_of
 
 RATE = 51_200.0

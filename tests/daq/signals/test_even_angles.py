@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 
 from daq.errors import UnphysicalParameter
-from daq.signals import AngleSampler, EvenAngles, to_even_angles
+from daq.signals.even_angles import AngleSampler, EvenAngles, to_even_angles
 from tests.daq.signals.cuts import blocks, cuts_of
 
 RATE = 4096.0

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from daq.signals import FrfAverage, Segmenting, frf
+from daq.signals.frf import FrfAverage, frf
+from daq.signals.segments import Segmenting
 from tests.daq.signals.cuts import blocks, cuts_of
 
 SAMPLES = 64

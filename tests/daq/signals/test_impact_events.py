@@ -7,19 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from daq.signals import (
+from daq.signals.impact_events import (
     BounceGrouper,
     ImpactDetector,
     ImpactEvents,
-    Impacts,
-    Levels,
-    contacts_above,
-    drive_turns,
-    find_impacts,
     impact_events,
     impacts_by_cycle,
-    levels_of,
 )
+from daq.signals.impacts import Impacts, Levels, contacts_above, find_impacts, levels_of
+from daq.signals.turns import drive_turns
 from tests.daq.signals.cuts import blocks, cuts_of
 from tests.daq.signals.test_impacts import RATE, force
 

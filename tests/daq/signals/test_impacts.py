@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.signals import find_impacts, half_cycles
+from daq.signals.impacts import find_impacts, half_cycles
 
 RATE = 51_200.0
 

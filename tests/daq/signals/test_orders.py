@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from daq.signals import EvenAngles, order_map, order_tracks, smooth_turns, to_even_angles, turns_at
+from daq.signals.even_angles import EvenAngles, to_even_angles
+from daq.signals.orders import order_map, order_tracks
+from daq.signals.turns import smooth_turns, turns_at
 
 RATE = 2048.0
 TIMES = np.arange(round(10 * RATE)) / RATE

@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.signals import cycle_figures, drive_turns
+from daq.signals.cycles import cycle_figures
 from daq.signals.running_figures import CycleScanner
+from daq.signals.turns import drive_turns
 from tests.daq.signals.cuts import blocks, cuts_of
 
 COUNT = 200

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from daq.signals import Segmenting, flagged_ranges
+from daq.signals.segments import Segmenting, flagged_ranges
 
 
 @pytest.mark.parametrize(

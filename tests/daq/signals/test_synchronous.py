@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from daq.signals import CycleAverage, SynchronousAverage, drive_turns, synchronous_average, without_mean_cycle
+from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average, without_mean_cycle
+from daq.signals.turns import drive_turns
 from tests.daq.signals.cuts import blocks, cuts_of
 
 POINTS = 4096

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from daq.signals import angle_turns, drive_turns, fit_sine, mark_times, smooth_turns, turns_at
+from daq.signals.sine import fit_sine
+from daq.signals.turns import angle_turns, drive_turns, mark_times, smooth_turns, turns_at
 
 RATE = 25_600.0
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from benchmarks.clock_model import SHAPES, STATED, judge, simulate
 from daq.log.records import ClockRecord
-from daq.time_base import Anchor, ClockFit, ClockModel, fit_clock
+from daq.time_base.fit import ClockFit, fit_clock
+from daq.time_base.model import Anchor, ClockModel
 
 Array = NDArray[np.float64]
 RATE_HZ = 10.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.time_base import polled_clock
+from daq.time_base.polled import polled_clock
 
 
 @pytest.mark.parametrize("where", [0.0, 0.3, 1.0])  # of the way from request to reply

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.time_base import RunClock
+from daq.time_base.run_clock import RunClock
 
 START_NS = 1_800_000_000_000_000_000
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from rig.app import connect
-from rig.commands.cli import build
+from rig.commands.cli import main
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,7 @@ def caller(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -
         monkeypatch.setenv("COLUMNS", "200")
         capfd.readouterr()
         with pytest.raises(SystemExit, match=r"^\d+$") as ended:
-            build(connect)()
+            main()
         captured = capfd.readouterr()
         return Answer(int(str(ended.value)), captured.out, captured.err)
 

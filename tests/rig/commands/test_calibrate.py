@@ -10,7 +10,7 @@ import pytest
 
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 from rig.commands import calibrate
 from rig.diagnosis.recordings import recorded
 from rig.files.model_file import load_model

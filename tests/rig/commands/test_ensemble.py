@@ -140,12 +140,12 @@ def test_failed_runs_are_counted_with_advice_and_all_failed_is_an_error(
     good = (Outcome(Status.COMPLETED, RunFigures(Status.COMPLETED, {"first_peak_n": 20.0})),)
     arguments = ("ensemble", scenario(tmp_path), "--workers", 1)
     nobody = nullcontext(Workers(ThreadPoolExecutor(1), 1))
-    monkeypatch.setattr("rig.commands.ensemble.worker_processes", lambda count: nobody)
-    monkeypatch.setattr("rig.commands.ensemble.simulate", lambda *_: failed + good)
+    monkeypatch.setattr("rig.ensembles.executors.worker_processes", lambda count: nobody)
+    monkeypatch.setattr("sim_twin.ensembles.simulate.simulate", lambda *_: failed + good)
     answer = call(*arguments)
     assert answer.code == 0
     assert "2 of 3 runs diverged: the motion left all bounds" in answer.out
-    monkeypatch.setattr("rig.commands.ensemble.simulate", lambda *_: failed)
+    monkeypatch.setattr("sim_twin.ensembles.simulate.simulate", lambda *_: failed)
     answer = call(*arguments)
     assert answer.code == 1
     assert answer.err.startswith("rattle: 2 of 2 runs diverged: the motion left all bounds")

@@ -11,7 +11,10 @@ from nptdms import ChannelObject, TdmsWriter
 
 from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log import Event, LogReader, LogWriter, verify_log
+from daq.log.reader import LogReader
+from daq.log.records import Event
+from daq.log.recover import verify_log
+from daq.log.writer import LogWriter
 from tests.daq.formats.test_foreign_files import dataset, pyuff_file
 from tests.rig.commands.cli import Answer, Call
 from tests.rig.synthetic_run import SCENARIO, START_NS

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.log import LogReader, verify_log
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
 from tests.rig.commands.cli import Call
 
 SCENARIO = """\

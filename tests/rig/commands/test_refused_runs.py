@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.scpi.emulator import GeneratorSetup, start_function_generator
+from drivers.scpi.emulator.process import GeneratorSetup, start_function_generator
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log import LogWriter, Origin
+from daq.log.reader import Origin
+from daq.log.writer import LogWriter
 from tests.rig.synthetic_run import START_NS
 
 RATE, BLOCK, RPM = 25_600.0, 2560, 200.0

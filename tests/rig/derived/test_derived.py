@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import pi
 
@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from daq.block import NS_PER_S, Flag, SampleBlock
-from daq.log import Impact, Origin
-from rig.derived import RECORD, DerivedSink, derived_channels, from_record
+from daq.log.reader import Origin
+from daq.log.records import Impact
+from rig.derived.derivation import Derivation, derived_channels
+from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import parse_scenario
+from rig.stream import Block, Metadata
 from tests.rig import synthetic_run as beam
 from tests.rig.derived import crank_run as crank
-from tests.rig.session.fakes import ListSink
+from tests.rig.session.fakes import Kept
 
 BEAM = parse_scenario(beam.SCENARIO + '[acquisition]\nsample_rate = "51.2 kHz"\nduration = "5 s"\n')
 CRANK = parse_scenario(crank.SCENARIO)
@@ -29,29 +32,29 @@ def derive(
     scenario: object,
     origin: Origin = "measured",
     **known: object,
-) -> ListSink:
-    sink = ListSink()
-    derived = DerivedSink(sink, {origin: names}, scenario, **known)  # type: ignore[arg-type]
+) -> Kept:
+    kept = Kept()
+    derivation = Derivation(kept, {origin: names}, scenario, **known)  # type: ignore[arg-type]
     for block in blocks:
-        derived.block(origin, block)
-    derived.finish()
-    return sink
+        derivation(Block(origin, block))
+    derivation.finish()
+    return kept
 
 
-def series(sink: ListSink, channel: str) -> np.ndarray:
-    return np.concatenate([block.values for block in sink.blocks(channel)])
+def series(kept: Kept, channel: str) -> np.ndarray:
+    return np.concatenate([block.values for block in kept.blocks(channel)])
 
 
 def beam_blocks(seconds: float = 3.0, origin: Origin = "measured") -> list[SampleBlock]:
     return list(beam.blocks(beam.CHANNELS, origin, seconds))
 
 
-def impacts_of(sink: ListSink, channel: str) -> list[Impact]:
-    return [impact for impact in sink.impacts if impact.channel == channel]
+def impacts_of(kept: Kept, channel: str) -> list[Impact]:
+    return [impact for impact in kept.impacts if impact.channel == channel]
 
 
 @pytest.fixture(scope="module")
-def of_beam() -> ListSink:
+def of_beam() -> Kept:
     return derive(beam_blocks(), BEAM_NAMES, BEAM)
 
 
@@ -59,7 +62,7 @@ def of_beam() -> ListSink:
     ("channel", "after_s"), [("contact.force_upper", 0.005), ("contact.force_lower", 0.030)]
 )
 def test_an_impact_has_its_peak_impulse_contact_time_bounce_and_phase(
-    of_beam: ListSink, channel: str, after_s: float
+    of_beam: Kept, channel: str, after_s: float
 ) -> None:
     found = impacts_of(of_beam, channel)
     assert len(found) == 60
@@ -79,7 +82,7 @@ def test_an_impact_has_its_peak_impulse_contact_time_bounce_and_phase(
         assert impact.first_sample < impact.peak_sample < impact.end_sample
 
 
-def test_figures_of_each_cycle_are_those_of_its_samples(of_beam: ListSink) -> None:
+def test_figures_of_each_cycle_are_those_of_its_samples(of_beam: Kept) -> None:
     values = beam.samples("contact.force_upper", "measured", 3.0).astype(np.float64)
     cycles = values.reshape(-1, round(beam.RATE / beam.DRIVE_HZ))
     rms, peak = (series(of_beam, f"contact.force_upper.{which}") for which in ("cycle_rms", "cycle_peak"))
@@ -89,7 +92,7 @@ def test_figures_of_each_cycle_are_those_of_its_samples(of_beam: ListSink) -> No
     np.testing.assert_allclose(peak, cycles.max(axis=1)[-len(peak) :], rtol=1e-6)
 
 
-def test_series_are_uniform_and_their_blocks_lie_where_their_cycles_begin(of_beam: ListSink) -> None:
+def test_series_are_uniform_and_their_blocks_lie_where_their_cycles_begin(of_beam: Kept) -> None:
     blocks = of_beam.blocks("drive.force.cycle_rms")
     assert [block.first_sample for block in blocks] == [20 * number for number in range(len(blocks))]
     assert blocks[0].sample_rate == pytest.approx(beam.DRIVE_HZ, rel=1e-5)
@@ -98,20 +101,27 @@ def test_series_are_uniform_and_their_blocks_lie_where_their_cycles_begin(of_bea
         assert since_s == pytest.approx(block.first_sample / beam.DRIVE_HZ, abs=2 / beam.RATE)
 
 
-def test_the_prediction_is_derived_by_the_same_code_under_its_own_name(of_beam: ListSink) -> None:
+def test_the_prediction_is_derived_by_the_same_code_under_its_own_name(of_beam: Kept) -> None:
     found = derive(beam_blocks(), BEAM_NAMES, BEAM, "predicted")
     assert [replace(each, origin="measured") for each in found.impacts] == of_beam.impacts
     for name in ("yoke.force.cycle_rms", "drive.force.cycle_peak"):
         np.testing.assert_array_equal(series(found, f"predicted.{name}"), series(of_beam, name))
 
 
-def contents(sink: ListSink) -> dict[object, object]:
+def contents(kept: Kept) -> dict[object, object]:
     """Everything by what it is, since channels may come in another order."""
-    blocks = [item for _, item in sink.items if isinstance(item, SampleBlock)]
+    blocks = kept.of("derived")
     found: dict[object, object] = {
         (b.channel, b.first_sample): (b.time_ns, b.sample_rate, b.flags, b.values.tobytes()) for b in blocks
     }
-    return found | {(i.origin, i.channel, i.first_sample): repr(i) for i in sink.impacts}
+    return found | {(i.origin, i.channel, i.first_sample): repr(i) for i in kept.impacts}
+
+
+def settled_in(kept: Kept) -> Mapping[str, str]:
+    """What it says that it was derived by."""
+    (said,) = [each for each in kept.records if isinstance(each, Metadata)]
+    assert said.name == RECORD
+    return said.record
 
 
 def recut(blocks: Iterable[SampleBlock], size: int) -> list[SampleBlock]:
@@ -146,13 +156,11 @@ def test_neither_cuts_nor_the_order_of_channels_leave_a_trace(names: tuple[str, 
 
 
 def test_what_was_settled_once_gives_the_same_again() -> None:
-    records: dict[str, dict[str, str]] = {}
-    first = derive(
-        beam_blocks(), BEAM_NAMES, BEAM, note=lambda name, record: records.update({name: dict(record)})
-    )
-    again = derive(beam_blocks(), BEAM_NAMES, BEAM, known=from_record(records[RECORD]))
+    first = derive(beam_blocks(), BEAM_NAMES, BEAM)
+    settings = from_record(settled_in(first))
+    again = derive(beam_blocks(), BEAM_NAMES, BEAM, known=settings)
     assert contents(again) == contents(first)
-    levels = from_record(records[RECORD])["measured"].levels["contact.force_upper"]
+    levels = settings["measured"].levels["contact.force_upper"]
     assert levels.counts_from_n == pytest.approx(0.1 * beam.PEAK_N["measured"], abs=0.02)
 
 
@@ -161,10 +169,9 @@ def test_levels_come_from_the_first_second_alone() -> None:
         late = block.first_sample >= beam.RATE
         return replace(block, values=block.values * np.float32(3.0 if late else 1.0))
 
-    quiet, loud = {}, {}
-    derive(beam_blocks(), BEAM_NAMES, BEAM, note=lambda _, record: quiet.update(record))
-    derive(map(louder, beam_blocks()), BEAM_NAMES, BEAM, note=lambda _, record: loud.update(record))
-    assert quiet == loud
+    quiet = derive(beam_blocks(), BEAM_NAMES, BEAM)
+    loud = derive(map(louder, beam_blocks()), BEAM_NAMES, BEAM)
+    assert settled_in(quiet) == settled_in(loud)
 
 
 def test_an_overloaded_block_spoils_its_cycles_and_no_other() -> None:
@@ -200,7 +207,7 @@ def test_without_a_drive_there_are_impacts_without_phase_and_no_cycles() -> None
         for block in beam_blocks()
     ]
     for found in (derive(still, BEAM_NAMES, BEAM), derive(beam_blocks(), BEAM_NAMES, None)):
-        assert not [item for _, item in found.items if isinstance(item, SampleBlock)]
+        assert not found.of("derived")
         assert len(impacts_of(found, "contact.force_upper")) >= 60
         assert all(np.isnan(each.turns) for each in found.impacts)
 
@@ -239,9 +246,9 @@ def test_a_cranks_speed_bursts_and_phases(names: tuple[str, ...]) -> None:
     assert (near > 0.01).sum() <= 1
 
 
-def test_every_derived_channel_was_declared(of_beam: ListSink) -> None:
+def test_every_derived_channel_was_declared(of_beam: Kept) -> None:
     declared = {channel.name: channel.unit for channel in derived_channels({"measured": beam.CHANNELS}, BEAM)}
-    assert {item.channel for _, item in of_beam.items if isinstance(item, SampleBlock)} == set(declared)
+    assert {block.channel for block in of_beam.of("derived")} == set(declared)
     assert declared["base.acceleration.cycle_peak"] == "m/s2"
     of_crank = derived_channels({"predicted": crank.CHANNELS}, CRANK)
     assert [(each.name, each.unit) for each in of_crank] == [

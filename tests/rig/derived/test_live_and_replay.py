@@ -16,20 +16,23 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.log import Event, LogReader, LogWriter, Origin, verify_log
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Event
+from daq.log.recover import verify_log
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from rig.derived import RECORD, InBackground, derived_channels
-from rig.derived.sink import Note, Onward
+from rig.derived.background import DerivationProcess
+from rig.derived.derivation import derived_channels
+from rig.derived.settings import RECORD
 from rig.files.scenario import Scenario
-from rig.session.deriving import derive_live
-from rig.session.hub import Hub
+from rig.session.logbook import logged_by
 from rig.session.replay import replay_log
 from rig.session.signals import Stopped, StopRequest
-from rig.session.sinks import LogSink
+from rig.stream import Block, Stream
 from tests.rig import synthetic_run as beam
 from tests.rig.derived import crank_run as crank
 from tests.rig.derived.test_derived import BEAM, CRANK, contents
-from tests.rig.session.fakes import ListSink, silent_screen
+from tests.rig.session.fakes import Kept, silent_screen
 
 
 def record_live(
@@ -45,12 +48,14 @@ def record_live(
                 recorder.declare(origin, channel)
         for channel in derived_channels(declared, scenario):
             recorder.declare("derived", channel)
-        with started(derive_live(declared, scenario, clock), LogSink(recorder), recorder.metadata) as derived:
-            hub = Hub([LogSink(recorder), derived])
+        stream = Stream([logged_by(recorder)])
+        names = {origin: tuple(channel.name for channel in channels) for origin in blocks}
+        with started(DerivationProcess(names, scenario, clock, stream)) as derived:
+            stream.append(derived)
 
             def bring(origin: Origin) -> None:
                 for block in blocks[origin]:
-                    hub.block(origin, block)
+                    stream(Block(origin, block))
 
             threads = [threading.Thread(target=bring, args=[origin]) for origin in blocks]
             for thread in threads:
@@ -62,31 +67,26 @@ def record_live(
 
 
 @contextmanager
-def started(
-    derived: InBackground, onward: Onward, note: Note = lambda name, record: None
-) -> Iterator[InBackground]:
+def started(derived: DerivationProcess) -> Iterator[DerivationProcess]:
     """As a run does it."""
-    derived.deliver_to(onward, note)
     with derived.worker:
         derived.wait_ready(lambda: None)
         yield derived
 
 
 def logged(path: Path) -> dict[object, object]:
-    sink = ListSink()
+    kept = Kept()
     with LogReader(path) as log:
         for origin, block in log.blocks("derived"):
-            sink.block(origin, block)
-        sink.impacts = log.impacts()
-    return contents(sink)
+            kept(Block(origin, block))
+        kept.records += log.impacts()
+    return contents(kept)
 
 
 def replayed(path: Path) -> dict[object, object]:
-    sink, derived = ListSink(), ListSink()
-    replay_log(path, 0.0, False, silent_screen(), SystemClock(), (sink,))
-    derived.impacts = sink.impacts
-    derived.items = [(origin, item) for origin, item in sink.items if origin == "derived"]
-    return contents(derived)
+    kept = Kept()
+    replay_log(path, 0.0, False, silent_screen(), SystemClock(), (kept,))
+    return contents(kept)
 
 
 @pytest.fixture(params=["beam", "crank", "crank without encoder"])
@@ -125,11 +125,12 @@ def a_block(seconds: float = 0.1) -> SampleBlock:
     return next(iter(beam.blocks(beam.CHANNELS[:1], "measured", seconds)))
 
 
-def derivation(**options: int) -> InBackground:
-    return InBackground({"measured": ("contact.force_upper",)}, BEAM, SystemClock(), **options)
+def derivation(**options: int) -> DerivationProcess:
+    names: dict[Origin, tuple[str, ...]] = {"measured": ("contact.force_upper",)}
+    return DerivationProcess(names, BEAM, SystemClock(), Kept(), **options)
 
 
-def stopped(derived: InBackground, why: str) -> bool:
+def stopped(derived: DerivationProcess, why: str) -> bool:
     """Whether it says so, as a warning, in an event; and does not say it again."""
     (event,) = derived.events()
     assert (event.level, event.source, event.code) == ("warning", "derived", "derived.stopped")
@@ -139,10 +140,10 @@ def stopped(derived: InBackground, why: str) -> bool:
 def test_a_fault_ends_it_with_an_event_and_nothing_else(capfd: pytest.CaptureFixture[str]) -> None:
     faulty = SampleBlock("contact.force_upper", 0, 0, beam.RATE, np.zeros((2, 60_000)))
     told: list[Event] = []
-    with started(derivation(), ListSink()) as derived:
-        derived.block("measured", faulty)
+    with started(derivation()) as derived:
+        derived(Block("measured", faulty))
         derived.finish(told.append)
-        derived.block("measured", a_block())
+        derived(Block("measured", a_block()))
         derived.finish(told.append)
     (event,) = told
     assert "derivation failed: ValueError" in event.text
@@ -151,18 +152,18 @@ def test_a_fault_ends_it_with_an_event_and_nothing_else(capfd: pytest.CaptureFix
 
 
 def test_nobody_waits_for_a_derivation_that_hangs() -> None:
-    with started(derivation(queue_blocks=50), ListSink()) as derived:
+    with started(derivation(queue_blocks=50)) as derived:
         assert derived.worker.pid is not None
         os.kill(derived.worker.pid, signal.SIGSTOP)
         for _ in range(2_000):
-            derived.block("measured", a_block())
+            derived(Block("measured", a_block()))
         assert stopped(derived, "the derivation is slower than the data")
 
 
 def test_a_person_who_stops_the_run_does_not_wait_for_its_end() -> None:
     stop, told, began_s = StopRequest(), list[Event](), time.monotonic()
     stop.wanted = True
-    with started(derivation(), ListSink()) as derived:
+    with started(derivation()) as derived:
         assert derived.worker.pid is not None
         os.kill(derived.worker.pid, signal.SIGSTOP)
         with pytest.raises(Stopped):
@@ -173,13 +174,13 @@ def test_a_person_who_stops_the_run_does_not_wait_for_its_end() -> None:
 
 
 def test_its_death_is_told_and_what_comes_then_is_taken_and_left() -> None:
-    with started(derivation(), ListSink()) as derived:
+    with started(derivation()) as derived:
         assert derived.worker.pid is not None
         os.kill(derived.worker.pid, signal.SIGKILL)
-        derived.block("measured", a_block())
+        derived(Block("measured", a_block()))
         told: list[Event] = []
         derived.finish(told.append)
-        derived.block("measured", a_block())
+        derived(Block("measured", a_block()))
     assert [event.code for event in told] == ["derived.stopped"]
     assert "the derivation's process died" in told[0].text
     assert not derived.events()

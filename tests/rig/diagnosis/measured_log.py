@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log import LogWriter
+from daq.log.writer import LogWriter
 from rig.files.scenario import parse_scenario
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis.draw import Named

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ni_daq import CardSettings
-from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, Pulses
+from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardSettings, Pulses
 from drivers.ni_daq.emulator.wiring import ChargeStage, CounterWire, LowPassStage, Wire
 from drivers.ni_daq.problems import problems
 from rig.card_wiring import card_channel, chain_record, wiring_of

@@ -12,14 +12,14 @@ from rerun.experimental import ViewerClient
 
 from daq.channel import Channel
 from daq.log.reader import Origin
-from rig.derived import DerivedSink, derived_channels
+from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import parse_scenario
-from rig.live import LiveView
 from rig.live.crank.picture import CrankPicture
-from rig.live.rigs import PlanarCrankPicture, SpatialCrankPicture
-from rig.session.hub import Hub
-from rig.session.sinks import ViewSink
-from tests.rig.crank.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
+from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
+from rig.live.view import LiveView
+from rig.stream import Block, Shape, Stream
+from tests.rig.derived.turning import CHANNELS, RATE, SPATIAL_CHANNELS, SPEED_HZ, blocks
 from tests.rig.live.native_viewer import needs_vulkan, shows, viewer
 
 SCENARIO = """
@@ -82,16 +82,15 @@ def test_mechanism_journals_orders_impacts_and_speed_are_drawn(
     origins: dict[Origin, tuple[Channel, ...]] = {"measured": channels, "predicted": channels}
     found = derived_channels(origins, scenario)
     with LiveView("a crank", channels, channels, picture, derived=found) as live:
-        sink = ViewSink(live)
         names = {origin: [channel.name for channel in each] for origin, each in origins.items()}
-        derived = DerivedSink(sink, names, scenario)
-        hub = Hub([sink, derived])
+        derivation = Derivation(live.offer, names, scenario)
+        stream = Stream([live.offer, derivation])
         both = (blocks(channels, origin, 6.0) for origin in origins)
         for number, (first, second) in enumerate(zip(*both, strict=True)):
-            hub.block("measured", first)
-            hub.block("predicted", second)
-            hub.shape(first.end_sample / RATE, shape * (1 + 1e-4 * np.sin(number)))
-        derived.finish()
+            stream(Block("measured", first))
+            stream(Block("predicted", second))
+            stream(Shape(first.end_sample / RATE, shape * (1 + 1e-4 * np.sin(number))))
+        derivation.finish()
         with viewer("--connect", live.sink_url) as client:
             deadline = time.monotonic() + 60.0
             while missing := left_to_see(client, tmp_path, wanted):

@@ -14,15 +14,15 @@ from rerun.blueprint import TimeSeriesView
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.records import Impact
-from rig.live import BeamPicture, paths
-from rig.live.crank.impact_picture import ImpactPicture
+from rig.live import paths
+from rig.live.crank.plots import ImpactPicture
 from rig.live.cycle_figures import figure_views
-from rig.live.frames import BlockFrame
 from rig.live.layout import Layout, layout_of
 from rig.live.picture import Stage
-from rig.live.rigs import PlanarCrankPicture
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.scene import Scene
-from rig.live.view_process import Director
+from rig.stream import Block
 
 START_NS = 1_790_000_000_000_000_000
 FORCE, CRANK = Channel("contact.force_upper", "N"), Channel("crank.angle", "rad")
@@ -79,15 +79,15 @@ def test_derived_values_are_shown_at_their_own_times_also_before_any_block_is_sh
     """Sample 0 of a series is the first whole cycle of the record, not its sample 0."""
     recording = KeptRecording()
     shown = layout(PLANAR)
-    director = Director(Scene(recording, shown), shown, 3.0)
-    record = [BlockFrame("measured", a_block("contact.force_upper", [0.0] * 3000, 1000.0, 0.0))]
+    scene = Scene(recording, shown, 3.0)
+    record = [Block("measured", a_block("contact.force_upper", [0.0] * 3000, 1000.0, 0.0))]
     found = [
-        BlockFrame("derived", a_block("contact.force_upper.cycle_peak", [4.0, 5.0, 6.0], 20.0, 0.04)),
-        BlockFrame("derived", a_block("crank.speed", [199.0, nan], 50.0, 0.5)),
+        Block("derived", a_block("contact.force_upper.cycle_peak", [4.0, 5.0, 6.0], 20.0, 0.04)),
+        Block("derived", a_block("crank.speed", [199.0, nan], 50.0, 0.5)),
     ]
     for frame in (*record, *found):
-        director.take(frame)
-    director.finish()
+        scene.take(frame)
+    scene.finish()
     assert recording.times_s[paths.derived("contact.force_upper.cycle_peak")] == pytest.approx(
         [0.04, 0.09, 0.14]
     )
@@ -126,7 +126,8 @@ def test_a_larger_peak_of_one_origin_changes_the_scale_of_both(louder: str, soft
 def test_impacts_of_the_beam_are_shown_where_their_origin_is() -> None:
     recording = KeptRecording()
     shown = layout(BeamPicture(0.28, 0.019, 0.127e-3))
-    scene = Scene(recording, shown)
-    scene.add_impact(impact(nan, 12.0, "predicted"))
+    scene = Scene(recording, shown, 3.0)
+    scene.take(impact(nan, 12.0, "predicted"))
+    scene.finish()
     assert recording.logged[paths.peaks("predicted")].scalars.as_arrow_array().to_pylist() == [12.0]
     assert paths.peaks("measured") not in recording.logged

@@ -13,10 +13,12 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from daq.log.records import Event
-from rig.live import BeamPicture, LiveView, rrd_from_log
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.view import LiveView
+from rig.stream import Block, Shape
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.live.native_viewer import needs_vulkan, shows_both, viewer
-from tests.rig.synthetic_run import CHANNELS, START_NS, blocks, write_log
+from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
 BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 NAMES = {channel.name for channel in CHANNELS}
@@ -29,10 +31,10 @@ def live() -> Iterator[LiveView]:
     with LiveView("synthetic beam", CHANNELS, CHANNELS, BEAM) as view:
         measured, predicted = (blocks(CHANNELS, origin, 2.0) for origin in ("measured", "predicted"))
         for index, (first, second) in enumerate(zip(measured, predicted, strict=True)):
-            view.offer("measured", first)
-            view.offer("predicted", second)
-            view.offer_shape(index * 0.02, 1e-4 * np.sin(index) * np.linspace(0.0, 1.0, 20))
-        view.offer_event(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
+            view.offer(Block("measured", first))
+            view.offer(Block("predicted", second))
+            view.offer(Shape(index * 0.02, 1e-4 * np.sin(index) * np.linspace(0.0, 1.0, 20)))
+        view.offer(Event(START_NS, "warning", "daq_card", "overload", "range passed"))
         yield view
 
 
@@ -70,14 +72,6 @@ def assert_everything_is_drawn(client: ViewerClient, folder: Path) -> None:
 @needs_vulkan
 def test_every_channel_is_shown_as_measured_and_as_predicted(live: LiveView, tmp_path: Path) -> None:
     with viewer("--connect", live.sink_url) as client:
-        assert_everything_is_drawn(client, tmp_path)
-
-
-@needs_vulkan
-def test_a_finished_log_is_shown_in_the_same_way(tmp_path: Path) -> None:
-    rrd = tmp_path / "run.rrd"
-    rrd_from_log(write_log(tmp_path / "run.mcap", seconds=2.0), rrd, BEAM)
-    with viewer(rrd) as client:
         assert_everything_is_drawn(client, tmp_path)
 
 

@@ -16,7 +16,8 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.records import Event
-from rig.live import LiveView
+from rig.live.view import LiveView
+from rig.stream import Block, Shape
 from tests.rig.synthetic_run import RATE, START_NS
 
 MANY = tuple(Channel(f"channel_{index}", "N") for index in range(16))
@@ -41,8 +42,8 @@ def offer(live: LiveView, seconds: float, start_s: float = 0.0) -> float:
         for channel in MANY:
             block = SampleBlock(channel.name, first, START_NS, RATE, QUIET)
             before = time.perf_counter()
-            live.offer("measured", block)
-            live.offer("predicted", block)
+            live.offer(Block("measured", block))
+            live.offer(Block("predicted", block))
             slowest = max(slowest, time.perf_counter() - before)
     return slowest
 
@@ -123,18 +124,18 @@ def test_an_interrupt_at_the_terminal_does_not_reach_the_view(view: LiveView) ->
 
 def test_a_view_that_works_closes_early_and_leaves_nothing_behind(view: LiveView) -> None:
     offer(view, 0.5)
-    view.offer_event(Event(START_NS, "info", "sequencer", "recording", "recording started"))
-    view.offer_shape(0.1, np.zeros(5))
+    view.offer(Event(START_NS, "info", "sequencer", "recording", "recording started"))
+    view.offer(Shape(0.1, np.zeros(5)))
     processes = view.processes
     assert closed_within_its_deadline(view)
     assert wait_until(lambda: all(gone(process) for process in processes))
-    view.offer("measured", SampleBlock("channel_0", 0, START_NS, RATE, QUIET))
+    view.offer(Block("measured", SampleBlock("channel_0", 0, START_NS, RATE, QUIET)))
     view.close()
 
 
 PARENT = """
 import os, signal
-from rig.live import LiveView
+from rig.live.view import LiveView
 from daq.channel import Channel
 view = LiveView("orphans", [Channel("drive.force", "N")], []).open()
 print(*view.processes, flush=True)

@@ -1,4 +1,4 @@
-from rig.live.overlay_order import OverlayOrder
+from rig.live.scene import OverlayOrder
 
 
 def test_measured_data_waits_for_its_prediction() -> None:

@@ -5,7 +5,7 @@ from contextlib import closing
 
 import pytest
 
-from rig.live.frames import DroppedFrame, encode_dropped, read_frames
+from rig.live.frames import Dropped, encode, read_frames
 from rig.live.sender import FrameSender
 
 Pipe = tuple[int, int]
@@ -22,10 +22,10 @@ def test_frames_come_out_in_order_and_the_pipe_is_closed(pipe: Pipe) -> None:
     sender = FrameSender(pipe[1], 1 << 20)
     sender.start()
     for count in range(1, 100):
-        sender.offer(encode_dropped(count))
+        sender.offer(encode(Dropped(count)))
     sender.close(5.0)
     with open(os.dup(pipe[0]), "rb") as stream:
-        assert list(read_frames(stream)) == [DroppedFrame(count) for count in range(1, 100)]
+        assert list(read_frames(stream)) == [Dropped(count) for count in range(1, 100)]
 
 
 def test_a_reader_that_stands_still_costs_the_oldest_frames_and_no_time(pipe: Pipe) -> None:

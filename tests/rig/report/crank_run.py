@@ -12,9 +12,10 @@ from daq.channel import Channel
 from daq.log.reader import Origin
 from daq.log.records import Impact
 from daq.log.writer import LogWriter
-from rig.derived import DerivedSink, derived_channels
+from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import parse_scenario
-from tests.rig.crank.turning import (
+from rig.stream import Block, Consumer, Metadata, Record
+from tests.rig.derived.turning import (
     CHANNELS,
     SPATIAL_CHANNELS,
     START_NS,
@@ -36,17 +37,19 @@ SLOW_RATE = 1000.0
 """Of what is measured beside the card."""
 
 
-class Logging:
+def logging(log: LogWriter) -> Consumer:
     """Writes what is derived."""
 
-    def __init__(self, log: LogWriter) -> None:
-        self._log = log
+    def write(record: Record) -> None:
+        match record:
+            case Block(origin, samples):
+                log.add_block(origin, samples, samples.time_ns)
+            case Impact():
+                log.add_impact(record, record.time_ns)
+            case Metadata(name, values):
+                log.add_metadata(name, values)
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        self._log.add_block(origin, block, block.time_ns)
-
-    def impact(self, impact: Impact) -> None:
-        self._log.add_impact(impact, impact.time_ns)
+    return write
 
 
 def write_log(
@@ -78,7 +81,7 @@ def write_log(
         for channel in derived_channels(by_origin, wanted) if derive else ():
             log.declare("derived", channel)
         names = {origin: [channel.name for channel in channels] for origin in origins}
-        sink = DerivedSink(Logging(log), names, wanted, note=log.add_metadata)
+        derivation = Derivation(logging(log), names, wanted)
         for origin in origins:
             for block in blocks(channels, origin, seconds):
                 kept = SampleBlock(
@@ -90,7 +93,7 @@ def write_log(
                 )
                 log.add_block(origin, kept, kept.time_ns)
                 if derive:
-                    sink.block(origin, kept)
+                    derivation(Block(origin, kept))
         if derive:
-            sink.finish()
+            derivation.finish()
     return path

@@ -15,8 +15,8 @@ from plotly.offline import get_plotlyjs
 
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
-from rig.crank.order_lines import TURNS
-from rig.derived import RECORD
+from rig.derived.order_lines import TURNS
+from rig.derived.settings import RECORD
 from rig.files.rigs import RIGS
 from rig.pages.content import BigNumbers, Figure, Part, Sentence, Table
 from rig.report import record
@@ -29,8 +29,9 @@ from rig.report.sections.revolution import parts as revolution_parts
 from rig.report.sections.spectra import parts as spectrum_parts
 from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
+from rig.stream import Block
 from tests.rig.browser import needs_chromium
-from tests.rig.crank.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
+from tests.rig.derived.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
 from tests.rig.report import crank_run
 from tests.rig.report.test_page_in_browser import opened
 
@@ -393,9 +394,9 @@ def test_what_a_replay_hands_on_is_what_a_log_holds(run: RunRecord) -> None:
     with LogReader(run.path) as log:
         collector = RunCollector(log)
         for origin, block in log.blocks():
-            collector.block(origin, block)
+            collector(Block(origin, block))
         for impact in log.impacts():
-            collector.impact(impact)
+            collector(impact)
         again = collector.record()
     assert again.impacts == run.impacts
     assert np.array_equal(again.speeds["measured"].values, run.speeds["measured"].values, equal_nan=True)

@@ -9,6 +9,7 @@ from plotly.offline import get_plotlyjs
 from daq.channel import Channel
 from daq.log.writer import LogWriter
 from rig.report.page import GROUP, SECTIONS, write_report
+from rig.report.record import read_run
 from tests.fake_packages import install
 from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
 
@@ -26,7 +27,7 @@ MARKUP = "<img src=x onerror=alert(1)><a href='http://example.org'>x</a>\"'&"
 
 def page(log: Path) -> str:
     html = log.with_suffix(".html")
-    write_report(log, html)
+    write_report(read_run(log), html)
     return html.read_text(encoding="utf-8").replace(get_plotlyjs(), "")
 
 
@@ -53,7 +54,7 @@ def test_every_section_of_the_beam_is_there_in_its_order(tmp_path: Path) -> None
 def test_a_report_stays_small_enough_to_send(tmp_path: Path) -> None:
     channels = [*CHANNELS, *(Channel(f"extra_{index}", "m/s2") for index in range(11))]
     log = write_log(tmp_path / "run.mcap", seconds=2.0, channels=channels)
-    write_report(log, tmp_path / "report.html")
+    write_report(read_run(log), tmp_path / "report.html")
     assert (tmp_path / "report.html").stat().st_size < 8_000_000
 
 

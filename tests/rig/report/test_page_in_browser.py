@@ -7,6 +7,7 @@ import pytest
 
 from daq.channel import Channel
 from rig.report.page import write_report
+from rig.report.record import read_run
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.synthetic_run import CHANNELS, RATE, write_log
 
@@ -36,7 +37,7 @@ def opened(html: Path) -> tuple[dict[str, list[dict[str, Any]]], list[str], list
 
 def test_every_channel_is_drawn_as_measured_and_as_predicted(tmp_path: Path) -> None:
     html = tmp_path / "report.html"
-    write_report(write_log(tmp_path / "run.mcap"), html)
+    write_report(read_run(write_log(tmp_path / "run.mcap")), html)
     drawn, complaints, fetched = opened(html)
     expected = {(channel.name, origin) for channel in CHANNELS for origin in ("measured", "predicted")}
     for plot in ("plot-overlays", "plot-spectra"):
@@ -50,7 +51,7 @@ def test_every_channel_is_drawn_as_measured_and_as_predicted(tmp_path: Path) -> 
 
 def test_the_first_impacts_are_drawn_sample_by_sample(tmp_path: Path) -> None:
     html = tmp_path / "report.html"
-    write_report(write_log(tmp_path / "run.mcap"), html)
+    write_report(read_run(write_log(tmp_path / "run.mcap")), html)
     drawn, _, _ = opened(html)
     upper = [line for line in drawn["plot-overlays"] if line["channel"] == "contact.force_upper"]
     measured = next(line for line in upper if line["name"] == "measured")
@@ -65,7 +66,7 @@ def test_markup_in_a_channel_name_runs_nothing_and_links_nowhere(tmp_path: Path)
         "<a href='http://example.org'>x</a><img src=x onerror=console.error('run')><script>console.error(1)"
     )
     html = tmp_path / "report.html"
-    write_report(write_log(tmp_path / "run.mcap", 0.2, [Channel(name, "<b>N</b>")]), html)
+    write_report(read_run(write_log(tmp_path / "run.mcap", 0.2, [Channel(name, "<b>N</b>")])), html)
     with browser_page() as page:
         complaints: list[str] = []
         page.on("console", lambda message: complaints.append(message.text))

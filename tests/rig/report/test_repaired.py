@@ -45,7 +45,7 @@ def test_closeness_is_the_ratio_of_sizes_in_decibels(run: RunRecord) -> None:
 
 def test_a_run_without_nominal_twin_has_no_closeness_and_no_repaired_twin(tmp_path: Path) -> None:
     plain = write_log(tmp_path / "run.mcap", 0.2)
-    assert overall_closeness(plain) is None
+    assert overall_closeness(read_run(plain)) is None
     page = render(read_run(plain))
     assert "epaired" not in page.partition("<main>")[2].partition("</main>")[0]
 

@@ -14,9 +14,11 @@ from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from daq.log import Event, Impact, Origin
-from drivers.protocols import CardReading
+from daq.log.reader import Origin
+from daq.log.records import Event, Gap, Impact
+from drivers.protocols.card import CardReading
 from rig.session.progress import Screen
+from rig.stream import Block, Record
 
 RATE = 51_200.0
 
@@ -111,33 +113,36 @@ class SteppedCard:
         self.stopped = True
 
 
-class ListSink:
-    """Keeps what it is given, in order."""
+class Kept:
+    """A consumer that keeps what it is given, in order."""
 
     def __init__(self, fails_on: type | None = None) -> None:
-        self.items: list[tuple[Origin | None, SampleBlock | Event]] = []
-        self.impacts: list[Impact] = []
+        self.records: list[Record] = []
         self._fails_on = fails_on
 
-    def block(self, origin: Origin, block: SampleBlock) -> None:
-        self._keep(origin, block)
+    def __call__(self, record: Record) -> None:
+        if self._fails_on is not None and isinstance(record, self._fails_on):
+            raise ZeroDivisionError("a fault in a consumer")
+        self.records.append(record)
 
-    def event(self, event: Event) -> None:
-        self._keep(None, event)
-
-    def impact(self, impact: Impact) -> None:
-        self.impacts.append(impact)
-
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        pass
+    def of(self, *origins: Origin) -> list[SampleBlock]:
+        return [each.samples for each in self.records if isinstance(each, Block) and each.origin in origins]
 
     def blocks(self, channel: str) -> list[SampleBlock]:
-        return [each for _, each in self.items if isinstance(each, SampleBlock) and each.channel == channel]
+        blocks = (each.samples for each in self.records if isinstance(each, Block))
+        return [block for block in blocks if block.channel == channel]
+
+    @property
+    def impacts(self) -> list[Impact]:
+        return [each for each in self.records if isinstance(each, Impact)]
+
+    @property
+    def events(self) -> list[Event]:
+        return [each for each in self.records if isinstance(each, Event)]
+
+    @property
+    def gaps(self) -> list[Gap]:
+        return [each for each in self.records if isinstance(each, Gap)]
 
     def codes(self) -> list[str]:
-        return [each.code for _, each in self.items if isinstance(each, Event)]
-
-    def _keep(self, origin: Origin | None, item: SampleBlock | Event) -> None:
-        if self._fails_on is not None and isinstance(item, self._fails_on):
-            raise ZeroDivisionError("a fault in a sink")
-        self.items.append((origin, item))
+        return [event.code for event in self.events]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import time
 
-from drivers.mitsubishi_fr import FrInverter, InverterSettings
+from drivers.mitsubishi_fr.inverter import FrInverter
+from drivers.mitsubishi_fr.settings import InverterSettings
 from rig.session.supervisor import Supervisor
 
 

@@ -1,22 +1,20 @@
-"""What belongs to the record goes to the hub, sample for sample; whatever goes wrong is told."""
+"""What belongs to the record goes to the stream, sample for sample; whatever goes wrong is told."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from daq.block import Flag, SampleBlock, sample_time_ns
+from daq.block import Flag, sample_time_ns
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
-from drivers.protocols import CardReading, Finding
+from drivers.protocols.card import CardReading, Finding
 from rig.files.scenario import Limit
-from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Recorded
-from rig.session.hub import Hub
+from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Reader
 from rig.session.limits import LimitWatch
-from tests.rig.session.fakes import RATE, ListSink, SteppedCard
+from rig.stream import Block, Stream
+from tests.rig.session.fakes import RATE, Kept, SteppedCard
 
 CHANNELS = (Channel("a", "N"), Channel("b", "N"))
 COUNT = round(BLOCK_S * RATE)
@@ -24,13 +22,12 @@ COUNT = round(BLOCK_S * RATE)
 
 def acquisition(
     card: SteppedCard,
-    sink: ListSink,
+    kept: Kept,
     limits: tuple[Limit, ...] = (),
-    on_reading: Callable[[CardReading], None] = lambda _: None,
-    enough: Callable[[Recorded], bool] | None = None,
+    *readers: Reader,
 ) -> Acquisition:
     watch = LimitWatch(limits, RATE)
-    return Acquisition(card, SystemClock(), Hub([sink]), watch, on_reading, enough)  # type: ignore[arg-type]
+    return Acquisition(card, SystemClock(), Stream([kept]), watch, readers)  # type: ignore[arg-type]
 
 
 def advance(acquiring: Acquisition, card: SteppedCard, blocks: int) -> None:
@@ -43,8 +40,8 @@ def advance(acquiring: Acquisition, card: SteppedCard, blocks: int) -> None:
 
 @pytest.mark.parametrize("count", [COUNT * 2, COUNT * 2 + 17, 5])
 def test_the_record_is_every_sample_from_its_start_to_its_end(count: int) -> None:
-    card, sink = SteppedCard(CHANNELS), ListSink()
-    with acquisition(card, sink) as acquiring:
+    card, kept = SteppedCard(CHANNELS), Kept()
+    with acquisition(card, kept) as acquiring:
         advance(acquiring, card, 2)
         begin = acquiring.start_record(count)
         advance(acquiring, card, 4)
@@ -52,7 +49,7 @@ def test_the_record_is_every_sample_from_its_start_to_its_end(count: int) -> Non
     assert begin == 2 * COUNT
     assert card.stopped
     for row, channel in enumerate(CHANNELS):
-        blocks = sink.blocks(channel.name)
+        blocks = kept.blocks(channel.name)
         values = np.concatenate([block.values for block in blocks])
         assert values.tolist() == (np.arange(begin, begin + count) + 1000.0 * row).tolist()
         assert [block.first_sample for block in blocks] == list(range(0, count, COUNT))
@@ -70,12 +67,12 @@ def test_a_record_that_starts_while_a_block_is_being_taken_has_no_hole() -> None
         if reading.first_sample == COUNT:
             begun.append(acquiring.start_record(2 * COUNT))
 
-    card, sink = SteppedCard(CHANNELS), ListSink()
-    acquiring = acquisition(card, sink, on_reading=begin_within)
+    card, kept = SteppedCard(CHANNELS), Kept()
+    acquiring = acquisition(card, kept, (), begin_within)
     with acquiring:
         advance(acquiring, card, 5)
         card.let()
-    blocks = sink.blocks("a")
+    blocks = kept.blocks("a")
     assert begun == [2 * COUNT]
     assert [block.first_sample for block in blocks] == [0, COUNT]
     assert blocks[0].values[0] == 2 * COUNT
@@ -83,14 +80,14 @@ def test_a_record_that_starts_while_a_block_is_being_taken_has_no_hole() -> None
 
 def test_a_flag_is_told_when_it_rises_and_kept_with_its_blocks() -> None:
     card = SteppedCard(CHANNELS, flags=lambda block: Flag.OVERLOAD if block in {2, 3, 5} else Flag.GOOD)
-    sink = ListSink()
-    with acquisition(card, sink) as acquiring:
+    kept = Kept()
+    with acquisition(card, kept) as acquiring:
         advance(acquiring, card, 1)
         acquiring.start_record(6 * COUNT)
         advance(acquiring, card, 6)
         card.let()
-    assert sink.codes() == ["sensor.overload"] * 4
-    flags = [block.flags for block in sink.blocks("a")]
+    assert kept.codes() == ["sensor.overload"] * 4
+    flags = [block.flags for block in kept.blocks("a")]
     overload = Flag.OVERLOAD
     assert flags == [Flag.GOOD, overload, overload, Flag.GOOD, overload, Flag.GOOD]
     assert acquiring.overloads == {"a": 3, "b": 3}
@@ -100,29 +97,29 @@ def test_a_flag_is_told_when_it_rises_and_kept_with_its_blocks() -> None:
 def test_odd_values_are_recorded_as_they_are_to_the_bit(begins: float) -> None:
     odd = np.array([begins, np.nan, np.inf, -np.inf, -0.0, 1e-40, -1e-45, 2.5], np.float32)
     names = (Channel("pin.force", "N"), Channel("crank.angle", "rad"))
-    card, sink = SteppedCard(names, lambda n, _: odd[n % 8].astype(np.float64)), ListSink()
-    with acquisition(card, sink) as acquiring:
+    card, kept = SteppedCard(names, lambda n, _: odd[n % 8].astype(np.float64)), Kept()
+    with acquisition(card, kept) as acquiring:
         acquiring.start_record(2 * COUNT)
         advance(acquiring, card, 2)
         card.let()
     expected = odd[np.arange(2 * COUNT) % 8]
     for name, dtype in (("pin.force", np.float32), ("crank.angle", np.float64)):
-        values = np.concatenate([block.values for block in sink.blocks(name)])
+        values = np.concatenate([block.values for block in kept.blocks(name)])
         assert values.tobytes() == expected.astype(dtype).tobytes()
 
 
 def test_an_abort_limit_trips_and_a_warning_only_tells() -> None:
-    sink, card = ListSink(), SteppedCard(CHANNELS)
+    kept, card = Kept(), SteppedCard(CHANNELS)
     limits = (Limit("a", "N", 1.5 * COUNT, None, 0.0), Limit("b", "N", None, 3.5 * COUNT, 0.0))
-    with acquisition(card, sink, limits) as acquiring:
+    with acquisition(card, kept, limits) as acquiring:
         advance(acquiring, card, 2)
-        assert sink.codes() == ["limit.warning"]
+        assert kept.codes() == ["limit.warning"]
         assert acquiring.tripped is None
         advance(acquiring, card, 2)
         assert acquiring.tripped is not None
         assert acquiring.tripped.channel == "b"
         card.let()
-    assert sink.codes() == ["limit.warning", "limit.abort"]
+    assert kept.codes() == ["limit.warning", "limit.abort"]
 
 
 def test_a_card_that_fails_ends_it_with_the_cards_own_words() -> None:
@@ -130,32 +127,32 @@ def test_a_card_that_fails_ends_it_with_the_cards_own_words() -> None:
         def read(self, count: int) -> CardReading:
             raise InstrumentSilent("card", "fake", "no answer")
 
-    with acquisition(BrokenCard(CHANNELS), ListSink()) as acquiring, acquiring.changed:
+    with acquisition(BrokenCard(CHANNELS), Kept()) as acquiring, acquiring.changed:
         assert acquiring.changed.wait_for(lambda: acquiring.error, 10)
     assert isinstance(acquiring.error, InstrumentSilent)
 
 
-def test_a_fault_in_a_sink_is_an_error_of_the_acquisition(capfd: pytest.CaptureFixture[str]) -> None:
-    card, sink = SteppedCard(CHANNELS), ListSink(fails_on=SampleBlock)
-    with acquisition(card, sink) as acquiring:
+def test_a_fault_in_a_consumer_is_an_error_of_the_acquisition(capfd: pytest.CaptureFixture[str]) -> None:
+    card, kept = SteppedCard(CHANNELS), Kept(fails_on=Block)
+    with acquisition(card, kept) as acquiring:
         acquiring.start_record(COUNT)
         advance(acquiring, card, 1)
-    with pytest.raises(AcquisitionFault, match="acquisition stopped by ZeroDivisionError: a fault in a sink"):
+    with pytest.raises(AcquisitionFault, match="acquisition stopped by ZeroDivisionError: a fault"):
         raise acquiring.error or AssertionError
     assert "Traceback" in capfd.readouterr().err
 
 
 def test_an_angle_stays_64_bits_wide_and_begins_within_a_turn() -> None:
     card = SteppedCard((Channel("crank.angle", "rad"), Channel("b", "N")), lambda n, k: 1e4 + 1e-6 * n)
-    sink = ListSink()
-    with acquisition(card, sink) as acquiring:
+    kept = Kept()
+    with acquisition(card, kept) as acquiring:
         advance(acquiring, card, 1)
         begin = acquiring.start_record(2 * COUNT)
         advance(acquiring, card, 2)
         card.let()
-    angle = np.concatenate([block.values for block in sink.blocks("crank.angle")])
+    angle = np.concatenate([block.values for block in kept.blocks("crank.angle")])
     assert angle.dtype == np.float64
-    assert sink.blocks("b")[0].values.dtype == np.float32
+    assert kept.blocks("b")[0].values.dtype == np.float32
     whole = 2 * np.pi * np.floor((1e4 + 1e-6 * begin) / (2 * np.pi))
     assert acquiring.turned_off == {"crank.angle": whole}
     expected = 1e4 + 1e-6 * (begin + np.arange(2 * COUNT)) - whole
@@ -164,21 +161,23 @@ def test_an_angle_stays_64_bits_wide_and_begins_within_a_turn() -> None:
 
 
 def test_a_record_ends_with_the_reading_that_was_enough() -> None:
-    asked: list[dict[str, int]] = []
+    seen: list[int] = []
 
-    def enough(recorded: Recorded) -> bool:
-        asked.append({name: len(values) for name, values in recorded.items()})
-        return len(asked) == 3
+    def end(reading: CardReading) -> None:
+        seen.append(sum(len(block) for block in kept.blocks("b")))
+        if seen[-1] == 3 * COUNT:
+            acquiring.end_record(reading)
 
-    card, sink = SteppedCard(CHANNELS), ListSink()
-    with acquisition(card, sink, enough=enough) as acquiring:
+    card, kept = SteppedCard(CHANNELS), Kept()
+    acquiring = acquisition(card, kept, (), end)
+    with acquiring:
         advance(acquiring, card, 1)
         acquiring.start_record(10 * COUNT)
         advance(acquiring, card, 5)
         assert acquiring.record_until == 4 * COUNT
         card.let()
-    assert asked == [{"a": COUNT, "b": COUNT}] * 3
-    assert sum(len(block) for block in sink.blocks("a")) == 3 * COUNT
+    assert seen[:4] == [0, COUNT, 2 * COUNT, 3 * COUNT]  # a reader is called once the reading is recorded
+    assert sum(len(block) for block in kept.blocks("a")) == 3 * COUNT
 
 
 def test_what_a_card_finds_is_told() -> None:
@@ -189,8 +188,8 @@ def test_what_a_card_finds_is_told() -> None:
             return CardReading(reading.first_sample, reading.values, reading.flags, reading.arrived_s, found)
 
     card = FindingCard(CHANNELS, flags=lambda block: Flag.CLOCK_NOT_LOCKED if block else Flag.GOOD)
-    sink = ListSink()
-    with acquisition(card, sink) as acquiring:
+    kept = Kept()
+    with acquisition(card, kept) as acquiring:
         advance(acquiring, card, 2)
         card.let()
-    assert sink.codes() == ["sensor.supply", "sensor.clock_not_locked", "sensor.clock_not_locked"]
+    assert kept.codes() == ["sensor.supply", "sensor.clock_not_locked", "sensor.clock_not_locked"]

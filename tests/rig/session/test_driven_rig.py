@@ -11,16 +11,16 @@ import pytest
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import RecorderFailed
-from daq.log import Event
-from daq.time_base import RunClock
+from daq.log.records import Event
+from daq.time_base.run_clock import RunClock
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig
-from rig.session.hub import Hub
 from rig.session.signals import StopRequest
-from tests.rig.session.fakes import ListSink, RecordingGenerator, SteppedCard, silent_screen
+from rig.stream import Record
+from tests.rig.session.fakes import Kept, RecordingGenerator, SteppedCard, silent_screen
 
 SCENARIO = """\
 rig = "impact_beam"
@@ -33,16 +33,17 @@ duration = "1 s"
 """
 
 
-class FullLog(ListSink):
+class FullLog(Kept):
     """Takes nothing more."""
 
-    def event(self, event: Event) -> None:
-        raise RecorderFailed("disk full")
+    def __call__(self, record: Record) -> None:
+        if isinstance(record, Event):
+            raise RecorderFailed("disk full")
 
 
 @contextmanager
-def recorded(folder: Path, generator: RecordingGenerator, sink: ListSink) -> Iterator[DrivenRig]:
-    """A beam that is about to be recorded into `sink`."""
+def recorded(folder: Path, generator: RecordingGenerator, kept: Kept) -> Iterator[DrivenRig]:
+    """A beam that is about to be recorded into `kept`."""
     scenario = parse_scenario(SCENARIO, "stopped")
     devices = Devices(
         generator,
@@ -54,17 +55,18 @@ def recorded(folder: Path, generator: RecordingGenerator, sink: ListSink) -> Ite
     rig = DrivenRig(embedded_bench(), devices, StopRequest(), silent_screen(), clock)
     with ExitStack() as stack:
         rig.open_log(stack, folder, scenario.name)
-        rig.record(Hub([sink]), (), None)
+        rig.stream[:] = [kept]
+        rig.record((), None)
         yield rig
 
 
 def test_a_stop_before_its_time_is_told_to_whoever_follows_and_to_the_log(tmp_path: Path) -> None:
-    generator, sink, heard = RecordingGenerator(), ListSink(), list[str]()
-    with recorded(tmp_path, generator, sink) as rig:
+    generator, kept, heard = RecordingGenerator(), Kept(), list[str]()
+    with recorded(tmp_path, generator, kept) as rig:
         rig.on_stopping = lambda: heard.append("stopping")
         rig.off()
     assert heard == ["stopping"]
-    assert sink.codes() == ["drive.stopping"]
+    assert kept.codes() == ["drive.stopping"]
     assert generator.told[-1] == ("off",)
 
 
@@ -77,16 +79,16 @@ def test_a_log_that_takes_nothing_more_keeps_no_drive_on(tmp_path: Path) -> None
 
 def test_nothing_that_fails_on_the_way_keeps_the_drive_on(tmp_path: Path) -> None:
     generator = RecordingGenerator()
-    with recorded(tmp_path, generator, ListSink(fails_on=Event)) as rig, pytest.raises(ZeroDivisionError):
+    with recorded(tmp_path, generator, Kept(fails_on=Event)) as rig, pytest.raises(ZeroDivisionError):
         rig.off()
     assert generator.told[-1] == ("off",)
 
 
 def test_what_has_come_to_rest_in_time_is_not_told_of_again(tmp_path: Path) -> None:
-    generator, sink = RecordingGenerator(), ListSink()
-    with recorded(tmp_path, generator, sink) as rig:
+    generator, kept = RecordingGenerator(), Kept()
+    with recorded(tmp_path, generator, kept) as rig:
         rig.on_stopping = lambda: pytest.fail("it rests")
         rig.watch.checks.clear()  # nobody supervises here
         rig.ramp_down()
         rig.off()
-    assert sink.codes() == ["drive.off"]
+    assert kept.codes() == ["drive.off"]

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from daq.block import Flag
 from daq.errors import DeviceLost, InterlockTripped
-from daq.log.records import Event, Gap
-from drivers.protocols import Emergency, Notice, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
+from drivers.protocols.notice import Notice
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
-from rig.session.hub import Hub
 from rig.session.speed_guard import guards_of_shaft
-from tests.rig.session.fakes import ListSink
+from rig.stream import Stream
+from tests.rig.session.fakes import Kept
 from tests.rig.session.shafts import SteppedClock
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ class Lab:
         turns: int = 1,
         encoder: SteppedEncoder | None = None,
     ) -> None:
-        self.clock, self.sink, self.gaps = SteppedClock(), ListSink(), list[Gap]()
+        self.clock, self.kept = SteppedClock(), Kept()
         self.base = CardClock(self.clock, 25_600.0)
         self.base.start(lambda: None)
         zero_s = self.clock.now_s
@@ -100,8 +100,8 @@ class Lab:
         self.encoder.total_range = turns * COUNTS
         self.encoder.sends_from(zero_s)
         self.guard = guards_of_shaft(self.clock)[1]
-        hub, fastest = Hub([self.sink]), 1.5 * OMEGA
-        self.record = EncoderRecord(self.encoder, self.base, hub, self.gaps.append, fastest, self.guard)
+        stream = Stream([self.kept])
+        self.record = EncoderRecord(self.encoder, self.base, stream, 1.5 * OMEGA, self.guard)
         self._let = 0
 
     def advance(self, blocks: int) -> None:
@@ -128,7 +128,7 @@ class Lab:
             self.record.end(end_s)
             self.advance(blocks)
             self.end()
-        return self.sink.blocks(ENCODER_CHANNEL)
+        return self.kept.blocks(ENCODER_CHANNEL)
 
 
 def test_the_record_is_every_position_between_its_start_and_its_end() -> None:
@@ -161,7 +161,7 @@ def test_blocks_are_not_locked_until_its_clock_is_known() -> None:
         assert lab.record.clocks(True)[0].device == "encoder"
         lab.advance(2)
         lab.end()
-    flags = [block.flags for block in lab.sink.blocks(ENCODER_CHANNEL)]
+    flags = [block.flags for block in lab.kept.blocks(ENCODER_CHANNEL)]
     assert flags[:5] == [Flag.CLOCK_NOT_LOCKED] * 5
     assert flags[5:7] == [Flag.GOOD] * 2
 
@@ -171,19 +171,19 @@ def test_positions_that_are_missing_are_a_gap_with_its_cause_and_cost_no_turn() 
     blocks = lab.recorded(0.35, 1.25, 12)
     first = blocks[0]
     begin = round((first.time_ns - lab.base.start_ns) / 1e9 / PERIOD_S - 2)  # the frame at which it begins
-    assert sum(gap.count for gap in lab.gaps) == 31
-    assert {gap.cause for gap in lab.gaps} == {"lost on the bus"}
-    assert lab.gaps[0].first_sample == pytest.approx(730 - begin, abs=1)
+    assert sum(gap.count for gap in lab.kept.gaps) == 31
+    assert {gap.cause for gap in lab.kept.gaps} == {"lost on the bus"}
+    assert lab.kept.gaps[0].first_sample == pytest.approx(730 - begin, abs=1)
     after = next(block for block in blocks if block.flags & Flag.SAMPLES_MISSING_BEFORE)
     passed = (after.first_sample - first.first_sample) * PERIOD_S
     assert after.values[0] - first.values[0] == pytest.approx(OMEGA * passed, abs=2 * math.tau / COUNTS)
-    assert lab.sink.codes() == []
+    assert lab.kept.codes() == []
 
 
 def test_a_gap_in_which_the_shaft_may_have_turned_either_way_is_told() -> None:
     lab = Lab(missing=frozenset(range(605, 795)))  # 0.19 s at 3.3 turns a second
     lab.recorded(0.35, 1.25, 12)
-    assert "encoder.ambiguous" in lab.sink.codes()
+    assert "encoder.ambiguous" in lab.kept.codes()
 
 
 def test_an_emergency_is_an_interlock_and_notices_are_events() -> None:
@@ -219,7 +219,7 @@ def guarded(lab: Lab, blocks: int, before: int = 10) -> list[str]:
         lab.guard.arm(OMEGA)
         lab.advance(blocks)
         lab.end()
-    return [code for code in lab.sink.codes() if code.startswith("speed.")]
+    return [code for code in lab.kept.codes() if code.startswith("speed.")]
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -254,7 +254,7 @@ def test_one_wrong_position_is_told_and_trips_nothing() -> None:
 
     lab = Lab(angle=glitched)
     assert guarded(lab, 20) == ["speed.unknown"]
-    assert "encoder.ambiguous" in lab.sink.codes()
+    assert "encoder.ambiguous" in lab.kept.codes()
     lab.guard.check()
 
 
@@ -269,7 +269,7 @@ def test_the_end_of_its_range_leaves_no_trace(turns: int, angle: Callable[[Array
     lab = Lab(angle=lambda at: angle(at - 0.85), turns=turns)
     values = np.concatenate([block.values for block in lab.recorded(0.35, 1.25, 12)])
     counts = np.rint(values / math.tau * COUNTS)
-    begun = round((lab.sink.blocks(ENCODER_CHANNEL)[0].time_ns - lab.base.start_ns) / 1e6) - 2
+    begun = round((lab.kept.blocks(ENCODER_CHANNEL)[0].time_ns - lab.base.start_ns) / 1e6) - 2
     taken = (begun + np.arange(len(values))) * PERIOD_S
     expected = np.floor(angle(taken - 0.85) / math.tau * COUNTS)
     assert counts - counts[0] == pytest.approx(
@@ -277,16 +277,14 @@ def test_the_end_of_its_range_leaves_no_trace(turns: int, angle: Callable[[Array
     )  # begun to a frame: 13.7 counts
     steps, moves = np.diff(counts), np.diff(expected)
     assert (steps.min(), steps.max()) == (moves.min(), moves.max())
-    assert "encoder.ambiguous" not in lab.sink.codes()
+    assert "encoder.ambiguous" not in lab.kept.codes()
 
 
 def test_what_was_wrong_with_its_frames_is_told_at_the_end() -> None:
     lab = Lab()
     lab.encoder.statistics = PositionStatistics(frames=1700, duplicates=2, wrong_length=1, period_ppm=12.5)
     lab.recorded(0.35, 1.25, 12)
-    (event,) = [
-        each for _, each in lab.sink.items if isinstance(each, Event) and each.code == "encoder.frames"
-    ]
+    (event,) = [each for each in lab.kept.events if each.code == "encoder.frames"]
     assert (event.level, event.text) == ("warning", "of 1700 positions: duplicates 2, wrong length 1")
 
 
@@ -308,11 +306,11 @@ def test_a_clock_that_drifts_or_is_set_is_said_and_moves_no_sample(ppm: float, s
             lab.advance(100)
             lab.record.clocks(True)
             lab.end()
-        kept.append(np.concatenate([block.values for block in lab.sink.blocks(ENCODER_CHANNEL)]))
+        kept.append(np.concatenate([block.values for block in lab.kept.blocks(ENCODER_CHANNEL)]))
         # No jitter: its rate is as good as known; the host's own is uncertain by a crystal's 50 ppm.
         if each is stamp:
             assert clock.rate_ppm == pytest.approx(-ppm, abs=5.0)
-            assert lab.sink.codes() == (["clock.step"] if step_s else [])
+            assert lab.kept.codes() == (["clock.step"] if step_s else [])
     drifted, right = kept
     shared = min(len(drifted), len(right))
     assert abs(len(drifted) - len(right)) <= 2  # where the record ends is by its clock

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.log.writer import LogWriter
-from drivers.protocols import PositionBlock
+from drivers.protocols.encoder import PositionBlock
 from rig.session.encoder_record import encoder_channel
 from tests.rig.commands.cli import caller
 from tests.rig.session.test_encoder_record import COUNTS, PERIOD_S, Lab, SteppedEncoder

@@ -16,9 +16,10 @@ from rig.session.frequency import (
     UNKNOWN,
     DriveFrequency,
     DriveMeter,
+    FrequencyCheck,
     FrequencyHold,
-    FrequencySink,
 )
+from rig.stream import Block
 
 RATE = 51_200.0
 NOISE_N = 0.02
@@ -103,14 +104,14 @@ def test_slow_and_fast_drives(frequency: float) -> None:
     assert found.off == pytest.approx(3e-4, abs=max(3 * found.uncertainty, 1e-7))
 
 
-def test_the_sink_looks_at_its_channel_and_begins_anew_after_a_hole() -> None:
-    sink = FrequencySink("drive.force", 20.0, RATE)
+def test_the_check_looks_at_its_channel_and_begins_anew_after_a_hole() -> None:
+    check = FrequencyCheck("drive.force", 20.0)
     whole = drive(20.0, 1.0).astype(np.float32)
-    sink.block("predicted", SampleBlock("drive.force", 0, 0, RATE, np.ones(100, np.float32)))
-    sink.block("measured", SampleBlock("yoke.force", 0, 0, RATE, np.ones(100, np.float32)))
-    sink.block("measured", SampleBlock("drive.force", 0, 0, RATE, whole[:1000]))
-    sink.block("measured", SampleBlock("drive.force", 3000, 0, RATE, whole[3000:]))
-    assert sink.result().held
+    check(Block("predicted", SampleBlock("drive.force", 0, 0, RATE, np.ones(100, np.float32))))
+    check(Block("measured", SampleBlock("yoke.force", 0, 0, RATE, np.ones(100, np.float32))))
+    check(Block("measured", SampleBlock("drive.force", 0, 0, RATE, whole[:1000])))
+    check(Block("measured", SampleBlock("drive.force", 3000, 0, RATE, whole[3000:])))
+    assert check.result().held
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,11 @@ from pathlib import Path
 import pytest
 
 from drivers.emulator_process import DriveLink
-from drivers.mitsubishi_fr import InverterSettings
-from drivers.mitsubishi_fr.emulator import InverterSetup, InverterWiring, start_inverter
+from drivers.mitsubishi_fr.emulator.drive import InverterSetup
 from drivers.mitsubishi_fr.emulator.matching import matching_setup
-from drivers.protocols import InverterOutput
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.protocols.speed_drive import InverterOutput
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S, WATCHDOG_S, RAMP_S = 0.8, 0.5, 0.6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq import Flag
+from daq.block import Flag
 from rig.files.scenario import Limit
 from rig.session.limits import LimitWatch
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from daq.log import LogReader, LogWriter
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from daq.time_base import RunClock
-from drivers.protocols import Notice
-from rig.session.hub import Hub
-from rig.session.logbook import Logbook
+from daq.time_base.run_clock import RunClock
+from drivers.protocols.notice import Notice
+from rig.session.logbook import Logbook, logged_by
 from rig.session.motor import Motor
-from rig.session.sinks import LogSink
+from rig.stream import Stream
 from tests.rig.session.fakes import silent_screen
 from tests.rig.session.shafts import FakeDrive, SteppedClock
 
@@ -33,7 +33,7 @@ def test_a_trip_is_logged_when_it_was_although_the_wall_clock_was_set(tmp_path: 
     clock, drive, log = RunClock(host), FakeDrive(host), tmp_path / "log.mcap"
     motor = Motor(drive, 20.0, host.sleep, drive.shaft_rpm, host)
     with Recorder(LogWriter(log), clock) as recorder:
-        logbook = Logbook(clock, recorder, Hub([LogSink(recorder)]), silent_screen())
+        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
         logbook.events.append(lambda: logbook.stamped("inverter", motor.take_notices()))
         began_ns = clock.unix_ns()
         with logbook:

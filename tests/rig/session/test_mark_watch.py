@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channel import Channel
-from rig.session.mark_watch import MarkWatch
+from rig.session.shaft_watch import MarkWatch
 
 RATE, BLOCK, RPM = 10_240.0, 1024, 300.0
 TURN = RATE * 60.0 / RPM

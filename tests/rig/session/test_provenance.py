@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from rig.files.bench import embedded_bench
-from rig.session.provenance import run_record
+from rig.session.logbook import run_record
 from tests.rig.session.shafts import SteppedClock
 
 CHAIN = "chain.crank.angle"

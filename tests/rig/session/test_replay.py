@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
-from daq.log import Event, LogReader, LogWriter
-from rig.session.replay import _ShapeFollower, replay_log
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
+from rig.session.overlay import overlay_run
+from rig.session.replay import ShapeFollower, replay_log
 from rig.session.signals import Stopped
-from rig.twin.overlay import overlay_run, predicting_twin, scenario_of
-from tests.rig.session.fakes import ListSink, silent_screen
+from rig.stream import Block, Record, Shape
+from rig.twin.logged import predicting_twin, scenario_of
+from tests.rig.session.fakes import Kept, silent_screen
 from tests.rig.synthetic_run import CHANNELS, RATE, SCENARIO, write_log
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
@@ -38,7 +40,7 @@ class SteppedClock:
         self.now_s += seconds
 
 
-class TimedSink(ListSink):
+class Timed(Kept):
     """Notes when each block came."""
 
     def __init__(self, clock: SteppedClock) -> None:
@@ -46,20 +48,11 @@ class TimedSink(ListSink):
         self._clock = clock
         self.at_s: list[tuple[float, float]] = []
 
-    def block(self, origin, block: SampleBlock) -> None:  # type: ignore[no-untyped-def]
-        super().block(origin, block)
-        self.at_s.append((self._clock.now_s - 100.0, block.end_sample / block.sample_rate))
-
-
-class ShapeSink(ListSink):
-    """Keeps the shapes."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.shapes: list[NDArray[np.floating]] = []
-
-    def shape(self, time_s: float, deflection: NDArray[np.floating]) -> None:
-        self.shapes.append(deflection)
+    def __call__(self, record: Record) -> None:
+        super().__call__(record)
+        match record:
+            case Block("measured" | "predicted" | "nominal", samples):
+                self.at_s.append((self._clock.now_s - 100.0, samples.end_sample / samples.sample_rate))
 
 
 @pytest.fixture
@@ -77,22 +70,23 @@ def test_every_block_and_event_comes_once_and_in_order(log: Path, tmp_path: Path
         assert reader.complete != cut
         expected = {(o, b.channel, b.first_sample): b.values.tobytes() for o, b in reader.blocks()}
         events = reader.events()
-    sink = ListSink()
-    assert replay_log(log, 0, False, silent_screen(), SteppedClock(), (sink,)) == len(expected)
-    blocks = [(origin, item) for origin, item in sink.items if isinstance(item, SampleBlock)]
+    kept = Kept()
+    assert replay_log(log, 0, False, silent_screen(), SteppedClock(), (kept,)) == len(expected)
+    played = [each for each in kept.records if isinstance(each, Block) and each.origin != "derived"]
+    blocks = [(each.origin, each.samples) for each in played]
     assert {(o, b.channel, b.first_sample): b.values.tobytes() for o, b in blocks} == expected
     assert len(blocks) == len(expected)
     ends = [block.end_sample for _, block in blocks]
     assert ends == sorted(ends)
-    assert [item for _, item in sink.items if isinstance(item, Event)] == events
+    assert kept.events == events
 
 
 @pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_it_keeps_the_pace_of_the_record(log: Path, speed: float) -> None:
     clock = SteppedClock()
-    sink = TimedSink(clock)
-    replay_log(log, speed, False, silent_screen(), clock, (sink,))
-    for at_s, end_s in sink.at_s:
+    kept = Timed(clock)
+    replay_log(log, speed, False, silent_screen(), clock, (kept,))
+    for at_s, end_s in kept.at_s:
         # its event at the start of the record is the first to come, and blocks come when they end
         assert at_s == pytest.approx(end_s / speed, abs=1e-6)
 
@@ -104,15 +98,16 @@ def test_as_fast_as_possible_waits_for_nothing(log: Path) -> None:
 
 
 def test_a_stop_is_heard_between_blocks(log: Path) -> None:
-    class Stopping(ListSink):
-        def block(self, origin, block: SampleBlock) -> None:  # type: ignore[no-untyped-def]
-            super().block(origin, block)
-            os.kill(os.getpid(), signal.SIGINT)
+    class Stopping(Kept):
+        def __call__(self, record: Record) -> None:
+            super().__call__(record)
+            if isinstance(record, Block):
+                os.kill(os.getpid(), signal.SIGINT)
 
-    sink = Stopping()
+    kept = Stopping()
     with pytest.raises(Stopped, match="stopped by a person"):
-        replay_log(log, 1.0, False, silent_screen(), SteppedClock(), (sink,))
-    assert len([item for _, item in sink.items if isinstance(item, SampleBlock)]) == 1
+        replay_log(log, 1.0, False, silent_screen(), SteppedClock(), (kept,))
+    assert len(kept.of("measured", "predicted", "nominal")) == 1
 
 
 def test_a_log_without_channels_is_refused(tmp_path: Path) -> None:
@@ -131,13 +126,15 @@ def test_the_picture_of_an_overlay_with_effects_is_moved_by_the_twin_that_has_th
     for given in (None, effects):
         target = tmp_path / f"overlay{len(farthest)}.mcap"
         overlay_run(run, target, given)
-        sink = ShapeSink()
+        shapes: list[Shape] = []
         with LogReader(target) as log:
             played = scenario_of(log)
-            follow = _ShapeFollower(log, predicting_twin(log, played), played.acquisition, sink)
+            twin = predicting_twin(log, played)
+            follow = ShapeFollower(log, twin, played.acquisition, shapes.append)
             for step in range(1, 41):
-                follow(step * 0.005)
-        farthest.append(max(abs(shape[-1]) for shape in sink.shapes))
+                until = np.zeros(round(step * 0.005 * RATE))
+                follow(Block("predicted", SampleBlock("yoke.force", 0, 0, RATE, until)))
+        farthest.append(max(abs(shape.points_m[-1]) for shape in shapes))
     # a stop of 1.5e7 N/m gives way by some micrometres
     assert farthest == pytest.approx([0.127e-3, 1.6 * 0.127e-3], abs=0.01e-3)
 
@@ -146,11 +143,11 @@ def test_the_picture_of_an_overlay_with_effects_is_moved_by_the_twin_that_has_th
 @pytest.mark.parametrize("name", ["beam_healthy", "beam_base_flexibility"])
 def test_recordings_of_another_program_are_played(name: str) -> None:
     path = SAMPLES / f"{name}.mcap"
-    sink = ListSink()
+    kept = Kept()
     with LogReader(path) as reader:
         samples = {channel: row.end_sample for channel, row in reader.table("measured").items()}
-    replay_log(path, 0, False, silent_screen(), SteppedClock(), (sink,))
-    played = {channel: sum(len(block) for block in sink.blocks(channel)) for channel in samples}
+    replay_log(path, 0, False, silent_screen(), SteppedClock(), (kept,))
+    played = {channel: sum(len(block) for block in kept.blocks(channel)) for channel in samples}
     assert played == samples
     assert set(played) >= {channel.name for channel in CHANNELS}
-    assert sink.blocks("drive.force")[0].sample_rate == RATE
+    assert kept.blocks("drive.force")[0].sample_rate == RATE

@@ -8,10 +8,10 @@ from typing import Any, cast
 import numpy as np
 
 from daq.block import Flag
-from drivers.protocols import CardReading
+from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.session.twin_feed import TwinFeed
-from rig.twin.worker import Drive, Recorded
+from rig.twin.worker import Drive, RecordedSpan
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.twin import Twin
@@ -33,15 +33,15 @@ class Followed:
     """A feed whose worker writes down what it is given."""
 
     def __init__(self) -> None:
-        self.given: list[Drive | Recorded] = []
+        self.given: list[Drive | RecordedSpan] = []
         self.record = Recording()
         self.feed = TwinFeed(
-            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), ["crank.angle"], 1000.0, 0.0, lambda _: None
+            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), ["crank.angle"], 1000.0, 0.0, *[lambda *_: None] * 3
         )
         cast(Any, self.feed).worker = self
         self._read = 0
 
-    def give(self, item: Drive | Recorded) -> None:
+    def give(self, item: Drive | RecordedSpan) -> None:
         self.given.append(item)
 
     def read(self) -> None:
@@ -53,7 +53,9 @@ class Followed:
     @property
     def told(self) -> list[tuple[int, bool, float]]:
         return [
-            (each.end_sample, each.last, each.turned_off) for each in self.given if isinstance(each, Recorded)
+            (each.end_sample, each.last, each.turned_off)
+            for each in self.given
+            if isinstance(each, RecordedSpan)
         ]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.protocols import InverterOutput
+from drivers.protocols.speed_drive import InverterOutput
 from rig.files.scenario import load_scenario
 from rig.twin.plant_crank import CrankPlant, CrankPlantFactory
 from rig.twin.scenario_twin import twin_of

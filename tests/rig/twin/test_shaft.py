@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from drivers.canopen_cia406 import CanopenEncoder, EncoderSettings
-from drivers.canopen_cia406.emulator import start_encoder
+from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
-from drivers.protocols import InverterOutput
+from drivers.canopen_cia406.encoder import CanopenEncoder
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.protocols.speed_drive import InverterOutput
 from rig.twin.shaft import COAST_RAD_S2, STEP_S, EmulatedMotor, ShaftCourse, ShaftFactory, drawn_motor
 from sim_twin.rigs.crank_drive import SpeedDrive
 

@@ -9,13 +9,13 @@ import threading
 import numpy as np
 import pytest
 
-from daq.block import SampleBlock
 from daq.errors import LogError
 from rig.files.scenario import parse_scenario
 from rig.session.signals import Stopped
+from rig.stream import Block
 from rig.twin.alignment import Alignment
 from rig.twin.scenario_twin import twin_of
-from rig.twin.worker import Drive, Predict, Recorded
+from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
@@ -56,7 +56,7 @@ def twin_worker(deliver: Delivered, twin: AnyTwin = TWIN) -> WorkerProcess:
 def feed(worker: WorkerProcess, last: bool = True) -> None:
     force = 9.0 * np.sin(2 * np.pi * 20.0 * np.arange(60_000) / RATE + 0.4)
     worker.give(Drive(0, force))
-    worker.give(Recorded(0, END, 0, last))
+    worker.give(RecordedSpan(0, END, 0, last))
 
 
 def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> None:
@@ -68,7 +68,7 @@ def test_it_aligns_and_predicts_every_channel_up_to_the_end_of_the_record() -> N
     (alignment,) = (item for item in delivered.items if isinstance(item, Alignment))
     assert alignment.phase == pytest.approx(0.4, abs=1e-3)
     for name in TWIN.channels:
-        blocks = [b for b in delivered.items if isinstance(b, SampleBlock) and b.channel == name]
+        blocks = [b.samples for b in delivered.items if isinstance(b, Block) and b.samples.channel == name]
         assert sum(len(block) for block in blocks) == END
 
 
@@ -83,8 +83,8 @@ def test_a_slow_crank_without_an_encoder_is_followed_by_its_marker() -> None:
         worker.wait_ready()
         for first in range(0, len(marker), 1024):
             worker.give(Drive(first, marker[first : first + 1024]))
-            worker.give(Recorded(0, min(first, 100), 0, last=False))
-        worker.give(Recorded(0, 100, 0, last=True))
+            worker.give(RecordedSpan(0, min(first, 100), 0, last=False))
+        worker.give(RecordedSpan(0, 100, 0, last=True))
         worker.finish(60.0)
     (alignment,) = (item for item in delivered.items if isinstance(item, Alignment))
     assert alignment.trusted

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_twin.contact import (
+from sim_twin.contact.laws import (
     ContactLaw,
     Friction,
     friction_share,
@@ -14,8 +14,8 @@ from sim_twin.contact import (
     hunt_crossley,
     lankarani_nikravesh,
     linear,
+    normal_force,
 )
-from sim_twin.contact.laws import normal_force
 from sim_twin.mechanisms import falling_mass
 from sim_twin.mechanisms.falling_mass import FallingMass
 from sim_twin.mechanisms.run import APPROACH, ONSET, PEAK, StepLimits

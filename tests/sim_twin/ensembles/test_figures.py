@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.signals import half_cycles
+from daq.signals.impacts import half_cycles
 from sim_twin.ensembles.figures import Figures
 from sim_twin.ensembles.population import Population
 from sim_twin.ensembles.simulate import simulate

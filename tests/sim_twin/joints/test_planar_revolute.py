@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.contact import Friction, lankarani_nikravesh
+from sim_twin.contact.laws import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_revolute import (
     MotionMode,
     RevoluteClearance,

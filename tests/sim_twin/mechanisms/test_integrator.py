@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sim_twin.contact import ContactLaw, hertz, lankarani_nikravesh
+from sim_twin.contact.laws import ContactLaw, hertz, lankarani_nikravesh
 from sim_twin.mechanisms import falling_mass
 from sim_twin.mechanisms.falling_mass import FallingMass
 from sim_twin.mechanisms.run import APPROACH, END, ONSET, StepLimits

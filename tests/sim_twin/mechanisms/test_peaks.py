@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from sim_twin.contact import ContactLaw, hertz, linear
+from sim_twin.contact.laws import ContactLaw, hertz, linear
 from sim_twin.mechanisms import falling_mass
 from sim_twin.mechanisms.falling_mass import FallingMass
 from sim_twin.mechanisms.run import PEAK, StepLimits

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from sim_twin.contact import Elastic, generalised_stiffness
+from sim_twin.contact.stiffness import Elastic, generalised_stiffness
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank import kernel
 from sim_twin.rigs.planar_slider_crank.frame import frame_acceleration

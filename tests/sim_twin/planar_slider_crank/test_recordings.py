@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from daq.log import LogReader
+from daq.log.reader import LogReader
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS
 from sim_twin.rigs.planar_slider_crank.rig import MODEL

@@ -7,28 +7,13 @@ from pathlib import Path
 import pytest
 
 from daq.channel import Channel
-from daq.clock import SystemClock
 from daq.errors import DeviceLost, RecorderFailed
-from daq.log import LogReader
-from rig.files.bench import embedded_bench
-from rig.files.scenario import parse_scenario
-from rig.session.centring.record import RECORD, CentringRecord
-from rig.session.centring.rig import FORCES
-from rig.session.devices import Devices
-from rig.session.drive import Shaker
-from tests.rig.session.centring.test_rig import SCENARIO
-from tests.rig.session.fakes import RecordingGenerator, SteppedCard
+from daq.log.reader import LogReader
+from rig.session.centring.rig import FORCES, RECORD, CentringRecord
+from tests.rig.session.centring.test_rig import rig_to_centre
+from tests.rig.session.fakes import SteppedCard
 
-
-def record_in(folder: Path) -> CentringRecord:
-    generator, scenario = RecordingGenerator(), parse_scenario(SCENARIO, "centred")
-    devices = Devices(
-        generator,
-        RecordingGenerator,
-        lambda wait, _: Shaker(generator, scenario.drive, 3.6, wait),
-        SteppedCard(tuple(Channel(name, "N") for name in FORCES)),
-    )
-    return CentringRecord(folder, scenario, embedded_bench(), devices, {}, SystemClock())
+CARD = SteppedCard(tuple(Channel(name, "N") for name in FORCES))
 
 
 @pytest.mark.parametrize(
@@ -40,11 +25,16 @@ def record_in(folder: Path) -> CentringRecord:
     ],
 )
 def test_whatever_ends_a_centring_stands_in_its_log(tmp_path: Path, error: BaseException, text: str) -> None:
-    record = record_in(tmp_path)
-    with pytest.raises(type(error)) as caught, record:
+    with (
+        rig_to_centre(tmp_path, CARD) as (rig, _),
+        pytest.raises(type(error)) as caught,
+        CentringRecord(rig),
+    ):
         raise error
     assert caught.value is error
-    with LogReader(record.path) as log:
+    error.__traceback__ = None  # it holds the rig
+    (path,) = tmp_path.iterdir()
+    with LogReader(path) as log:
         assert [(event.code, event.text) for event in log.events()] == [("centring.ended", text)]
         assert log.metadata[RECORD] == {"offsets": "[]"}
 
@@ -53,8 +43,9 @@ def test_a_log_that_takes_nothing_more_is_told_once(tmp_path: Path, monkeypatch:
     def full(_: object) -> None:
         raise RecorderFailed("the disk is slower than the data, still")
 
-    record, first = record_in(tmp_path), RecorderFailed("the disk is slower than the data")
-    monkeypatch.setattr(record.recorder, "event", full)
-    with pytest.raises(RecorderFailed) as caught, record:
-        raise first
+    first = RecorderFailed("the disk is slower than the data")
+    with rig_to_centre(tmp_path, CARD) as (rig, _):
+        monkeypatch.setattr(rig.recorder, "event", full)
+        with pytest.raises(RecorderFailed) as caught, CentringRecord(rig):
+            raise first
     assert caught.value is first

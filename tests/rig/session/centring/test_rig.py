@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +13,24 @@ import pytest
 from daq.block import Flag
 from daq.channel import Channel
 from daq.clock import SystemClock
+from daq.time_base.run_clock import RunClock
+from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
-from rig.session.centring.rig import FORCES, _RigBeam
+from rig.session.centring.probe import plan_of
+from rig.session.centring.rig import FORCES, RigBeam
 from rig.session.centring.search import NoCentre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
-from rig.session.hub import Hub
+from rig.session.driven_rig import DrivenRig
 from rig.session.signals import StopRequest
-from tests.rig.session.fakes import ListSink, RecordingGenerator, SteppedCard
+from rig.stream import Consumer
+from tests.rig.session.fakes import Kept, RecordingGenerator, SteppedCard, silent_screen
 
 SCENARIO = """\
 name = "centred"
 rig = "impact_beam"
+[model]
+shaker_stiffness = "3 kN/m"
 [drive]
 frequency = "20 Hz"
 [acquisition]
@@ -51,21 +58,37 @@ def coming(card: SteppedCard) -> Iterator[None]:
         thread.join()
 
 
-def test_a_sensor_that_shows_nothing_ends_the_search() -> None:
-    generator, shown = RecordingGenerator(), [Flag.GOOD]
-    card = SteppedCard(tuple(Channel(name, "N") for name in FORCES), flags=lambda block: shown[0])
-    scenario = parse_scenario(SCENARIO, "centred")
+@contextmanager
+def rig_to_centre(
+    folder: Path, card: SteppedCard, *consumers: Consumer
+) -> Iterator[tuple[DrivenRig, RigBeam]]:
+    """A beam that is about to be centred, with its log open; nobody supervises it."""
+    generator, scenario = RecordingGenerator(), parse_scenario(SCENARIO, "centred")
     devices = Devices(
         generator, RecordingGenerator, lambda wait, _: Shaker(generator, scenario.drive, 3.6, wait), card
     )
-    sink = ListSink()
-    beam = _RigBeam(scenario, devices, StopRequest(), Hub([sink]), SystemClock())
-    with coming(card), beam.acquiring():
+    bench = embedded_bench()
+    rig = DrivenRig(bench, devices, StopRequest(), silent_screen(), RunClock(SystemClock()))
+    with ExitStack() as stack:
+        beam = RigBeam(rig, scenario, plan_of(scenario, bench))
+        rig.open_log(stack, folder, scenario.name)
+        rig.stream += consumers
+        rig.record((), None, [beam.take])
+        rig.declare("centred", scenario.text, {})
+        rig.watch.checks[:] = [rig.acquisition.check]
+        yield rig, beam
+
+
+def test_a_sensor_that_shows_nothing_ends_the_search(tmp_path: Path) -> None:
+    shown, kept = [Flag.GOOD], Kept()
+    card = SteppedCard(tuple(Channel(name, "N") for name in FORCES), flags=lambda block: shown[0])
+    with rig_to_centre(tmp_path, card, kept) as (rig, beam), coming(card), rig.acquisition:
+        rig.start_record(10**9)
         upper, lower = beam.forces(0.2)
         assert len(upper) == len(lower) == round(0.2 * card.sample_rate)
         # row 0 holds the card's sample numbers; what was judged can be found in the record again
         first, end = beam.listened
-        recorded = np.concatenate([block.values for block in sink.blocks(FORCES[0])])
+        recorded = np.concatenate([block.values for block in kept.blocks(FORCES[0])])
         assert recorded[first:end] == pytest.approx(upper)
         for shown[0] in (Flag.OPEN_SENSOR, Flag.OVERLOAD, Flag.NOT_FINITE):
             with pytest.raises(NoCentre, match="overloaded, open or not finite"):

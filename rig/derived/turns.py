@@ -1,0 +1,134 @@
+"""Turns of the crank at every sample, followed while a run lasts."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.angle.crank import crank_angle
+from daq.angle.marker import Marks, MarkTracker
+from daq.block import SampleBlock
+from daq.signals.turns import angle_turns, smooth_turns
+from rig.derived.last_seconds import LastSeconds
+
+KEPT_S = 6.0
+"""Turns reach so far back; three revolutions, which a marker takes to be believed, at 30 rpm."""
+
+_SMOOTHED_S = 4e-3
+"""An encoder's steps are smoothed over this stretch: 54 counts of 4096 a revolution at 200 rpm."""
+
+_MARKS_KEPT = 512
+
+
+class Turns(Protocol):
+    """Turns by sample index; a stream that goes back in time or has a hole starts afresh after it."""
+
+    channel: str
+
+    def add(self, block: SampleBlock) -> None:
+        """Take a block of `channel`."""
+        ...
+
+    @property
+    def known_until(self) -> int:
+        """Turns of samples from here on are not known yet."""
+        ...
+
+    def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Turns at sample indices that grow, shape (n,); NaN where they are not known, or no more."""
+        ...
+
+
+def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | None:
+    """From the encoder's `angle` if it is among `channels`, else from `marker`; None where neither is."""
+    if angle in channels:
+        return EncoderTurns(angle)
+    return MarkerTurns(marker) if marker in channels else None
+
+
+class EncoderTurns:
+    """Turns from an unwrapped crank angle in rad, its steps smoothed."""
+
+    def __init__(self, channel: str) -> None:
+        self.channel = channel
+        self.known_until = 0
+        self._raw = LastSeconds(KEPT_S)
+        self._turns = LastSeconds(KEPT_S)
+        self._begin = 0  # of the samples without a hole
+
+    def add(self, block: SampleBlock) -> None:
+        """Take a block; turns are known up to half the smoothed stretch before its end."""
+        if not np.isfinite(block.values).any():
+            return
+        if block.first_sample != self._raw.end_sample:
+            self._begin = self.known_until = block.first_sample
+            self._raw = LastSeconds(KEPT_S)
+        self._raw.add(block)
+        half = max(round(_SMOOTHED_S * block.sample_rate / 2), 2)
+        end = block.end_sample - half
+        if end - self._begin <= half:
+            return
+        first = self.known_until
+        begin = max(first - half, self._begin)
+        smooth = smooth_turns(angle_turns(_mended(self._raw.between(begin, end + half))), 2 * half + 1)
+        settled = smooth[first - begin : end - begin]
+        self._turns.add(SampleBlock(block.channel, first, 0, block.sample_rate, settled))
+        self.known_until = end
+
+    def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Turns at sample indices that grow, shape (n,)."""
+        if not len(samples):
+            return np.empty(0)
+        first = int(samples[0])
+        return np.asarray(self._turns.between(first, int(samples[-1]) + 1)[samples - first], dtype=np.float64)
+
+
+class MarkerTurns:
+    """Turns from a once-per-revolution marker in V; between marks the crank turns evenly."""
+
+    def __init__(self, channel: str) -> None:
+        self.channel = channel
+        self._restart(0)
+
+    def _restart(self, first_sample: int) -> None:
+        self._origin = self._end = first_sample
+        self._tracker = MarkTracker()
+        self._marks = self._tracker.track([])[0]
+
+    def add(self, block: SampleBlock) -> None:
+        """Take a block; turns are known up to the newest mark."""
+        if block.first_sample != self._end:
+            self._restart(block.first_sample)
+        self._end = block.end_sample
+        found, _ = self._tracker.track(block.values)
+        if len(found):
+            self._marks = _newest_of(self._marks, found)
+
+    @property
+    def known_until(self) -> int:
+        """The sample of the newest mark."""
+        return self._origin + (int(self._marks.position[-1]) if len(self._marks) else 0)
+
+    def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Turns at sample indices that grow, shape (n,)."""
+        return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad)
+
+
+def _newest_of(kept: Marks, found: Marks) -> Marks:
+    columns = (
+        np.concatenate((getattr(kept, field.name), getattr(found, field.name)))[-_MARKS_KEPT:]
+        for field in fields(Marks)
+    )
+    return Marks(*columns)
+
+
+def _mended(angle: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Without samples that are no numbers: a straight line in their place."""
+    good = np.isfinite(angle)
+    if good.all():
+        return angle
+    at = np.arange(len(angle))
+    return np.asarray(np.interp(at, at[good], angle[good]))

@@ -1,0 +1,152 @@
+"""Adds a prediction to a recorded run, in a new file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from daq.block import sample_time_ns
+from daq.channel import Channel
+from daq.errors import LogError
+from daq.log.codec import decode_block
+from daq.log.reader import LogReader, Origin
+from daq.log.records import Gap, Impact
+from daq.log.writer import LogWriter
+from rig.derived.derivation import Derivation, derived_channels
+from rig.derived.settings import RECORD, from_record
+from rig.files.model_file import load_model
+from rig.files.scenario import Scenario
+from rig.stream import Block, Consumer, Metadata, Record
+from rig.twin.logged import align_to, followed_scenario
+from rig.twin.matched_twin import with_model
+from rig.twin.prediction import AlignedTwin
+from rig.twin.prediction_file import removed_if_it_fails, twin_record
+from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
+from sim_twin.twin import AnyTwin
+
+
+def overlay_run(
+    run: Path,
+    target: Path,
+    effects: Path | None = None,
+    model: Path | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Copy `run` to the new log `target` with /predicted/... of every measured channel in it.
+
+    What follows from the samples of both, /derived/... and /impact, comes with them.
+
+    The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets;
+    the twin without them then comes too, as /nominal/... `model`: one that every twin is matched by, of which
+    `warn` hears what does not hold for this run.
+    """
+    with LogReader(run) as log:
+        scenario = followed_scenario(log)
+        measured = log.channels("measured")
+        if not measured:
+            raise LogError(f"{run}: nothing measured in it")
+        twin = twin_of(scenario, measured)
+        fitted = None if model is None else load_model(model, scenario.rig)
+        if fitted is not None:
+            twin = with_model(twin, fitted, warn)
+        twins: dict[Origin, AnyTwin] = {"predicted": twin}
+        if effects is not None:
+            twins = {"predicted": with_effects(twin, effects), "nominal": twin}
+        with LogWriter(target) as copy, removed_if_it_fails(target):
+            derived = _derivation(log, copy, scenario, twins)
+            _copy(log, copy, derived)
+            copy.add_metadata("twin", twin_record(effects, fitted) | _nominal_record(log, twins))
+            for origin, each in twins.items():
+                _predict(log, copy, scenario, origin, each, derived)
+            derived.finish()
+
+
+def _copied_to(copy: LogWriter) -> Consumer:
+    """Writes what is derived; a block is in the log as if the host had it when it ends."""
+
+    def write(record: Record) -> None:
+        match record:
+            case Block(origin, samples):
+                end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
+                copy.add_block(origin, samples, end_ns)
+            case Impact():
+                copy.add_impact(record, record.time_ns)
+            case Metadata(name, values):
+                copy.add_metadata(name, values)
+
+    return write
+
+
+def _derivation(
+    log: LogReader, copy: LogWriter, scenario: Scenario, twins: Mapping[Origin, AnyTwin]
+) -> Derivation:
+    """What follows from samples in `copy`, by what the run settled of the measured; declares its channels."""
+    measured = log.channels("measured")
+    channels: dict[Origin, list[Channel]] = {"measured": list(measured.values())}
+    channels |= {origin: _predicted_of(twin, measured) for origin, twin in twins.items()}
+    for channel in derived_channels(channels, scenario):
+        copy.declare("derived", channel)
+    known = {
+        origin: settings
+        for origin, settings in from_record(log.metadata.get(RECORD, {})).items()
+        if origin == "measured"
+    }
+    names = {origin: [channel.name for channel in each] for origin, each in channels.items()}
+    return Derivation(_copied_to(copy), names, scenario, known)
+
+
+def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:
+    return [channel for channel in predicted_channels(twin) if channel.name in measured]
+
+
+def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
+    """Everything but an earlier prediction and what was derived, message by message as it was."""
+    for name, record in log.metadata.items():
+        if name not in ("twin", "derived"):
+            copy.add_metadata(name, record)
+    for channel in log.channels("measured").values():
+        copy.declare("measured", channel)
+    ledger: list[Gap] = log.gaps()
+    for message in log.messages({f"/measured/{name}" for name in log.channels("measured")}):
+        block = decode_block(message.topic.removeprefix("/measured/"), message.data)
+        copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
+        derived(Block("measured", block))
+    for gap in ledger:
+        copy.add_gap(gap, gap.time_ns)
+    for event in log.events():
+        copy.add_event(event)
+    for clock in log.clocks():
+        copy.add_clock(clock)
+
+
+def _nominal_record(log: LogReader, twins: Mapping[Origin, AnyTwin]) -> dict[str, str]:
+    """What /nominal is, and the drive's cycle for folding all three; nothing where there is none."""
+    if "nominal" not in twins:
+        return {}
+    cycle = align_to(log, twins["nominal"])
+    return {
+        "predicted": "with these effects",
+        "nominal": "without these effects",
+        "cycle_hz": f"{cycle.frequency:.12g}",
+        "cycle_phase_rad": f"{cycle.phase:.12g}",
+        "from_rest": "false" if cycle.onset is None else "true",
+    }
+
+
+def _predict(
+    log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin, derived: Derivation
+) -> None:
+    measured = log.channels("measured")
+    wanted = _predicted_of(twin, measured)
+    for channel in wanted:
+        copy.declare(origin, channel)
+    reference = log.series("measured", next(iter(measured)))
+    rate = reference.sample_rate
+    start_ns = sample_time_ns(reference.time_ns, -reference.first_sample, rate)
+    alignment = align_to(log, twin)
+    aligned = AlignedTwin(twin, alignment, rate, scenario.acquisition.settle)
+    names = {channel.name for channel in wanted}
+    for block in aligned.blocks(reference.end_sample, start_ns):
+        if block.channel in names:
+            copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), rate))
+            derived(Block(origin, block))

@@ -1,0 +1,284 @@
+"""Does a sweep point by point; what is done is known before the next one begins."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from daq.clock import Clock
+from daq.errors import InterlockTripped, RattleError
+from daq.signals.impact_events import BounceGrouper, ImpactDetector
+from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
+from rig.files.bench import Bench
+from rig.files.faults import read_toml
+from rig.files.model_file import ModelFile
+from rig.files.rigs import RIGS
+from rig.files.scenario import Scenario, parse_scenario
+from rig.files.sweep import Point, Sweep, points_named
+from rig.files.sweep_axes import with_values
+from rig.files.toml_text import toml_of
+from rig.session.devices import Connect
+from rig.session.progress import Screen
+from rig.session.run import RunRequest, run_scenario
+from rig.session.signals import StopRequest
+from rig.stream import Block, Record
+from rig.sweep.plan import Move, Step, lasting, steps_of
+from rig.sweep.results import outcome_of, write_results
+from rig.sweep.state import (
+    SCHEMA,
+    CentreState,
+    PointState,
+    SweepState,
+    check_unchanged,
+    digests_of,
+    load_state,
+    save_state,
+)
+
+Run = Callable[[RunRequest, Screen, Clock], Path]
+Centre = Callable[[Scenario, Bench, Screen], CentreState]
+
+
+BOUNCES_WITHIN = 0.25
+"""Of a cycle of the drive: what touches the same side again so soon is a bounce of the same impact."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class SweepRequest:
+    """What to sweep, on what, and where to.
+
+    `again` are points that are to be recorded although they have ended; `set_again` has every position that
+    is set by hand confirmed anew; `rehearsal` confirms them without a person. `live` shows each point in a
+    browser, `model` is what every twin is matched by.
+    """
+
+    sweep: Sweep
+    bench: Bench
+    connect: Connect
+    folder: Path
+    again: frozenset[int] = frozenset()
+    set_again: bool = False
+    rehearsal: bool = False
+    live: bool = False
+    model: ModelFile | None = None
+
+
+def begun(request: SweepRequest) -> SweepState:
+    """The state to go on from; raises ConfigurationError where a file has changed since."""
+    digests = digests_of(request.sweep, request.bench, request.model)
+    state = load_state(request.folder)
+    if state is None:
+        seed = request.bench.emulation.seed
+        return SweepState(SCHEMA, digests, secrets.randbits(32) if seed is None else seed)
+    check_unchanged(state, digests, request.folder)
+    return dataclasses.replace(state, by_hand={}, centre=None) if request.set_again else state
+
+
+def run_sweep(
+    request: SweepRequest,
+    state: SweepState,
+    screen: Screen,
+    clock: Clock,
+    run: Run = run_scenario,
+    centre: Centre | None = None,
+) -> SweepState:
+    """Record every point that has not ended yet; `state` is written after each.
+
+    Raises what ended a point early, after writing it down: the same call goes on from there.
+    """
+    return _Sweeping(request, state, screen, clock, run, centre).all()
+
+
+class _Sweeping:
+    def __init__(
+        self,
+        request: SweepRequest,
+        state: SweepState,
+        screen: Screen,
+        clock: Clock,
+        run: Run,
+        centre: Centre | None,
+    ) -> None:
+        self._request, self._state, self._screen, self._clock = request, state, screen, clock
+        self._run, self._centre = run, centre
+        emulation = dataclasses.replace(request.bench.emulation, seed=state.seed)
+        self._bench = dataclasses.replace(request.bench, emulation=emulation)
+
+    def all(self) -> SweepState:
+        steps = steps_of(self._request.sweep)
+        todo = [step for step in steps if self._wanted(step.point.number)]
+        self._tell_what_ended(len(steps))
+        for index, step in enumerate(todo):
+            left = lasting(self._request.sweep, (each.point for each in todo[index:]))
+            said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
+            self._screen.say(f"point {step.point.number} of {len(steps)}  {said}  ({left} left)")
+            self._set_by_hand(step)
+            self._point(step.point, last=step is todo[-1])
+        return self._state
+
+    def _wanted(self, number: int) -> bool:
+        ended = self._state.points.get(number)
+        return number in self._request.again or ended is None or ended.outcome == "stopped"
+
+    def _tell_what_ended(self, count: int) -> None:
+        done = self._state.ended("done")
+        if done:
+            self._screen.say(f"done       {points_named(list(done))} of {count}")
+        for number in self._state.ended("failed", "interlock", "stopped"):
+            point = self._state.points[number]
+            comes = "comes again" if self._wanted(number) else f"not repeated without --again {number}"
+            self._screen.warn(f"point {number}: {point.outcome}: {point.why}; {comes}")
+
+    def _set_by_hand(self, step: Step) -> None:
+        for axis in self._request.sweep.axes:
+            value, now = step.point.settings[axis.key], self._state.by_hand.get(axis.key)
+            if axis.by_hand and now != value:
+                move = Move(axis.key, now, value, axis.by_hand)
+                if self._request.rehearsal:
+                    self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
+                else:
+                    self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
+                self._keep(self._state.with_hand(axis.key, value))
+
+    def _point(self, point: Point, last: bool) -> None:
+        with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
+            come_to = self._centred(point)
+            scenario = come_to.scenario
+            counted = self._counted(scenario)
+            folder = self._request.folder / f"point-{point.number:04d}"
+            asked = RunRequest(
+                scenario,
+                self._bench,
+                self._request.connect,
+                folder,
+                self._request.live,
+                self._request.model,
+                () if counted is None else (counted,),
+                (lambda: False) if counted is None else counted.enough,
+                view_stays=last,
+                path=come_to.path,
+            )
+            with self._told(point.number):
+                log = self._run(asked, self._screen, self._clock)
+            impacts = None if counted is None else counted.count
+            self._record(point, log, impacts)
+            stop.check()
+
+    def _told(self, number: int) -> _Told:
+        return _Told(lambda ended: self._keep(self._state.with_point(number, ended)), number)
+
+    def _record(self, point: Point, log: Path, impacts: int | None) -> None:
+        number, until, (why, figures) = (
+            point.number,
+            self._request.sweep.until,
+            outcome_of(log, point.scenario),
+        )
+        name = str(log.relative_to(self._request.folder))
+        ended = PointState("failed" if why else "done", name, why, impacts, figures)
+        self._keep(self._state.with_point(number, ended))
+        write_results(self._request.folder, self._request.sweep, self._state)
+        if why:
+            self._screen.warn(f"point {number} failed: {why}")
+        if until is not None and impacts is not None and impacts < until.impacts:
+            self._screen.warn(f"{impacts} of {until.impacts} impacts within {until.longest:g} s")
+        self._screen.say(f"log        {log}")
+
+    def _centred(self, point: Point) -> Point:
+        if not self._request.sweep.centre or self._centre is None:
+            return point
+        found = self._state.centre
+        if found is None:
+            found = self._centre(point.scenario, self._bench, self._screen)
+            self._keep(dataclasses.replace(self._state, centre=found))
+        path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)
+        return dataclasses.replace(point, scenario=centred(point.scenario, found), path=path)
+
+    def _counted(self, scenario: Scenario) -> ImpactCount | None:
+        until = self._request.sweep.until
+        if until is None:
+            return None
+        drive: Mapping[str, Any] = dataclasses.asdict(scenario.drive)
+        frequency = RIGS[scenario.rig].drive_frequency(drive) or math.inf
+        rate = scenario.acquisition.sample_rate
+        return ImpactCount(until.channels, until.impacts, rate, 1 / frequency, until.above)
+
+    def _keep(self, state: SweepState) -> None:
+        self._state = state
+        save_state(self._request.folder, state)
+
+
+class _Told:
+    """Writes down why a point ended before it was recorded, and says what comes of it."""
+
+    def __init__(self, keep: Callable[[PointState], None], number: int) -> None:
+        self._keep, self._number = keep, number
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, InterlockTripped):
+            self._keep(PointState("interlock", why=str(error)))
+            goes_on = f"the same call goes on after it, --again {self._number} repeats it"
+            raise InterlockTripped(f"point {self._number}: {error}; {goes_on}") from error
+        if isinstance(error, RattleError | KeyboardInterrupt):
+            self._keep(PointState("stopped", why=str(error) or "interrupted"))
+
+
+def centred(scenario: Scenario, found: CentreState) -> Scenario:
+    """The scenario with the drive's offset that centres the beam, and the rest position that asks for it.
+
+    Both, so that the twin's beam is centred as the rig's is.
+    """
+    settings = {"drive.offset": found.offset_n, "model.rest_offset": found.rest_offset_m}
+    table = with_values(read_toml(scenario.text, scenario.name), settings)
+    return parse_scenario(toml_of(table), f"{scenario.name}, centred")
+
+
+class ImpactCount:
+    """A consumer that counts impacts on several measured forces together, each with its bounces.
+
+    An impact counts if its largest peak passes `above` (in the channels' unit) or, where that is None, a
+    tenth of the largest so far, at least 0.5 N. `cycle_s` is a cycle of the drive.
+    """
+
+    def __init__(
+        self,
+        channels: Sequence[str],
+        enough: int,
+        sample_rate: float,
+        cycle_s: float,
+        above: float | None = None,
+    ) -> None:
+        self._enough, self._above = enough, above
+        level = FAINTEST_N if above is None else above
+        within_s = BOUNCES_WITHIN * cycle_s
+        self._sides = {
+            channel: (
+                ImpactDetector(Levels(level, level / 2), sample_rate),
+                BounceGrouper(sample_rate, within_s),
+            )
+            for channel in channels
+        }
+        self._peaks: list[float] = []
+
+    def __call__(self, record: Record) -> None:
+        match record:
+            case Block("measured", samples) if samples.channel in self._sides:
+                detector, grouper = self._sides[samples.channel]
+                found = detector.add(samples.values)
+                self._peaks += grouper.add(found, detector.settled).peak_n.tolist()
+
+    def enough(self) -> bool:
+        """Whether there are enough; an impact counts once no bounce of it can follow."""
+        return self.count >= self._enough
+
+    @property
+    def count(self) -> int:
+        """Impacts that are over."""
+        least = self._above if self._above is not None else COUNTS_FROM * max(self._peaks, default=0.0)
+        return sum(peak > least for peak in self._peaks)

@@ -1,0 +1,259 @@
+"""A run, dwells and centring stop their rig alike: a mend of what stops one of them reaches all three."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.channel import Channel
+from daq.clock import SystemClock
+from daq.errors import InterlockTripped, RattleError
+from daq.log.reader import LogReader
+from rig.derived import background
+from rig.files.bench import embedded_bench
+from rig.files.scenario import Scenario, parse_scenario
+from rig.session import driven_rig, twin_feed
+from rig.session.centring.probe import plan_of
+from rig.session.centring.rig import find_centre
+from rig.session.devices import Devices
+from rig.session.drive import Shaker
+from rig.session.dwells import DwellRequest, record_dwells
+from rig.session.motor import Motor, MotorActuator
+from rig.session.progress import Screen
+from rig.session.run import RunRequest, run_scenario
+from rig.session.signals import Stopped
+from rig.session.supervisor import SupervisorTripped
+from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
+from tests.rig.session.shafts import FakeDrive, SteppedClock
+
+LIMITED = "contact.force_upper", "crank_frame.acceleration_y"
+BEAM = """\
+rig = "impact_beam"
+[model]
+shaker_stiffness = "3 kN/m"
+[drive]
+frequency = "20 Hz"
+[acquisition]
+sample_rate = "51.2 kHz"
+settle = "1 s"
+duration = "30 s"
+[limits."contact.force_upper"]
+abort = "50 N"
+"""
+CRANK = """\
+rig = "planar_slider_crank"
+[drive]
+speed = "200 rpm"
+[acquisition]
+sample_rate = "51.2 kHz"
+duration = "30 s"
+[limits."crank_frame.acceleration_y"]
+abort = "50 m/s2"
+"""
+
+
+class Idle:
+    """A worker process that is never started, and a supervisor that finds fault where it is told to."""
+
+    error, lost = "", False
+
+    def __init__(self, *_: Any) -> None:
+        pass
+
+    def __enter__(self) -> Idle:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def launch(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def wait_ready(self, check: Callable[[], None]) -> None:
+        check()
+
+    def give(self, item: object) -> None:
+        pass
+
+    def finish(self, within_s: float, check: Callable[[], None]) -> None:
+        pass
+
+    def beat(self, patience_s: float = 0.0) -> None:
+        pass
+
+    def check(self) -> None:
+        if self.lost:
+            raise SupervisorTripped("the supervisor is gone, tripped or dead; no run goes on without it")
+
+
+class RunningCard(SteppedCard):
+    """A card whose samples come by themselves while it runs, of `level` on the channels with a limit."""
+
+    def __init__(self, channels: tuple[Channel, ...]) -> None:
+        self.level = 0.0
+        limited = [channel.name in LIMITED for channel in channels]
+        super().__init__(channels, lambda n, k: np.full(len(n), self.level * limited[k]))
+        self._done = threading.Event()
+        self._letting = threading.Thread(target=self._let)
+
+    def start(self) -> None:
+        super().start()
+        self._letting.start()
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._done.set()
+        if self._letting.is_alive():
+            self._letting.join()
+
+    def _let(self) -> None:
+        while not self._done.wait(0.01):
+            self.let()
+
+
+class Rig:
+    """A rig of either kind; `opening` is what happens while its instruments are connected."""
+
+    def __init__(self, text: str, folder: Path) -> None:
+        self.scenario: Scenario = parse_scenario(text, "stopped")
+        self.bench = embedded_bench(self.scenario.rig)
+        self.folder = folder
+        self.opening: Callable[[], None] = lambda: None
+        units = {channel.name: channel.unit for channel in self.bench.daq_card.channels}
+        self.card = RunningCard(tuple(Channel(name, unit) for name, unit in units.items()))
+        self.generator, self.drive = RecordingGenerator(), FakeDrive(SteppedClock(), stuck=True)
+
+    def connect(self, *_: object) -> tuple[Devices, dict[str, str]]:
+        self.card.open = self.opening  # type: ignore[method-assign]
+        if self.scenario.rig == "impact_beam":
+            generator = self.generator
+            motion = lambda wait, _: Shaker(generator, self.scenario.drive, 3.6, wait)  # noqa: E731
+            return Devices(generator, RecordingGenerator, motion, self.card), {}  # type: ignore[arg-type]
+        inverter = lambda wait, rpm: Motor(self.drive, 200.0 * math.tau / 60.0, wait, rpm)  # noqa: E731
+        return Devices(MotorActuator(self.drive), None, inverter, self.card), {}  # type: ignore[arg-type]
+
+    @property
+    def stopper(self) -> RecordingGenerator | FakeDrive:
+        return self.generator if self.scenario.rig == "impact_beam" else self.drive
+
+    def told(self) -> list[str]:
+        """What the generator or the inverter was told to do, in order."""
+        return [str(each[0]) for each in self.stopper.told if each[0] != "check"]
+
+    def assert_stopped(self) -> None:
+        """It moved, and the last that its drive was told is to go off and to hang up."""
+        told = self.told()
+        off = "off" if self.stopper is self.generator else "stop"
+        assert "start" in told
+        assert told[-1] == "close"
+        assert off in told[told.index("start") :]
+        assert set(told[told.index(off, told.index("start")) :]) <= {off, "close"}
+
+    def events(self) -> list[str]:
+        (log,) = self.folder.glob("*.mcap")
+        with LogReader(log) as reader:
+            return [event.code for event in reader.events()]
+
+
+def run(rig: Rig, screen: Screen) -> None:
+    run_scenario(RunRequest(rig.scenario, rig.bench, rig.connect, rig.folder), screen, SystemClock())
+
+
+def dwell(rig: Rig, screen: Screen) -> None:
+    record_dwells(
+        DwellRequest([rig.scenario], rig.bench, 1.0, rig.connect, rig.folder), screen, SystemClock()
+    )
+
+
+def centre(rig: Rig, screen: Screen) -> None:
+    plan = plan_of(rig.scenario, rig.bench)
+    find_centre(rig.scenario, rig.bench, plan, rig.connect, screen, SystemClock(), rig.folder)
+
+
+Moves = Callable[[Rig, Screen], None]
+
+
+@pytest.fixture(params=[(run, BEAM), (run, CRANK), (dwell, CRANK), (centre, BEAM)])
+def moved(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Rig, Moves]]:
+    monkeypatch.setattr(driven_rig, "Supervisor", Idle)
+    for module in (twin_feed, background):
+        monkeypatch.setattr(module, "WorkerProcess", Idle)
+    moves, text = request.param
+    with ExitStack() as stack:
+        rig = Rig(text, tmp_path)
+        stack.callback(rig.card.close)
+        yield rig, moves
+
+
+def ended(rig: Rig, moves: Moves, error: type[RattleError], match: str) -> str:
+    """What stands on the screen after the error that has to end it."""
+    screen = silent_screen()
+    with pytest.raises(error, match=match):
+        moves(rig, screen)
+    return screen.console.export_text()
+
+
+def test_ctrl_c_while_connecting_moves_nothing(moved: tuple[Rig, Moves]) -> None:
+    rig, moves = moved
+    rig.opening = lambda: signal.raise_signal(signal.SIGINT)
+    ended(rig, moves, Stopped, "stopped by a person")
+    assert not {"arm_sine", "set_speed", "start"} & set(rig.told())
+    assert rig.told()[-2:] in (["off", "close"], ["stop", "close"])
+
+
+def test_ctrl_c_while_it_moves_stops_it(moved: tuple[Rig, Moves], monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, moves = moved
+    stopper = rig.stopper
+    start = stopper.start
+
+    def interrupted() -> None:
+        start()
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(stopper, "start", interrupted)
+    ended(rig, moves, Stopped, "stopped by a person")
+    rig.assert_stopped()
+    assert {"run.interrupted", "drive.stopping"} <= set(rig.events())
+
+
+def test_a_limit_that_trips_stops_it(moved: tuple[Rig, Moves]) -> None:
+    rig, moves = moved
+    rig.card.level = 60.0
+    said = ended(rig, moves, InterlockTripped, r"interlock: .* = 60 .*, limit 50 .*; the drive is off")
+    assert "log so far" in said
+    assert rig.told()[-1] == "close"
+    assert {"limit.abort", "drive.stopping"} <= set(rig.events())
+
+
+def test_a_supervisor_that_is_lost_stops_it(
+    moved: tuple[Rig, Moves], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, moves = moved
+    stopper = rig.stopper
+    start = stopper.start
+
+    def lost() -> None:
+        start()
+        monkeypatch.setattr(Idle, "lost", True)
+
+    monkeypatch.setattr(stopper, "start", lost)
+    ended(rig, moves, SupervisorTripped, "the supervisor is gone")
+    rig.assert_stopped()

@@ -1,0 +1,167 @@
+"""What the points of a sweep came to: figures of each record, a row for a person, a page of branches."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.block import NS_PER_S
+from daq.log.reader import LogReader
+from daq.log.records import Impact
+from daq.log.writer import LogWriter
+from rig.files.scenario import Scenario
+from rig.files.sweep import Sweep
+from rig.sweep.page import headings_of, rows_of, write_page
+from rig.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, outcome_of, write_results
+from rig.sweep.state import SCHEMA, PointState, SweepState
+from tests.rig.sweep.swept import parsed
+from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
+
+FREQUENCIES = '"drive.frequency" = ["9 Hz", "10 Hz", "11 Hz"]'
+THERE_AND_BACK = 'up_and_down = ["drive.frequency"]'
+
+
+def impact(channel: str, peak: float, origin: str = "measured") -> Impact:
+    return Impact(START_NS + NS_PER_S, origin, channel, 100, 150, 120, peak, peak, 1.0, 1e-3, 0, 1.0)
+
+
+def record(path: Path, impacts: list[Impact], looked_for: bool = True) -> Path:
+    with LogWriter(path) as writer:
+        for channel in CHANNELS:
+            writer.declare("measured", channel)
+        if looked_for:
+            writer.add_metadata("derived", {})
+        for block in blocks(CHANNELS, "measured", 0.5):
+            writer.add_block("measured", block, block.time_ns)
+        for each in impacts:
+            writer.add_impact(each, each.time_ns)
+    return path
+
+
+def state_of(sweep: Sweep, peaks: list[float]) -> SweepState:
+    points = {
+        number: PointState(
+            "done",
+            f"point-{number}.mcap",
+            figures={IMPACTS: 10, A_CYCLE: 2.0, PEAK_MEAN: peak, PEAK_SD: 1.0, HELD[0]: 20.0},
+        )
+        for number, peak in enumerate(peaks, start=1)
+    }
+    return SweepState(SCHEMA, {}, 1, points=points)
+
+
+def traces(html: str) -> list[dict[str, Any]]:
+    found = re.search(r'data-plot="plot-sweep">(.*?)</script>', html)
+    assert found is not None
+    return list(json.loads(found[1])["data"])
+
+
+def unpacked(array: dict[str, str]) -> list[float]:
+    return [float(each) for each in np.frombuffer(base64.b64decode(array["bdata"]), "<f4")]
+
+
+def figures_of(log: Path, scenario: Scenario) -> dict[str, float]:
+    return outcome_of(log, scenario)[1]
+
+
+def test_a_record_comes_to_its_impacts_and_to_what_its_drive_was_held_to(tmp_path: Path) -> None:
+    seen = [impact("contact.force_upper", 30.0), impact("contact.force_lower", 34.0)]
+    other = [impact("yoke.force", 90.0), impact("contact.force_upper", 70.0, "predicted")]
+    figures = figures_of(record(tmp_path / "run.mcap", [*seen, *other]), parsed().points[1].scenario)
+    # 0.5 s at 20 Hz are 10 cycles
+    assert figures[IMPACTS] == 2
+    assert figures[A_CYCLE] == pytest.approx(0.2)
+    assert (figures[PEAK_MEAN], figures[PEAK_SD]) == (32.0, 2.0)
+    # the made-up drive has 8 N in noise of 0.02 N
+    assert figures[HELD[0]] == pytest.approx(20.0, rel=1e-5)
+
+
+def test_a_log_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, read = record(tmp_path / "run.mcap", [impact("contact.force_upper", 30.0)]), list[LogReader]()
+    enter = LogReader.__enter__
+    monkeypatch.setattr(LogReader, "__enter__", lambda reader: (read.append(reader), enter(reader))[1])
+    outcome_of(log, parsed().points[1].scenario)
+    assert len(read) == 1
+
+
+def test_a_record_in_which_nobody_looked_for_impacts_has_none_and_no_number_of_them(tmp_path: Path) -> None:
+    scenario = parsed().points[0].scenario
+    silent = figures_of(record(tmp_path / "run.mcap", [], looked_for=False), scenario)
+    assert IMPACTS not in silent
+    assert figures_of(record(tmp_path / "none.mcap", []), scenario)[IMPACTS] == 0
+
+
+def test_a_crank_comes_to_its_mean_speed(tmp_path: Path) -> None:
+    speed = dataclasses.replace(CHANNELS[0], name="crank.speed", unit="rpm")
+    with LogWriter(tmp_path / "run.mcap") as writer:
+        writer.declare("derived", speed)
+        for block in blocks([CHANNELS[0]], "measured", 0.2):
+            values = np.where(np.arange(len(block)) < 10, np.nan, 200.5).astype(np.float32)
+            writer.add_block(
+                "derived", dataclasses.replace(block, channel="crank.speed", values=values), block.time_ns
+            )
+    crank = '[scenario]\nrig = "planar_slider_crank"\n[scenario.drive]\nspeed = "200 rpm"\n'
+    crank += '[scenario.acquisition]\nsample_rate = "25.6 kHz"\nduration = "1 s"\nsettle = "1 s"\n'
+    swept = parsed('"drive.speed" = ["200 rpm"]', scenario=crank)
+    assert figures_of(tmp_path / "run.mcap", swept.points[0].scenario)[HELD[1]] == pytest.approx(200.5)
+
+
+def test_a_row_says_what_was_driven_counted_held_and_where_it_lies() -> None:
+    swept = parsed(FREQUENCIES)
+    assert headings_of(swept) == ["point", "drive.frequency", "outcome", "impacts", "drive held", "log"]
+    rows = list(rows_of(swept, state_of(swept, [30.0, 40.0])))
+    assert rows[1] == ["2", "10 Hz", "done", "10", "20 Hz", "point-2.mcap"]
+    assert len(rows) == 2
+
+
+def test_table_and_page_tell_the_impacts_of_the_record_and_not_those_that_ended_it(tmp_path: Path) -> None:
+    """The record ends a moment after the ninth is over, when the tenth has begun."""
+    swept = parsed(FREQUENCIES)
+    state = state_of(swept, [30.0])
+    state = state.with_point(1, dataclasses.replace(state.points[1], impacts=9))
+    state = state.with_point(2, PointState("done", "point-2.mcap", impacts=9))
+    (told, unknown) = csv.DictReader(write_results(tmp_path, swept, state).read_text().splitlines())
+    assert [told["impacts"], unknown["impacts"]] == ["10", ""]
+    assert "impacts recorded" not in told
+    column = headings_of(swept).index("impacts")
+    assert [row[column] for row in rows_of(swept, state)] == ["10", ""]
+
+
+def test_the_way_back_is_drawn_apart_from_the_way_there(tmp_path: Path) -> None:
+    swept = parsed(FREQUENCIES, THERE_AND_BACK)
+    page = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0, 60.0, 10.0]))
+    _, peaks = traces(page.read_text())
+    assert unpacked(peaks["x"]) == [9.0, 10.0, 11.0, 10.0, 9.0]
+    assert unpacked(peaks["y"]) == [10.0, 20.0, 30.0, 60.0, 10.0]
+    assert peaks["marker"]["symbol"] == ["circle"] * 3 + ["circle-open"] * 2
+
+
+def test_each_setting_of_the_other_axes_has_a_row_and_a_point_to_come_leaves_a_hole(tmp_path: Path) -> None:
+    swept = parsed(f'"model.beam" = ["steel", "aluminium"]\n{FREQUENCIES}')
+    page = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0, 40.0]))
+    text = page.read_text()
+    assert "mean peak of the impacts, N  model.beam aluminium" in text
+    last = unpacked(traces(text)[3]["y"])
+    assert last[0] == 40.0
+    assert np.isnan(last[1:]).all()
+
+
+def test_words_stand_side_by_side(tmp_path: Path) -> None:
+    swept = parsed('"model.beam" = ["steel", "aluminium"]')
+    text = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0])).read_text()
+    assert unpacked(traces(text)[0]["x"]) == [0.0, 1.0]
+    assert '"ticktext": ["steel", "aluminium"]' in text
+
+
+def test_a_sweep_without_any_impact_figure_says_so(tmp_path: Path) -> None:
+    swept = parsed(FREQUENCIES)
+    done = SweepState(SCHEMA, {}, 1, points={1: PointState("done", "a.mcap")})
+    assert "No record of this sweep" in write_page(tmp_path, swept, done).read_text()
