@@ -13,8 +13,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.contact_scan import END, INDEX, PEAK, START, SUM, ContactScanner
-
 COUNTS_FROM = 0.1
 """Share of the run's largest force from which a contact counts."""
 
@@ -97,6 +95,8 @@ def contacts_above(
 
     What lasts long is no impact but a preload, a stuck sensor or an offset. The unit need not be N.
     """
+    from daq.signals.contact_scan import ContactScanner
+
     scanner = ContactScanner(levels.released_below_n)
     rows = np.concatenate((scanner.add(force), scanner.finish()))
     return impacts_in(rows, levels, sample_rate, longest_s)
@@ -106,6 +106,9 @@ def impacts_in(
     rows: NDArray[np.float64], levels: Levels, sample_rate: float, longest_s: float = np.inf
 ) -> Impacts:
     """Those of the contacts that a `ContactScanner` found, shape (m, 5), that are impacts by `levels`."""
+    # The compiler is loaded by what scans; a run that only records needs the levels alone.
+    from daq.signals.contact_scan import END, INDEX, PEAK, START, SUM
+
     if not len(rows):
         return no_impacts()
     lasts = rows[:, END] - rows[:, START]
