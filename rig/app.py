@@ -13,7 +13,7 @@ from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
-from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
+from drivers.scpi.generator import ScpiGenerator
 from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
@@ -24,7 +24,6 @@ from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.motor import Motor, MotorActuator
 from rig.session.progress import Screen
-from rig.shaft_wiring import encoder_settings, inverter_settings
 
 GENERATORS = {"scpi_33220a": ScpiGenerator}
 INVERTERS = {"mitsubishi_fr": FrInverter}
@@ -57,11 +56,7 @@ def connect(
 
 def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     generator = bench.signal_generator
-    resource = emulated.address("signal_generator", generator.resource)
-    make_generator = partial(
-        GENERATORS[generator.driver],
-        GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
-    )
+    make_generator = partial(GENERATORS[generator.driver], emulated.reached("signal_generator", generator))
     driver = make_generator()
     return Devices(
         driver,
@@ -73,8 +68,7 @@ def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
 
 def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     inverter = bench.inverter
-    port = emulated.address("inverter", inverter.port)
-    drive = INVERTERS[inverter.driver](inverter_settings(inverter, port))
+    drive = INVERTERS[inverter.driver](emulated.reached("inverter", inverter))
     return Devices(
         MotorActuator(drive),
         None,
@@ -102,7 +96,7 @@ def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCa
 def _encoder(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
     if bench.encoder is None:
         return None
-    return ENCODERS[bench.encoder.driver](encoder_settings(bench.encoder, emulated.address("encoder")))
+    return ENCODERS[bench.encoder.driver](emulated.reached("encoder", bench.encoder))
 
 
 def main() -> None:

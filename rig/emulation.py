@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, Protocol, Self, TypeVar
 
 from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
@@ -26,6 +26,17 @@ _COMPILED_S: Final = 300.0
 """A plant may have to be compiled first: the spatial crank takes minutes on a slow machine."""
 
 
+class InstrumentSettings(Protocol):
+    """What a bench says of an instrument."""
+
+    def at(self, address: str) -> Self:
+        """The same one, at `address`."""
+        ...
+
+
+_Settings = TypeVar("_Settings", bound=InstrumentSettings)
+
+
 @dataclass(frozen=True, slots=True)
 class Emulated:
     """The emulated instruments of a bench, by its tables. `seed` drew the rig.
@@ -36,6 +47,11 @@ class Emulated:
     instruments: Mapping[str, EmulatedInstrument]
     seed: int
     drive_follows_scenario: bool
+
+    def reached(self, table: str, settings: _Settings) -> _Settings:
+        """The settings of the instrument of a table, at its emulator's place if it is emulated."""
+        emulator = self.instruments.get(table)
+        return settings if emulator is None else settings.at(emulator.address)
 
     def address(self, table: str, real: str | None = None) -> str | None:
         """Where the instrument of a table listens, or its `real` address."""

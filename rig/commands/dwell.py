@@ -71,10 +71,10 @@ def at_speeds(scenario: Scenario, speeds: str) -> list[Scenario]:
 def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:
     """Where the encoder sends too rarely for a mark to be looked up in its positions."""
     encoder, fastest = request.bench.encoder, max(request.speeds_rad_s)
-    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period)):
+    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period_s)):
         screen.warn(
             f"rattle skew will not use marks above {highest * 60 / math.tau:.0f} rpm: a position every "
-            f"{encoder.period * 1e3:g} ms (encoder.period) is too few around a mark"
+            f"{encoder.period_s * 1e3:g} ms (encoder.period) is too few around a mark"
         )
 
 

@@ -9,21 +9,23 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 from daq.quantity import Check, Key, Quantity, Text, Whole
-from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, SignalGenerator
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.loopback import misplaced
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.channels import BenchChannel, read_channels
-from rig.files.encoder import Encoder, read_encoder, with_emulated_defaults
+from rig.files.encoder import read_encoder, with_emulated_defaults
 from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
-from rig.files.loopback import misplaced
 from rig.files.table import read_table, unknown_keys
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
 _Actuator = TypeVar("_Actuator")
 _ADDRESS: Final = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
-_ACTUATORS: Final[Mapping[str, tuple[type[Any], tuple[Check, ...]]]] = {
-    "signal_generator": (SignalGenerator, GENERATOR_CHECKS),
-    "inverter": (Inverter, INVERTER_CHECKS),
+_ACTUATORS: Final[Mapping[str, type[Any]]] = {
+    "signal_generator": GeneratorSettings,
+    "inverter": InverterSettings,
 }
 _REAL_CARD: Final = (
     "false beside a real inverter: a motor that turns needs a real card on which its shaft shows; the speed "
@@ -94,22 +96,22 @@ class Bench:
     """
 
     rig: str
-    actuator: SignalGenerator | Inverter
+    actuator: GeneratorSettings | InverterSettings
     daq_card: DaqCard
-    encoder: Encoder | None
+    encoder: EncoderSettings | None
     emulation: Emulation
     source: str
     text: str
 
     @property
-    def signal_generator(self) -> SignalGenerator:
+    def signal_generator(self) -> GeneratorSettings:
         """The generator of a rig that has one; LookupError for another's bench."""
-        return _of_kind(SignalGenerator, self.actuator)
+        return _of_kind(GeneratorSettings, self.actuator)
 
     @property
-    def inverter(self) -> Inverter:
+    def inverter(self) -> InverterSettings:
         """The inverter of a rig that has one; LookupError for another's bench."""
-        return _of_kind(Inverter, self.actuator)
+        return _of_kind(InverterSettings, self.actuator)
 
     @property
     def instruments(self) -> tuple[str, ...]:
@@ -158,8 +160,7 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     _note_foreign(given, kind, faults)
     table = _with_defaults(given, kind, faults)
     unknown_keys(table, (*_INSTRUMENTS, "emulation"), "", faults)
-    section, checks = _ACTUATORS[kind.actuator]
-    actuator = read_table(section, table[kind.actuator], kind.actuator, faults, checks)
+    actuator = read_table(_ACTUATORS[kind.actuator], table[kind.actuator], kind.actuator, faults)
     card = _card(table["daq_card"], faults)
     encoder = None
     if "encoder" in kind.extras and "encoder" in given:
@@ -177,7 +178,10 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
 
 
 def _note_mixed(
-    actuator: SignalGenerator | Inverter, card: DaqCard, encoder: Encoder | None, faults: Faults
+    actuator: GeneratorSettings | InverterSettings,
+    card: DaqCard,
+    encoder: EncoderSettings | None,
+    faults: Faults,
 ) -> None:
     """Note what does not look at the shaft that the motor turns."""
     if _unseen(actuator, card):
@@ -186,7 +190,7 @@ def _note_mixed(
         faults.add("encoder.emulated", encoder.emulated, _ENCODER_BESIDE[actuator.emulated])
 
 
-def _unseen(actuator: SignalGenerator | Inverter, card: DaqCard) -> bool:
+def _unseen(actuator: GeneratorSettings | InverterSettings, card: DaqCard) -> bool:
     return card.emulated and not actuator.emulated
 
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench, tables_of
 from rig.files.toml_text import toml_of
 
-
-def _host_and_port(address: str) -> dict[str, Any]:
-    host, _, port = address.rpartition(":")
-    return {"host": host, "port": int(port)}
-
-
 _ADDRESSED: Final[Mapping[str, Callable[[str], Mapping[str, Any]]]] = {
-    "signal_generator": lambda address: {"resource": address},
-    "inverter": lambda address: {"port": address},
+    "signal_generator": GeneratorSettings.place,
+    "inverter": InverterSettings.place,
     "daq_card": lambda address: {"grpc": address},
-    "encoder": _host_and_port,
+    "encoder": EncoderSettings.place,
 }
 """How the table of each instrument says where it is."""
 _FIRST: Final = ("driver", "interface")
