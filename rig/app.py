@@ -1,40 +1,25 @@
-"""The `rattle` command, and the one place that names concrete devices."""
+"""The `rattle` command, and the devices of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
-from typing import Final
 
-from drivers.canopen_cia406.encoder import CanopenEncoder
-from drivers.mitsubishi_fr.inverter import FrInverter
-from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
-from drivers.scpi.generator import ScpiGenerator
 from rig.card_wiring import card_channel, chain_record
 from rig.commands.cli import build
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
+from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.motor import Motor, MotorActuator
 from rig.session.progress import Screen
-
-GENERATORS = {"scpi_33220a": ScpiGenerator}
-INVERTERS = {"mitsubishi_fr": FrInverter}
-CARDS = {"nidaqmx": NiDaqCard}
-ENCODERS = {"canopen_cia406": CanopenEncoder}
-_WORDS: Final = {
-    "signal_generator": "generator",
-    "inverter": "inverter",
-    "daq_card": "card",
-    "encoder": "encoder",
-}
 
 
 def connect(
@@ -45,18 +30,21 @@ def connect(
     if bench.emulated:
         with screen.busy(starting(bench)):
             emulated = stack.enter_context(EmulatedBench(scenario, bench))
-        notes["emulated"] = " ".join(_WORDS[table] for table in bench.emulated)
+        notes["emulated"] = " ".join(INSTRUMENTS[table].word for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
-            deaf = " and ".join(_WORDS[table] for table in bench.emulated)
-            real = _WORDS[RIGS[bench.rig].actuator]
+            deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
+            real = INSTRUMENTS[RIGS[bench.rig].actuator].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    return _DEVICES[RIGS[bench.rig].actuator](scenario, bench, emulated), notes
+    devices = loaded(ACTUATORS[RIGS[bench.rig].actuator].devices)
+    return devices(scenario, bench, emulated), notes
 
 
-def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig that a generator moves."""
     generator = bench.signal_generator
-    make_generator = partial(GENERATORS[generator.driver], emulated.reached("signal_generator", generator))
+    settings = emulated.reached("signal_generator", generator)
+    make_generator = partial(INSTRUMENTS["signal_generator"].driver_of(settings), settings)
     driver = make_generator()
     return Devices(
         driver,
@@ -66,9 +54,10 @@ def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     )
 
 
-def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
-    inverter = bench.inverter
-    drive = INVERTERS[inverter.driver](emulated.reached("inverter", inverter))
+def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose crank an inverter turns."""
+    settings = emulated.reached("inverter", bench.inverter)
+    drive = INSTRUMENTS["inverter"].driver_of(settings)(settings)
     return Devices(
         MotorActuator(drive),
         None,
@@ -78,25 +67,21 @@ def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     )
 
 
-_DEVICES: Final[Mapping[str, Callable[[Scenario, Bench, Emulated], Devices]]] = {
-    "signal_generator": _shaken,
-    "inverter": _turned,
-}
-"""By actuator."""
-
-
 def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
     card = bench.daq_card
     grpc = emulated.address("daq_card", card.grpc)
     channels = tuple(card_channel(channel) for channel in card.channels)
     settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels)
-    return CARDS[card.driver](settings)
+    driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(card)(settings)
+    return driver
 
 
 def _encoder(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
     if bench.encoder is None:
         return None
-    return ENCODERS[bench.encoder.driver](emulated.reached("encoder", bench.encoder))
+    settings = emulated.reached("encoder", bench.encoder)
+    driver: PositionEncoder = INSTRUMENTS["encoder"].driver_of(settings)(settings)
+    return driver
 
 
 def main() -> None:

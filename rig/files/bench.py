@@ -18,15 +18,13 @@ from rig.files.encoder import read_encoder, with_emulated_defaults
 from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
+from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
 _Actuator = TypeVar("_Actuator")
 _ADDRESS: Final = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
-_ACTUATORS: Final[Mapping[str, type[Any]]] = {
-    "signal_generator": GeneratorSettings,
-    "inverter": InverterSettings,
-}
 _REAL_CARD: Final = (
     "false beside a real inverter: a motor that turns needs a real card on which its shaft shows; the speed "
     "guard would watch an emulated one. For a rehearsal set inverter.emulated = true as well"
@@ -38,7 +36,6 @@ _ENCODER_BESIDE: Final = {
     "speed guard would end every run. Or leave [encoder] out",
 }
 """By whether the inverter is emulated: what the encoder has to be, and why."""
-_INSTRUMENTS: Final = (*_ACTUATORS, "daq_card", "encoder")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +67,15 @@ class DaqCard:
     emulated: bool
     buffer: float
     channels: tuple[BenchChannel, ...]
+
+    @staticmethod
+    def place(address: str) -> Mapping[str, Any]:
+        """What the table says of one that is at `address`."""
+        return {"grpc": address}
+
+    def at(self, address: str) -> DaqCard:
+        """The same one, at `address`."""
+        return dataclasses.replace(self, grpc=address)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -159,15 +165,16 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     kind = RIGS[_inferred_rig(given) if rig is None else rig]
     _note_foreign(given, kind, faults)
     table = _with_defaults(given, kind, faults)
-    unknown_keys(table, (*_INSTRUMENTS, "emulation"), "", faults)
-    actuator = read_table(_ACTUATORS[kind.actuator], table[kind.actuator], kind.actuator, faults)
+    unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
+    settings = loaded(INSTRUMENTS[kind.actuator].settings)
+    actuator: Any = read_table(settings, table[kind.actuator], kind.actuator, faults)
     card = _card(table["daq_card"], faults)
     encoder = None
     if "encoder" in kind.extras and "encoder" in given:
         encoder = read_encoder(given["encoder"], "encoder", faults)
     lags = "encoder" in kind.extras and _emulated(given.get("encoder"))
     emulation = _emulation(table.get("emulation", {}), kind, lags, folder, faults)
-    idle = actuator and card and not any(_emulated(table.get(name)) for name in _INSTRUMENTS)
+    idle = actuator and card and not any(_emulated(table.get(name)) for name in INSTRUMENTS)
     if "emulation" in given and idle:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
     if kind.turns and kind.actuator in given and actuator and card:
@@ -216,10 +223,10 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
 
 def _note_foreign(given: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
     """Note the instruments that this rig has no use for."""
-    for name in _INSTRUMENTS:
+    for name in INSTRUMENTS:
         if name in given and name not in (kind.actuator, "daq_card", *kind.extras):
             driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
-            faults.add(name, given[name], driven if name in _ACTUATORS else f"none: the {kind.name} has none")
+            faults.add(name, given[name], driven if name in ACTUATORS else f"none: the {kind.name} has none")
 
 
 def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict[str, Any]:
@@ -229,7 +236,7 @@ def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict
     drives an emulated shaker while waiting for the real one.
     """
     embedded = read_toml(kind.bench, "embedded bench")
-    some_real = any(name in given and not _emulated(given[name]) for name in _INSTRUMENTS)
+    some_real = any(name in given and not _emulated(given[name]) for name in INSTRUMENTS)
     table = dict(given)
     for name in (kind.actuator, "daq_card"):
         if name not in given and some_real:
