@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from daq.channel import Channel
 from rig.live.picture import Picture
-from rig.live.rigs import PICTURES
 from rig.live.shown import Shown
+from rig.loaded_table import loaded, place_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,15 +21,15 @@ class Layout(Shown):
 
     def to_json(self) -> str:
         """Return the layout as text."""
-        name = self.picture.rig if self.picture else None
-        return json.dumps(dataclasses.asdict(self) | {"rig": name})
+        shown_by = place_of(type(self.picture)) if self.picture else None
+        return json.dumps(dataclasses.asdict(self) | {"shown_by": shown_by})
 
     @classmethod
     def from_json(cls, text: str) -> Layout:
         """Rebuild a layout from `to_json`."""
         fields = json.loads(text)
-        name, values = fields.pop("rig"), fields.pop("picture")
-        return cls(**fields, picture=PICTURES[name](**values) if name else None)
+        shown_by, values = fields.pop("shown_by"), fields.pop("picture")
+        return cls(**fields, picture=loaded(shown_by)(**values) if shown_by else None)
 
 
 def layout_of(

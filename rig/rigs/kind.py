@@ -39,7 +39,8 @@ class RigKind:
     of [model] that a lab sets between runs on one rig; another value of any other key is another rig.
     `by_hand` are the keys that a person changes between two points of a sweep, each with what to do.
     `variations` are settings for a next experiment, as factors of scenario keys. `equipped(rig, channels)` is
-    the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class.
+    the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class;
+    empty without one.
     """
 
     parameters: type[Any]

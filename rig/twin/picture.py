@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from rig.live.picture import Picture
-from rig.live.rigs import PICTURES
-from sim_twin.rigs.catalogue import model_of
+from rig.loaded_table import loaded
+from rig.rigs import RIGS
 from sim_twin.twin import AnyTwin
 
 
 def picture_of(twin: AnyTwin) -> Picture | None:
     """The rig in space and its own plots; None for a rig that has no picture."""
-    kind = PICTURES.get(model_of(twin).name)
-    return None if kind is None else kind.of(twin)
+    place = RIGS[twin.rig.kind].picture
+    picture: Picture | None = loaded(place).of(twin) if place else None
+    return picture

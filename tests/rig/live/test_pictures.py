@@ -11,10 +11,10 @@ import pytest
 from rig.files.scenario import parse_scenario
 from rig.live.crank.picture import CrankPicture
 from rig.live.layout import Layout, layout_of
-from rig.live.rigs import PICTURES
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
+from rig.rigs import RIGS as KINDS
 from rig.twin.picture import picture_of
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.rigs.catalogue import RIGS, model_of
@@ -38,7 +38,7 @@ def crank_picture(rig: str, model: str = "") -> CrankPicture:
 
 
 def test_every_rig_has_a_picture() -> None:
-    assert set(PICTURES) == set(RIGS)
+    assert all(kind.picture for kind in KINDS.values())
     kinds = [type(picture_of(nominal(rig))) for rig in RIGS]
     assert kinds == [BeamPicture, PlanarCrankPicture, SpatialCrankPicture]
 
@@ -119,5 +119,6 @@ def test_journals_are_shown_where_they_are_in_their_bearings() -> None:
 
 def test_a_rig_without_a_picture_is_shown_without(monkeypatch: pytest.MonkeyPatch) -> None:
     twin = nominal("planar_slider_crank")
-    monkeypatch.delitem(PICTURES, "planar_slider_crank")
+    without = replace(KINDS["planar_slider_crank"], picture="")
+    monkeypatch.setattr("rig.twin.picture.RIGS", {"planar_slider_crank": without})
     assert picture_of(replace(twin)) is None
