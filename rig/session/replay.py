@@ -16,7 +16,7 @@ from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import AcquisitionSection, Scenario
-from rig.live.rigs import picture_of
+from rig.live.layout import picture_of
 from rig.live.view import LiveView
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
@@ -144,7 +144,7 @@ def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
         scenario.name,
         origins["measured"],
         origins["predicted"],
-        picture_of(scenario.rig, twin),
+        picture_of(twin),
         nominal=origins["nominal"],
         derived=derived_channels(origins, scenario),
     )

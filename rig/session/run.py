@@ -18,7 +18,7 @@ from rig.derived.derivation import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
-from rig.live.rigs import picture_of
+from rig.live.layout import picture_of
 from rig.live.view import LiveView
 from rig.rigs import RIGS
 from rig.session.acquisition import Reader
@@ -148,7 +148,7 @@ class _Run:
         encoder, measured = self._rig.devices.encoder, origins["measured"]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        picture = picture_of(self._scenario.rig, twin)
+        picture = picture_of(twin)
         view = LiveView(self._scenario.name, measured, origins["predicted"], picture, derived=derived)
         stack.enter_context(view)
         self._rig.screen.say(f"live view  {view.url}")
