@@ -105,6 +105,19 @@ class DriveLink:
         self.close()
 
 
+@dataclass(frozen=True, slots=True)
+class Fork:
+    """Passes what one emulated instrument puts out on to several."""
+
+    sinks: tuple[Connection, ...]
+
+    def send(self, output: object, /) -> None:
+        """Send it to all."""
+        for sink in self.sinks:
+            with suppress(OSError):  # one that is gone must not keep the others from hearing
+                sink.send(output)
+
+
 def start(
     make: Callable[[], Emulator], name: str, deadline_s: float = START_DEADLINE_S
 ) -> EmulatedInstrument:

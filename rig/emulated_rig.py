@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daq.clock import SystemClock
-from drivers.emulator_process import EmulatedInstrument
-from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.emulator_process import EmulatedInstrument, Fork
 from drivers.protocols.actuator import ActuatorOutput
 from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
-from drivers.scpi.emulator.process import start_function_generator
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import ACTUATORS
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
-from rig.shaft_wiring import inverter_setup
-from rig.twin.plant import BeamPlantFactory, resting_at
-from rig.twin.plant_crank import CrankPlantFactory
 from rig.twin.scenario_twin import twin_of, with_effects
-from rig.twin.shaft import EmulatedMotor, drawn_motor
 from sim_twin.twin import AnyTwin
+
+if TYPE_CHECKING:
+    from rig.twin.shaft import EmulatedMotor
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +41,6 @@ class EmulatedRig:
     motor: EmulatedMotor | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Fork:
-    """Passes every output on to several processes."""
-
-    sinks: tuple[Connection, ...]
-
-    def send(self, output: InverterOutput, /) -> None:
-        for sink in self.sinks:
-            with suppress(OSError):  # one that is gone must not keep the others from hearing
-                sink.send(output)
-
-
 def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> EmulatedRig:
     """The rig of a scenario as it really is: with the bench's effects, drawn by the seeds."""
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
@@ -69,6 +53,9 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
 
 def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig that a generator and its shaker move."""
+    from drivers.scpi.emulator.process import start_function_generator
+    from rig.twin.plant import BeamPlantFactory, resting_at
+
     drive, per_volt = scenario.drive, bench.signal_generator.force_per_volt
     if bench.emulation.rest_offset is not None:
         twin = resting_at(twin, bench.emulation.rest_offset, seed)
@@ -85,6 +72,11 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
 
 def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig whose crank an inverter turns."""
+    from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+    from rig.shaft_wiring import inverter_setup
+    from rig.twin.plant_crank import CrankPlantFactory
+    from rig.twin.shaft import drawn_motor
+
     inverter, healthy = bench.inverter, bench.emulation.healthy
     motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy)
     hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
@@ -92,7 +84,7 @@ def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
     setup = inverter_setup(inverter)
     return EmulatedRig(
         CrankPlantFactory(twin, motor, seed, run_seed, healthy),
-        lambda sinks: start_inverter(InverterWiring(_Fork(tuple(sinks))), setup),
+        lambda sinks: start_inverter(InverterWiring(Fork(tuple(sinks))), setup),
         output,
         motor,
     )

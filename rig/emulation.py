@@ -10,10 +10,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Final, Protocol, Self, TypeVar
 
-from drivers.canopen_cia406.emulator.process import start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.ni_daq.emulator.process import start_daq_card
-from rig.card_wiring import wiring_of
 from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -21,8 +18,6 @@ from rig.instruments import INSTRUMENTS
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
-from rig.shaft_wiring import encoder_setup
-from rig.twin.shaft import ShaftFactory
 
 _COMPILED_S: Final = 300.0
 """A plant may have to be compiled first: the spatial crank takes minutes on a slow machine."""
@@ -117,11 +112,18 @@ class Heard:
 
 def card(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
     """An emulated card on the rig."""
+    from drivers.ni_daq.emulator.process import start_daq_card
+    from rig.card_wiring import wiring_of
+
     return start_daq_card(rig.plant, wiring_of(bench), heard.outputs, heard.initial, deadline_s=_COMPILED_S)
 
 
 def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
     """An emulated encoder on the shaft of the rig."""
+    from drivers.canopen_cia406.emulator.process import start_encoder
+    from rig.shaft_wiring import encoder_setup
+    from rig.twin.shaft import ShaftFactory
+
     if rig.motor is None or bench.encoder is None:
         raise LookupError("an encoder needs a shaft")
     setup = encoder_setup(bench.encoder, seed, bench.emulation)

@@ -14,7 +14,7 @@ from math import inf, tau
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 Array = NDArray[np.float64]
 
@@ -226,7 +226,7 @@ class _Model:
         inverse = np.linalg.pinv(np.vstack([scaled / scatter, np.eye(len(known))]))
         self._values = known * (inverse[:, : len(angle)] @ angle) / scatter
         self._covariance = inverse @ inverse.T * known[:, None] * known
-        self._quantile = float(stats.t.ppf((1 + _COVERED) / 2, freedom))
+        self._quantile = float(stdtrit(freedom, (1 + _COVERED) / 2))
 
     def told(self, combination: Array) -> tuple[float, float]:
         """A combination of the unknowns and the half width of its interval."""

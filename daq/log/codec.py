@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -16,6 +17,14 @@ from daq.log import schema
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 _NOT_WIDE = np.empty(0)
+_Record = TypeVar("_Record", Event, Gap, ClockRecord, Impact)
+_MESSAGES: dict[type, Any] = {
+    Event: schema.EventMessage,
+    Gap: schema.GapMessage,
+    ClockRecord: schema.ClockMessage,
+    Impact: schema.ImpactMessage,
+}
+_NAMES = {kind: tuple(field.name for field in fields(kind) if field.name != "time_ns") for kind in _MESSAGES}
 
 
 def encode_block(block: SampleBlock) -> bytes:
@@ -59,64 +68,18 @@ def decode_block(channel: str, data: bytes) -> SampleBlock:
     )
 
 
-def encode_event(event: Event) -> bytes:
-    """Encode an event."""
-    message = schema.EventMessage(level=event.level, source=event.source, code=event.code, text=event.text)
-    return _finish(message, event.time_ns)
+def encode_record(record: Event | Gap | ClockRecord | Impact) -> bytes:
+    """Encode what a log holds besides samples; a message's fields have the names of the record's."""
+    names = _NAMES[type(record)]
+    message = _MESSAGES[type(record)](**{name: getattr(record, name) for name in names})
+    _stamp(message, record.time_ns)
+    return bytes(message.SerializeToString())
 
 
-def decode_event(data: bytes) -> Event:
-    """Decode an event."""
-    message = _parsed(schema.EventMessage, data)
-    return Event(_time_ns(message), message.level, message.source, message.code, message.text)
-
-
-def encode_gap(gap: Gap) -> bytes:
-    """Encode a gap."""
-    message = schema.GapMessage(
-        channel=gap.channel, first_sample=gap.first_sample, count=gap.count, cause=gap.cause
-    )
-    return _finish(message, gap.time_ns)
-
-
-def decode_gap(data: bytes) -> Gap:
-    """Decode a gap."""
-    message = _parsed(schema.GapMessage, data)
-    return Gap(_time_ns(message), message.channel, message.first_sample, message.count, message.cause)
-
-
-def encode_clock(clock: ClockRecord) -> bytes:
-    """Encode a clock record."""
-    message = schema.ClockMessage(
-        device=clock.device,
-        offset_s=clock.offset_s,
-        rate_ppm=clock.rate_ppm,
-        uncertainty_s=clock.uncertainty_s,
-    )
-    return _finish(message, clock.time_ns)
-
-
-def decode_clock(data: bytes) -> ClockRecord:
-    """Decode a clock record."""
-    message = _parsed(schema.ClockMessage, data)
-    return ClockRecord(
-        _time_ns(message), message.device, message.offset_s, message.rate_ppm, message.uncertainty_s
-    )
-
-
-def encode_impact(impact: Impact) -> bytes:
-    """Encode an impact."""
-    fields = {name: getattr(impact, name) for name in _IMPACT_FIELDS}
-    return _finish(schema.ImpactMessage(**fields), impact.time_ns)
-
-
-def decode_impact(data: bytes) -> Impact:
-    """Decode an impact."""
-    message = _parsed(schema.ImpactMessage, data)
-    return Impact(_time_ns(message), *(getattr(message, name) for name in _IMPACT_FIELDS))
-
-
-_IMPACT_FIELDS = tuple(name for name, _, kind in schema.MESSAGES["Impact"] if kind != "Timestamp")
+def decode_record(kind: type[_Record], data: bytes) -> _Record:
+    """Decode a message of that kind, written by any program to the format."""
+    message = _parsed(_MESSAGES[kind], data)
+    return kind(_time_ns(message), *(getattr(message, name) for name in _NAMES[kind]))
 
 
 def _parsed(kind: Any, data: bytes) -> Any:
@@ -139,8 +102,3 @@ def _stamp(message: Any, time_ns: int) -> None:
 
 def _time_ns(message: Any) -> int:
     return int(message.timestamp.seconds) * NS_PER_S + int(message.timestamp.nanos)
-
-
-def _finish(message: Any, time_ns: int) -> bytes:
-    _stamp(message, time_ns)
-    return bytes(message.SerializeToString())

@@ -207,17 +207,17 @@ class LogReader:
 
     def events(self) -> list[Event]:
         """All events in file order."""
-        return [codec.decode_event(message.data) for message in self.messages({"/event"})]
+        return [codec.decode_record(Event, message.data) for message in self.messages({"/event"})]
 
     def gaps(self) -> list[Gap]:
-        return [codec.decode_gap(message.data) for message in self.messages({"/gap"})]
+        return [codec.decode_record(Gap, message.data) for message in self.messages({"/gap"})]
 
     def clocks(self) -> list[ClockRecord]:
-        return [codec.decode_clock(message.data) for message in self.messages({"/clock"})]
+        return [codec.decode_record(ClockRecord, message.data) for message in self.messages({"/clock"})]
 
     def impacts(self) -> list[Impact]:
         """The impacts that were found in the samples while they were recorded."""
-        return [codec.decode_impact(message.data) for message in self.messages({"/impact"})]
+        return [codec.decode_record(Impact, message.data) for message in self.messages({"/impact"})]
 
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""

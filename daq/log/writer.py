@@ -98,7 +98,7 @@ class LogWriter:
 
     def add_event(self, event: Event) -> None:
         self._register("/event", "Event", {})
-        self._add("/event", codec.encode_event(event), event.time_ns, event.time_ns)
+        self._add("/event", codec.encode_record(event), event.time_ns, event.time_ns)
 
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
@@ -107,16 +107,16 @@ class LogWriter:
 
     def _write_gap(self, gap: Gap, host_ns: int) -> None:
         self._register("/gap", "Gap", {})
-        self._add("/gap", codec.encode_gap(gap), host_ns, gap.time_ns)
+        self._add("/gap", codec.encode_record(gap), host_ns, gap.time_ns)
 
     def add_clock(self, clock: ClockRecord) -> None:
         self._register("/clock", "Clock", {})
-        self._add("/clock", codec.encode_clock(clock), clock.time_ns, clock.time_ns)
+        self._add("/clock", codec.encode_record(clock), clock.time_ns, clock.time_ns)
 
     def add_impact(self, impact: Impact, host_ns: int) -> None:
         """Add an impact that was found in the samples."""
         self._register("/impact", "Impact", {})
-        self._add("/impact", codec.encode_impact(impact), host_ns, impact.time_ns)
+        self._add("/impact", codec.encode_record(impact), host_ns, impact.time_ns)
 
     def flush_if_older(self, host_ns: int) -> None:
         """End the chunk if it is older than 0.25 s; to be called now and then when no block comes."""

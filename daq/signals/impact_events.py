@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.impacts import ContactScanner, Impacts, Levels, chosen, impacts_in, joined, no_impacts
+from daq.signals.contact_scan import ContactScanner
+from daq.signals.impacts import Impacts, Levels, chosen, impacts_in, joined, no_impacts
 
 LONGEST_S = 1.0
 """A contact that lasts longer is no impact; it also bounds what has to wait for its end."""

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 COUNTS_FROM = 0.1
@@ -74,71 +73,6 @@ class HalfCycles:
         return len(self.side)
 
 
-START, END, INDEX, PEAK, SUM = range(5)
-"""Columns of a contact: first sample, end (excluded), sample of the peak, peak, sum of its samples."""
-
-_OPEN, _COUNT = 5, 6
-
-
-class ContactScanner:
-    """Contacts above a level; one begins with the first sample above it and ends with the first that is not.
-
-    Sums are taken one by one, so that they do not depend on the cuts. What is not finite is no contact.
-    """
-
-    def __init__(self, above: float) -> None:
-        self._above = above
-        self._state = np.zeros(7)
-
-    @property
-    def count(self) -> int:
-        return int(self._state[_COUNT])
-
-    @property
-    def open_since(self) -> int | None:
-        """First sample of the contact that lasts."""
-        return int(self._state[START]) if self._state[_OPEN] else None
-
-    def add(self, force: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Take the next samples, shape (n,); return the contacts that ended, shape (contacts, 5)."""
-        locked = np.ascontiguousarray(force).view()
-        locked.flags.writeable = False  # one compiled kernel for blocks of a card and of a log
-        rows = np.empty((len(force) // 2 + 1, 5))
-        return rows[: _scan(locked, self._above, self._state, rows)]
-
-    def finish(self) -> NDArray[np.float64]:
-        """The contact that the end of the record cuts, shape (0 or 1, 5)."""
-        if not self._state[_OPEN]:
-            return np.empty((0, 5))
-        self._state[_OPEN], self._state[END] = 0.0, self._state[_COUNT]
-        return self._state[None, :5].copy()
-
-
-@njit(cache=True, nogil=True)
-def _scan(
-    force: NDArray[np.floating], above: float, state: NDArray[np.float64], rows: NDArray[np.float64]
-) -> int:
-    start, index, peak, total = state[0], state[2], state[3], state[4]
-    is_open, first = state[5] != 0.0, state[6]
-    found = 0
-    for at in range(len(force)):
-        value = np.float64(force[at])
-        if value > above:
-            if not is_open:
-                is_open, start, peak, total = True, first + at, -np.inf, 0.0
-            total += value
-            if value > peak:
-                peak, index = value, first + at
-        elif is_open:
-            is_open = False
-            rows[found, 0], rows[found, 1], rows[found, 2] = start, first + at, index
-            rows[found, 3], rows[found, 4] = peak, total
-            found += 1
-    state[0], state[2], state[3], state[4] = start, index, peak, total
-    state[5], state[6] = 1.0 if is_open else 0.0, first + len(force)
-    return found
-
-
 def largest_force(*forces: NDArray[np.floating]) -> float:
     """Largest finite sample in N of all `forces`; 0 where there is none."""
     return max((float(np.max(force, initial=0.0, where=np.isfinite(force))) for force in forces), default=0.0)
@@ -161,6 +95,8 @@ def contacts_above(
 
     What lasts long is no impact but a preload, a stuck sensor or an offset. The unit need not be N.
     """
+    from daq.signals.contact_scan import ContactScanner
+
     scanner = ContactScanner(levels.released_below_n)
     rows = np.concatenate((scanner.add(force), scanner.finish()))
     return impacts_in(rows, levels, sample_rate, longest_s)
@@ -170,6 +106,9 @@ def impacts_in(
     rows: NDArray[np.float64], levels: Levels, sample_rate: float, longest_s: float = np.inf
 ) -> Impacts:
     """Those of the contacts that a `ContactScanner` found, shape (m, 5), that are impacts by `levels`."""
+    # The compiler is loaded by what scans; a run that only records needs the levels alone.
+    from daq.signals.contact_scan import END, INDEX, PEAK, START, SUM
+
     if not len(rows):
         return no_impacts()
     lasts = rows[:, END] - rows[:, START]

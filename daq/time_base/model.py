@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import stdtrit  # scipy.stats would load all of scipy into the acquisition
 
 from daq.log.records import ClockRecord, Event
 from daq.time_base.line import Line
@@ -156,7 +156,8 @@ class ClockModel:
         return np.hypot(half_width_s, _RESOLUTION_S / 2) + self.bend_s
 
     def _quantile(self) -> float:
-        return float(stats.t.ppf((1 + _COVERED) / 2, self.line.degrees_of_freedom))
+
+        return float(stdtrit(self.line.degrees_of_freedom, (1 + _COVERED) / 2))
 
 
 def _last_from(first: Array, at: Array) -> NDArray[np.intp]:

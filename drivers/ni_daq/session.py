@@ -137,18 +137,13 @@ def split_address(address: str) -> tuple[str, int]:
     host, _, port = address.rpartition(":")
     host = host.strip("[]")
     allowed = "host:port on this machine (127.0.0.1, ::1 or localhost): the connection is not protected"
-    if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536 and _is_loopback(host)):
+    try:
+        is_loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        is_loopback = False
+    if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536 and is_loopback):
         raise ConfigurationError("bench", [Problem("daq_card.grpc", address, allowed)])
     return host, int(port)
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def connect(instrument: str, address: str) -> Any:

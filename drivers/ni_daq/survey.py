@@ -63,24 +63,19 @@ def read_sheet(device: Any, channel: CardChannel, new_task: Callable[[], Any]) -
         if error.error_code in UNREADABLE:
             return DataSheet(0, fault=_line(error))
         raise
+    ask = ANALOG[channel.kind].sheet
+    if ask is None:
+        return DataSheet(serial)
     try:
-        return DataSheet(serial, _sensitivity(channel, new_task))
+        task = new_task()
+        try:
+            return DataSheet(serial, ask(task, channel))
+        finally:
+            task.close()  # declared only to ask for the sensitivity: it must not hold the input
     except DaqError as error:
         if error.error_code not in UNREADABLE:
             raise
         return DataSheet(serial, fault=_line(error))
-
-
-def _sensitivity(channel: CardChannel, new_task: Callable[[], Any]) -> float | None:
-    sheet = ANALOG[channel.kind].sheet
-    if sheet is None:
-        return None
-    task = new_task()
-    try:
-        return sheet(task, channel)
-    finally:
-        # Declared only to ask for the sensitivity: it must not hold the input.
-        task.close()
 
 
 def mismatches(channel: CardChannel, sheet: DataSheet) -> Iterator[str]:

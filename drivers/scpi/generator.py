@@ -6,7 +6,6 @@ import re
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
 from drivers.scpi import answers, settings
-from drivers.scpi.link import ScpiLink
 from drivers.scpi.settings import Choice, GeneratorSettings, Number
 
 KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
@@ -23,6 +22,10 @@ class ScpiGenerator:
         self.config = config
         self.name, self.address = config.name, config.resource
         self.identity = ""
+        # VISA is loaded where a generator is made: the supervisor, which may have to make one for a run that
+        # died, stays small until then.
+        from drivers.scpi.link import ScpiLink
+
         self._link = ScpiLink(config.name, config.resource, config.timeout_s)
         self._amplitude_v = self._offset_v = 0.0
         self._triggered = False

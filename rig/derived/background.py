@@ -10,8 +10,6 @@ from daq.clock import Clock
 from daq.errors import RecorderFailed
 from daq.log.reader import Origin
 from daq.log.records import Event
-from daq.signals.running_figures import warm_up
-from rig.derived.derivation import Derivation
 from rig.files.scenario import Scenario
 from rig.stream import Block, Consumer, Record
 from rig.worker_process import QUEUE_ITEMS, WorkerFailed, WorkerProcess
@@ -29,10 +27,14 @@ class Derive:
 
     def prepare(self) -> None:
         """Compile."""
+        from daq.signals.running_figures import warm_up
+
         warm_up()
 
     def run(self, blocks: Iterator[Block], send: Callable[[object], None]) -> None:
         """Derive from all that comes and, once that ends, what waits for more."""
+        from rig.derived.derivation import Derivation
+
         derivation = Derivation(send, self.channels, self.scenario)
         for block in blocks:
             derivation(block)

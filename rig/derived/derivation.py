@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from daq.channel import Channel
 from daq.derived_names import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, derived_name
 from daq.log.reader import Origin
-from rig.derived.per_source import OriginDeriver
 from rig.derived.reference import nominal_of, reference_of
 from rig.derived.settings import RECORD, Settings, as_record, has_figures, role_of
 from rig.files.scenario import Scenario
@@ -31,6 +30,8 @@ class Derivation:
         scenario: Scenario | None,
         known: Mapping[str, Settings] | None = None,
     ) -> None:
+        from rig.derived.per_source import OriginDeriver  # with the compiler, which who records need not load
+
         nominal = None if scenario is None else nominal_of(scenario)
         self._publish = publish
         self._known = dict(known or {})

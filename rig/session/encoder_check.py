@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew
 from daq.block import NS_PER_S, Flag, SampleBlock
@@ -129,6 +128,8 @@ def _pace(blocks: Sequence[SampleBlock], start_ns: int) -> Pace:
     if len(some) < _FEWEST_PLACED:
         period_s = 1.0 / blocks[0].sample_rate
         return Pace(float(placed_s[0] - first[0] * period_s), period_s)
+    from scipy import stats  # only logs are looked at so, never a run that goes on
+
     line = stats.theilslopes(placed_s, first)
     return Pace(float(line.intercept), float(line.slope))
 

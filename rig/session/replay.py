@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
@@ -16,14 +17,15 @@ from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import AcquisitionSection, Scenario
-from rig.live.layout import picture_of
-from rig.live.view import LiveView
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
 from rig.twin.logged import align_to, predicting_twin, scenario_of
 from rig.twin.prediction import AlignedTwin
 from sim_twin.twin import AnyTwin
+
+if TYPE_CHECKING:
+    from rig.live.view import LiveView
 
 _ALIGN_ON_S = 2.0
 
@@ -139,6 +141,9 @@ class ShapeFollower:
 
 
 def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
+    from rig.live.layout import picture_of
+    from rig.live.view import LiveView
+
     origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
     return LiveView(
         scenario.name,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daq.channel import Channel
 from daq.clock import Clock
@@ -18,8 +18,6 @@ from rig.derived.derivation import derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
-from rig.live.layout import picture_of
-from rig.live.view import LiveView
 from rig.rigs import RIGS
 from rig.session.acquisition import Reader
 from rig.session.devices import Connect, connected
@@ -31,10 +29,12 @@ from rig.session.sequence import Sequence, starts_softly
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer
-from rig.twin.matched_twin import with_model
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
+
+if TYPE_CHECKING:
+    from rig.live.view import LiveView
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,11 @@ class _Run:
 
     def _twin(self) -> AnyTwin:
         twin, model = twin_of(self._scenario, self._rig.names), self._request.model
-        return twin if model is None else with_model(twin, model, self._rig.screen.warn)
+        if model is None:
+            return twin
+        from rig.twin.matched_twin import with_model
+
+        return with_model(twin, model, self._rig.screen.warn)
 
     def _unseen(self, text: str) -> None:
         look_at = "its sensor on, the speed right"
@@ -145,6 +149,9 @@ class _Run:
         self, stack: ExitStack, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
     ) -> LiveView:
         """The live view, which gets every record from now on and may drop it."""
+        from rig.live.layout import picture_of  # here, for a run that nobody watches need not load Rerun
+        from rig.live.view import LiveView
+
         encoder, measured = self._rig.devices.encoder, origins["measured"]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]

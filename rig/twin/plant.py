@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from drivers.protocols.generator import DriveSettings
 from sim_twin.ranges import require
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.rig import MODEL
-from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.stream import TwinStream
+
+if TYPE_CHECKING:
+    from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 _UNIT_DRIVE = SineDrive(1.0, 1.0)
 _RESTS_WITHIN = 0.9

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.stream import Block, Shape
 from rig.twin.alignment import Alignment
-from rig.twin.prediction import AlignedTwin
 from rig.twin.reference import reference_among
 from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
+
+if TYPE_CHECKING:
+    from rig.twin.prediction import AlignedTwin
 
 _ALIGN_ON_S = 1.0
 """Seconds of drive to align on; shorter runs use what they have when they end."""
@@ -117,6 +120,8 @@ class _Prediction:
             del self._drive[0]
 
     def _align(self, record: RecordedSpan) -> None:
+        from rig.twin.prediction import AlignedTwin
+
         seen = np.concatenate([each.values for each in self._drive]) if self._drive else np.zeros(0)
         if record.turned_off:
             seen = seen - record.turned_off

@@ -7,13 +7,16 @@ Source: Przemieniecki, Theory of Matrix Structural Analysis (1968), chapters 5 a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
+from sim_twin.parts.modal import Elastic
 from sim_twin.ranges import require
 
-Matrix = NDArray[np.float64]
+Array = NDArray[np.float64]
 _UNITS = {"E": "Pa", "rho": "kg/m3", "length": "m", "width": "m", "thickness": "m"}
 
 
@@ -46,49 +49,56 @@ class Beam:
         """rho b h, kg/m."""
         return self.rho * self.width * self.thickness
 
-    def matrices(self) -> tuple[Matrix, Matrix]:
-        """Mass and stiffness of the free beam, each of shape (2 (elements + 1), 2 (elements + 1)), SI."""
-        me, ke = bending_matrices(self.bending_stiffness, self.mass_per_length, self.length / self.elements)
+    def elastic(self) -> Elastic:
+        """The free beam, by w and theta at each of its elements + 1 nodes."""
+        own = bending(self.bending_stiffness, self.mass_per_length, self.length / self.elements)
         size = 2 * (self.elements + 1)
-        M, K = np.zeros((size, size)), np.zeros((size, size))
+        M, B = np.zeros((size, size)), np.zeros((self.elements, len(own.B), size))
         for element in range(self.elements):
             span = slice(2 * element, 2 * element + 4)
-            M[span, span] += me
-            K[span, span] += ke
-        return M, K
+            M[span, span] += own.M
+            B[element, :, span] = own.B
+        return Elastic(M, B.reshape(-1, size))
 
-    def deflection_row(self, fraction: float) -> NDArray[np.float64]:
+    def deflection_row(self, fraction: float) -> Array:
         """Row h with w(fraction L) = h . dofs, shape (2 (elements + 1),); `fraction` in 0..1."""
-        le, element, s = self._within_element(fraction)
-        shape = [1 - 3 * s**2 + 2 * s**3, le * (s - 2 * s**2 + s**3), 3 * s**2 - 2 * s**3, le * (s**3 - s**2)]
-        return self._row(element, shape)
+        return self._row(fraction, 0)
 
-    def slope_row(self, fraction: float) -> NDArray[np.float64]:
+    def slope_row(self, fraction: float) -> Array:
         """Row h with w'(fraction L) = h . dofs, shape (2 (elements + 1),); `fraction` in 0..1."""
-        le, element, s = self._within_element(fraction)
-        shape = [6 * (s**2 - s) / le, 1 - 4 * s + 3 * s**2, 6 * (s - s**2) / le, 3 * s**2 - 2 * s]
-        return self._row(element, shape)
+        return self._row(fraction, 1)
 
-    def _within_element(self, fraction: float) -> tuple[float, int, float]:
-        element = min(int(fraction * self.elements), self.elements - 1)
-        return self.length / self.elements, element, fraction * self.elements - element
-
-    def _row(self, element: int, shape: list[float]) -> NDArray[np.float64]:
-        row = np.zeros(2 * (self.elements + 1))
-        row[2 * element : 2 * element + 4] = shape
-        return row
+    def _row(self, fraction: float, derivative: int) -> Array:
+        nodes = np.linspace(0.0, self.length, self.elements + 1)
+        return np.asarray(hermite_rows(nodes, np.array([fraction * self.length]), derivative)[0])
 
 
-def bending_matrices(EI: float, mass_per_length: float, length: float) -> tuple[Matrix, Matrix]:
-    """Mass and stiffness (4, 4) of one element, dofs w, theta at both ends: EI in N m2, kg/m, m."""
-    powers = _powers(length)
-    return mass_per_length * length / 420 * _MASS * powers, EI / length**3 * _STIFFNESS * powers
+def hermite_rows(nodes: Array, at: Array, derivative: int = 0) -> Array:
+    """Rows of a piecewise cubic's `derivative` at the places `at`, shape (at, 2 nodes).
+
+    Its degrees of freedom are value and slope at each of the ascending `nodes`; all in m.
+    """
+    element = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+    length = np.diff(nodes)[element]
+    shapes = polyval((at - nodes[element]) / length, polyder(_HERMITE, derivative))
+    shapes[1::2] *= length
+    rows = np.zeros((len(at), 2 * len(nodes)))
+    np.put_along_axis(rows, 2 * element[:, None] + np.arange(4), (shapes / length**derivative).T, axis=1)
+    return rows
 
 
-_STIFFNESS = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]], dtype=float)
+def bending(EI: float, mass_per_length: float, length: float) -> Elastic:
+    """One element, dofs w, theta at both ends: EI in N m2, kg/m, m.
+
+    It bends evenly by the difference of its slopes, and to an S by what these exceed those of its chord.
+    """
+    scale = np.array([1.0, length, 1.0, length])
+    mass = mass_per_length * length / 420 * _MASS * np.outer(scale, scale)
+    even = sqrt(EI / length) * np.array([0.0, -1.0, 0.0, 1.0])
+    s_shaped = sqrt(3 * EI / length) * np.array([2.0 / length, 1.0, -2.0 / length, 1.0])
+    return Elastic(mass, np.array([even, s_shaped]))
+
+
+_HERMITE = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1]], dtype=float).T
+"""Powers of s = 0..1 along an element, a column each: value and slope at its start, at its end."""
 _MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]], dtype=float)
-
-
-def _powers(le: float) -> Matrix:
-    scale = np.array([1.0, le, 1.0, le])
-    return np.outer(scale, scale)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.parts.beam import bending_matrices
+from sim_twin.parts.beam import bending
+from sim_twin.parts.modal import Elastic
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -61,16 +62,17 @@ class Member:
     across: tuple[float, float, float]
 
 
-def frame_matrices(nodes: Array, members: tuple[Member, ...]) -> tuple[Array, Array]:
-    """Mass and stiffness of the free frame with `nodes` (n, 3) in m; each of shape (6 n, 6 n), SI."""
-    M, K = np.zeros((2, DOFS * len(nodes), DOFS * len(nodes)))
-    for member in members:
-        turn = _turn(nodes[member.end] - nodes[member.start], np.array(member.across))
-        length = float(np.linalg.norm(nodes[member.end] - nodes[member.start]))
+def frame(nodes: Array, members: tuple[Member, ...]) -> Elastic:
+    """The free frame with `nodes` (n, 3) in m, by 6 n degrees of freedom."""
+    size = DOFS * len(nodes)
+    M, B = np.zeros((size, size)), np.zeros((len(members), DOFS, size))
+    for member, strains in zip(members, B, strict=True):
+        way = nodes[member.end] - nodes[member.start]
+        own = _element(member.bar, float(np.linalg.norm(way))).by(_turn(way, np.array(member.across)))
         where = np.concatenate([DOFS * node + np.arange(DOFS) for node in (member.start, member.end)])
-        for total, own in zip((M, K), _element(member.bar, length), strict=True):
-            total[np.ix_(where, where)] += turn.T @ own @ turn
-    return M, K
+        M[np.ix_(where, where)] += own.M
+        strains[:, where] = own.B
+    return Elastic(M, B.reshape(-1, size))
 
 
 def _turn(along: Array, across: Array) -> Array:
@@ -80,25 +82,25 @@ def _turn(along: Array, across: Array) -> Array:
     return np.kron(np.eye(4), axes)
 
 
-def _element(bar: Bar, length: float) -> tuple[Array, Array]:
-    M, K = np.zeros((2, 2 * DOFS, 2 * DOFS))
+def _element(bar: Bar, length: float) -> Elastic:
+    M, B = np.zeros((2 * DOFS, 2 * DOFS)), np.zeros((DOFS, 2 * DOFS))
     polar = bar.area * (bar.width**2 + bar.depth**2) / 12
-    for dof, mass, stiffness in (
+    for strain, (dof, mass, stiffness) in enumerate((
         (0, bar.mass_per_length, bar.E * bar.area),
         (3, bar.rho * polar, bar.E * _SHEAR_OVER_YOUNG * bar.torsion_constant),
-    ):
-        pair = np.ix_([dof, dof + DOFS], [dof, dof + DOFS])
-        M[pair] += mass * length / 6 * np.array([[2, 1], [1, 2]])
-        K[pair] += stiffness / length * np.array([[1, -1], [-1, 1]])
+    )):  # fmt: skip
+        ends = [dof, dof + DOFS]
+        M[np.ix_(ends, ends)] += mass * length / 6 * np.array([[2, 1], [1, 2]])
+        B[strain, ends] = np.sqrt(stiffness / length) * np.array([-1.0, 1.0])
     # Bending across the width turns about the third axis; along the third axis it turns about minus the
     # second.
-    for deflection, rotation, sign, height, base in (
-        (1, 5, 1.0, bar.width, bar.depth),
-        (2, 4, -1.0, bar.depth, bar.width),
+    for strain, deflection, rotation, sign, height, base in (
+        (2, 1, 5, 1.0, bar.width, bar.depth),
+        (4, 2, 4, -1.0, bar.depth, bar.width),
     ):
-        signs = np.array([1.0, sign, 1.0, sign])
-        where = np.ix_(*2 * [[deflection, rotation, deflection + DOFS, rotation + DOFS]])
-        me, ke = bending_matrices(bar.E * base * height**3 / 12, bar.mass_per_length, length)
-        M[where] += me * np.outer(signs, signs)
-        K[where] += ke * np.outer(signs, signs)
-    return M, K
+        where = [deflection, rotation, deflection + DOFS, rotation + DOFS]
+        own = bending(bar.E * base * height**3 / 12, bar.mass_per_length, length)
+        own = own.by(np.diag([1.0, sign, 1.0, sign]))
+        M[np.ix_(where, where)] += own.M
+        B[strain : strain + 2, where] = own.B
+    return Elastic(M, B)

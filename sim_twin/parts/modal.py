@@ -1,4 +1,11 @@
-"""Modal reduction of a structure."""
+"""Elastic structures by their strains, and their modes to nearly full precision.
+
+A beam that turns about a soft flexure has stiffnesses twelve orders of magnitude apart, and its pendulum mode
+would drown in the rounding of the stiffness matrix. So the stiffness is kept as what it is made of, weighted
+strains, in which a rigid motion costs nothing; and natural frequencies come out of those by one-sided Jacobi
+rotations, which find the small singular values as accurately as the large ones (Demmel and Veselic 1992,
+10.1137/0613074; LAPACK dgejsv: Drmac and Veselic 2008, 10.1137/050639193).
+"""
 
 from __future__ import annotations
 
@@ -6,20 +13,91 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import cho_factor, cho_solve, eigh, lapack
 
 Matrix = NDArray[np.float64]
+_BESIDE = 8
+"""Modes above those asked for that are made sharp with them: an eigensolver mixes those in most."""
+_REFINEMENTS = 4
+"""Each takes the error down by (condition of K) x 1e-16, 1e-4 at worst."""
+_GRADED_COLUMNS, _NO_U, _FULL_RANGE, _AS_IT_IS = (
+    0,
+    3,
+    0,
+    0,
+)  # options of dgejsv: JOBA C, JOBU N, JOBR N, JOBT N
+
+
+@dataclass(frozen=True, slots=True)
+class Elastic:
+    """M x'' + B^T B x = f, SI. Each row of `B`, (strains, dofs), is a strain times the root of its stiffness.
+
+    |B x|^2 is twice the strain energy in J; `M` of shape (dofs, dofs).
+    """
+
+    M: Matrix
+    B: Matrix
+
+    @property
+    def K(self) -> Matrix:  # noqa: N802
+        """Stiffness matrix, (dofs, dofs)."""
+        return self.B.T @ self.B
+
+    def __add__(self, other: Elastic) -> Elastic:
+        """Both on the same degrees of freedom."""
+        return Elastic(self.M + other.M, np.vstack([self.B, other.B]))
+
+    def by(self, motion: Matrix) -> Elastic:
+        """The structure in coordinates z that move it by x = `motion` z; (dofs, z)."""
+        return Elastic(motion.T @ self.M @ motion, self.B @ motion)
+
+    def with_mass(self, row: Matrix, mass: float) -> Elastic:
+        """Add a point `mass` in kg where `row` . x moves."""
+        return Elastic(self.M + mass * np.outer(row, row), self.B)
+
+    def with_spring(self, row: Matrix, stiffness: float) -> Elastic:
+        """Add a spring in N/m (N m/rad for a turning) that `row` . x stretches."""
+        return Elastic(self.M, np.vstack([self.B, np.sqrt(stiffness) * row]))
+
+    def deflection(self, load: Matrix) -> Matrix:
+        """Solve K x = `load`, (dofs, loads) in N: a Cholesky solution, refined by the strains it leaves."""
+        factor = cho_factor(self.K)
+        x = cho_solve(factor, load)
+        for _ in range(_REFINEMENTS):
+            x += cho_solve(factor, load - self.B.T @ (self.B @ x))
+        return np.asarray(x)
 
 
 @dataclass(frozen=True, slots=True)
 class Modes:
-    """Mass-normalised modes: `omega` (n,) in rad/s ascending, `shapes` (dofs, n) in kg^-1/2."""
+    """Mass-normalised modes: `omega` (n,) in rad/s ascending, `shapes` (dofs, n) in kg^-1/2.
+
+    A mode's sign is that of its first degree of freedom that moves at least half as far as any.
+    """
 
     omega: NDArray[np.float64]
     shapes: Matrix
 
 
-def lowest_modes(M: Matrix, K: Matrix, count: int) -> Modes:
-    """Return the lowest `count` modes of M x'' + K x = 0 (rigid-body modes come out at omega = 0)."""
-    squared, shapes = eigh(K, M, subset_by_index=(0, count - 1))
-    return Modes(np.sqrt(np.maximum(squared, 0.0)), shapes)
+def lowest_modes(structure: Elastic, count: int) -> Modes:
+    """Return the lowest `count` modes (rigid-body modes come out near omega = 0)."""
+    beside = min(count + _BESIDE, len(structure.M))
+    _, shapes = eigh(structure.K, structure.M, subset_by_index=(0, beside - 1))
+    sharp = sharpened(structure, shapes)
+    return Modes(sharp.omega[:count], sharp.shapes[:, :count])
+
+
+def sharpened(structure: Elastic, shapes: Matrix) -> Modes:
+    """The modes within the span of mass-normalised `shapes`, (dofs, n), that are nearly modes already."""
+    strains = structure.B @ shapes
+    if len(strains) < shapes.shape[1]:
+        strains = np.pad(strains, ((0, shapes.shape[1] - len(strains)), (0, 0)))
+    values, _, turn, work, _, info = lapack.dgejsv(
+        strains, joba=_GRADED_COLUMNS, jobu=_NO_U, jobv=0, jobr=_FULL_RANGE, jobt=_AS_IT_IS, jobp=0
+    )
+    if info != 0:
+        raise np.linalg.LinAlgError(f"dgejsv: info {info}")
+    omega, turned = (values * work[0] / work[1])[::-1], shapes @ turn[:, ::-1]
+    size = np.abs(turned)
+    first = np.argmax(size >= 0.5 * size.max(axis=0), axis=0)
+    return Modes(omega, turned * np.sign(turned[first, np.arange(len(first))]))

@@ -7,12 +7,13 @@ at each node. Source: Bogner, Fox and Schmit, Proc. Conf. Matrix Methods in Stru
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.parts.beam import hermite_rows
+from sim_twin.parts.modal import Elastic
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -49,46 +50,35 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Plate:
-    """A free plate of `sheet` on a mesh with lines at `x` and `y` (m, ascending)."""
+    """A free plate of `sheet` on a mesh with lines at `x` and `y` (m, ascending).
+
+    A rectangle's shapes are products of a beam's along x and along y, and so are the rows at its points.
+    """
 
     sheet: Sheet
     x: tuple[float, ...]
     y: tuple[float, ...]
 
-    @cached_property
-    def _basis(self) -> Any:
-        from skfem import Basis, ElementQuadBFS, MeshQuad
-
-        return Basis(MeshQuad.init_tensor(np.array(self.x), np.array(self.y)), ElementQuadBFS(), intorder=6)
-
-    def matrices(self) -> tuple[Array, Array]:
-        """Mass and stiffness of the free plate, each of shape (dofs, dofs), dofs = 4 nodes, SI."""
-        from skfem import BilinearForm
-        from skfem.helpers import dd, ddot, eye, trace
-
-        D, nu = self.sheet.bending_stiffness, self.sheet.nu
-
-        def bending(u: Any, v: Any, _: Any) -> Any:
-            moment = D * ((1 - nu) * dd(u) + nu * eye(trace(dd(u)), 2))
-            return ddot(moment, dd(v))
-
-        def inertia(u: Any, v: Any, _: Any) -> Any:
-            return self.sheet.mass_per_area * u * v
-
-        M, K = (BilinearForm(form).assemble(self._basis).toarray() for form in (inertia, bending))
-        return np.asarray(M), np.asarray(K)
+    def elastic(self) -> Elastic:
+        """The free plate, by 4 degrees of freedom a node."""
+        mass = (_line_mass(np.array(line)) for line in (self.x, self.y))
+        M = np.asarray(self.sheet.mass_per_area * np.kron(*mass), dtype=np.float64)
+        B = np.zeros((len(self.x) - 1, len(self.y) - 1, 16, len(M)))
+        for i, width in enumerate(np.diff(self.x)):
+            for j, depth in enumerate(np.diff(self.y)):
+                own = np.add.outer((2 * i + np.arange(4)) * 2 * len(self.y), 2 * j + np.arange(4))
+                B[i, j][:, own.ravel()] = _cell(self.sheet, float(width), float(depth))
+        return Elastic(M, B.reshape(-1, len(M)))
 
     def rows(self, x: Array, y: Array) -> Array:
         """Rows of w, dw/dx and dw/dy at points (`x`, `y`) in m, shape (3, points, dofs)."""
-        basis, points = self._basis, np.array([x, y], dtype=float)
-        cells = basis.mesh.element_finder(mapping=basis.mapping)(*points)
-        local = basis.mapping.invF(points[:, :, None], tind=cells)
-        rows = np.zeros((3, points.shape[1], basis.N))
-        for k in range(basis.Nbfun):
-            field = basis.elem.gbasis(basis.mapping, local, k, tind=cells)[0]
-            values = np.array([np.asarray(field)[:, 0], *field.grad[:, :, 0]])
-            rows[:, np.arange(points.shape[1]), basis.element_dofs[k, cells]] = values
-        return rows
+
+        def row(along_x: int, along_y: int) -> Array:
+            of_x = hermite_rows(np.array(self.x), np.asarray(x, dtype=float), along_x)
+            of_y = hermite_rows(np.array(self.y), np.asarray(y, dtype=float), along_y)
+            return (of_x[:, :, None] * of_y[:, None, :]).reshape(len(of_x), -1)
+
+        return np.array([row(0, 0), row(1, 0), row(0, 1)])
 
     def foot_rows(self, x: float, y: float, width: float, depth: float) -> Array:
         """Rows of the mean w, dw/dx, dw/dy under a foot of `width` (x) and `depth` (y) around a point.
@@ -111,12 +101,44 @@ class Plate:
 
     def dofs(self, where: NDArray[np.bool_]) -> Index:
         """Degrees of freedom of the nodes `where`, shape (4, nodes): w, w_x, w_y, w_xy."""
-        return np.asarray(self._basis.nodal_dofs[:, where])
+        i, j = np.divmod(np.flatnonzero(where), len(self.y))
+        first, row = 4 * i * len(self.y) + 2 * j, 2 * len(self.y)
+        return np.array([first, first + row, first + 1, first + row + 1])
 
     @property
     def nodes(self) -> Array:
         """Coordinates of the nodes in m, shape (2, nodes)."""
-        return np.asarray(self._basis.mesh.p)
+        return np.array(np.meshgrid(self.x, self.y, indexing="ij")).reshape(2, -1)
+
+
+@lru_cache(maxsize=256)
+def _cell(sheet: Sheet, width: float, depth: float) -> Array:
+    """Weighted strains of a rectangle of `width` (x) and `depth` (y) in m, (16, 16).
+
+    Twice its energy is D ((1 - nu) (w_xx^2 + w_yy^2 + 2 w_xy^2) + nu (w_xx + w_yy)^2), integrated.
+    """
+    D, nu = sheet.bending_stiffness, sheet.nu
+    x, y = (_weighted_rows(np.array([0.0, length])) for length in (width, depth))
+    xx, yy, xy = np.kron(x[2], y[0]), np.kron(x[0], y[2]), np.kron(x[1], y[1])
+    alone = [np.sqrt(1 - nu) * each for each in (xx, yy, np.sqrt(2) * xy)]
+    return np.asarray(np.sqrt(D) * np.linalg.qr(np.vstack([*alone, np.sqrt(nu) * (xx + yy)]), mode="r"))
+
+
+def _weighted_rows(nodes: Array) -> Array:
+    """Rows of value, slope and curvature at points of integration, times the roots of their weights.
+
+    Shape (3, points, 2 nodes); exact for products of cubics.
+    """
+    at, weights = np.polynomial.legendre.leggauss(4)
+    half = np.diff(nodes)[:, None] / 2
+    places = (nodes[:-1, None] + half * (1 + at)).ravel()
+    roots = np.sqrt(half * weights).reshape(-1, 1)
+    return np.array([roots * hermite_rows(nodes, places, derivative) for derivative in range(3)])
+
+
+def _line_mass(nodes: Array) -> Array:
+    value = _weighted_rows(nodes)[0]
+    return np.asarray(value.T @ value)
 
 
 def mesh_lines(length: float, elements: int, *through: float) -> tuple[float, ...]:

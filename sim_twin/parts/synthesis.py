@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, eigh, qr, solve
+from scipy.linalg import block_diag, eigh, qr
 
+from sim_twin.parts.modal import Elastic, lowest_modes
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -22,13 +23,12 @@ _UNMOVED = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A structure reduced to x = `basis` z, z = [boundary motions, interior modes]; `M`, `K` of shape (n, n).
+    """A structure reduced to x = `basis` z, z = [boundary motions, interior modes]; `elastic` is that in z.
 
     `omega` (rad/s, ascending) are the interior modes kept; in them M is the identity and K is omega^2.
     """
 
-    M: Array
-    K: Array
+    elastic: Elastic
     basis: Array
     boundary: int
     omega: Array
@@ -36,7 +36,7 @@ class Component:
     @property
     def size(self) -> int:
         """Number of coordinates z."""
-        return len(self.M)
+        return len(self.elastic.M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,26 +48,26 @@ class Leading:
 
 
 def craig_bampton(
-    M: Array, K: Array, boundary: Array, modes: int, owner: str = "component", leading: Leading | None = None
+    whole: Elastic, boundary: Array, modes: int, owner: str = "component", leading: Leading | None = None
 ) -> Component:
-    """Reduce M x'' + K x = f to the `boundary` rows, shape (b, dofs), and the lowest `modes` interior modes.
+    """Reduce `whole` to the `boundary` rows, shape (b, dofs), and the lowest `modes` interior modes.
 
     Modes that the boundary cannot excite are passed over. K must hold what the boundary leaves free. Raises
     UnphysicalParameter (of `owner`) where there are fewer modes than asked for.
     """
     free, unit = _split(boundary)
-    K_free = free.T @ K @ free
-    constraint = unit - free @ solve(K_free, free.T @ K @ unit, assume_a="pos")
-    squared, interior = eigh(K_free, free.T @ M @ free)
-    shapes = free @ interior
-    shares = _effective_shares(shapes.T @ M @ constraint, constraint.T @ M @ constraint)
+    interior = whole.by(free)
+    constraint = unit - free @ interior.deflection(interior.B.T @ (whole.B @ unit))
+    squared, shapes = eigh(interior.K, interior.M)
+    pushed = free.T @ whole.M @ constraint
+    shares = _effective_shares(shapes.T @ pushed, constraint.T @ whole.M @ constraint)
     reached = np.flatnonzero(shares.sum(axis=1) > _UNMOVED)
     require(owner, "modes", modes + (leading.modes if leading else 0), 0, len(reached))
-    kept = _kept(shares[reached] / squared[reached, None], modes, leading)
-    omega = np.sqrt(squared[reached[kept]])
-    basis = np.hstack([constraint, shapes[:, reached[kept]]])
-    reduced_K = block_diag(constraint.T @ K @ constraint, np.diag(omega**2))
-    return Component(basis.T @ M @ basis, reduced_K, basis, len(boundary), omega)
+    kept = reached[_kept(shares[reached] / squared[reached, None], modes, leading)]
+    sharp = lowest_modes(interior, int(kept.max(initial=-1)) + 1)
+    basis = np.hstack([constraint, free @ sharp.shapes[:, kept]])
+    strains = block_diag(qr(whole.B @ constraint, mode="r")[0][: len(boundary)], np.diag(sharp.omega[kept]))
+    return Component(Elastic(basis.T @ whole.M @ basis, strains), basis, len(boundary), sharp.omega[kept])
 
 
 def _kept(weights: Array, modes: int, leading: Leading | None) -> Index:
@@ -91,9 +91,8 @@ def _effective_shares(participation: Array, boundary_mass: Array) -> Array:
     return np.asarray(participation**2 / np.where(diagonal > 0, diagonal, np.inf))
 
 
-def modal_damping(M: Array, K: Array, ratio: float) -> Array:
-    """Damping matrix that gives every mode of (M, K) the damping `ratio`; rigid-body modes get none."""
-    squared, shapes = eigh(K, M)
-    omega = np.sqrt(np.maximum(squared, 0.0))
-    weighted = M @ shapes
-    return np.asarray((weighted * (2 * ratio * omega)) @ weighted.T)
+def modal_damping(structure: Elastic, ratio: float) -> Array:
+    """Damping matrix that gives every mode of `structure` the damping `ratio`; rigid-body modes get none."""
+    modes = lowest_modes(structure, len(structure.M))
+    weighted = structure.M @ modes.shapes
+    return np.asarray((weighted * (2 * ratio * modes.omega)) @ weighted.T)

@@ -14,8 +14,7 @@ from drivers.ni_daq import card, session
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardChannel, CardSettings
 from drivers.ni_daq.emulator.acquisition import DriveInbox
-from drivers.ni_daq.emulator.server import CardServer
-from drivers.ni_daq.emulator.servicer import CardServicer
+from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
 from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings

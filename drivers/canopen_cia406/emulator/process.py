@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from daq.clock import SystemClock
-from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.encoder import Shaft
+
+if TYPE_CHECKING:
+    from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 
 
 def start_encoder(
@@ -27,4 +30,6 @@ def start_encoder(
 
 
 def _encoder(shaft: Callable[[], Shaft], setup: EncoderSetup) -> EmulatedEncoder:
+    from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder  # here, in the new process
+
     return EmulatedEncoder(shaft(), setup, SystemClock())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
@@ -16,7 +17,9 @@ from drivers.mitsubishi_fr.emulator.drive import (
     RemoteLoad,
 )
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
-from drivers.mitsubishi_fr.emulator.server import InverterServer
+
+if TYPE_CHECKING:
+    from drivers.mitsubishi_fr.emulator.server import InverterServer
 
 STATION_PARAMETER = 117
 
@@ -50,6 +53,8 @@ def start_inverter(
 
 
 def _server(wiring: InverterWiring, setup: InverterSetup, line: LineFaults) -> InverterServer:
+    from drivers.mitsubishi_fr.emulator.server import InverterServer  # here, in the new process
+
     load = RemoteLoad(wiring.outputs, wiring.currents)
     drive = EmulatedDrive(setup, load, SystemClock().monotonic_s)
     station = {**PARAMETERS, **setup.parameters}[STATION_PARAMETER]

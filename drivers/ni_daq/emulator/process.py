@@ -11,9 +11,6 @@ from typing import Any, TypeVar
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
-from drivers.ni_daq.emulator.acquisition import DriveInbox
-from drivers.ni_daq.emulator.server import CardServer
-from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring
 from drivers.protocols.actuator import ActuatorOutput
 from drivers.protocols.card import Plant
@@ -49,6 +46,10 @@ class _Card:
         drive: Connection | None,
         initial: Output | None,
     ) -> None:
+        # Here, in the new process: whoever starts it needs neither server nor converter.
+        from drivers.ni_daq.emulator.acquisition import DriveInbox
+        from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
+
         self._inbox: DriveInbox[Any] = DriveInbox(initial)
         self._drive = drive
         self._server = CardServer(CardServicer(plant(), wiring, self._inbox, SystemClock()))

@@ -117,8 +117,16 @@ class Emulated33220A:
                 self._set_frequency,
                 lambda p: _queried(p, self._state.frequency_hz, 1e-6, 20e6),
             ),
-            Command("[SOURce:]VOLTage", self._set_amplitude, self._amplitude),
-            Command("[SOURce:]VOLTage:OFFSet", self._set_offset, self._offset),
+            Command(
+                "[SOURce:]VOLTage",
+                self._set_amplitude,
+                lambda p: _queried(p, self._displayed(self._state.amplitude_vpp), *self._amplitude_range),
+            ),
+            Command(
+                "[SOURce:]VOLTage:OFFSet",
+                self._set_offset,
+                lambda p: _queried(p, self._state.offset_v * self._state.load_factor, *self._offset_range),
+            ),
             Command("[SOURce:]VOLTage:UNIT", self._set_unit, asked(lambda: self._state.unit)),
             Command("[SOURce:]PHASe", self._set_phase, asked(lambda: _shown(self._state.phase_deg))),
             Command("OUTPut[:STATe]", self._switch, asked(lambda: str(int(self._state.output)))),
@@ -185,8 +193,7 @@ class Emulated33220A:
         self._change(frequency_hz=round(value, 6))
 
     def _set_amplitude(self, parameters: Sequence[str]) -> None:
-        lowest, highest = (self._displayed(vpp) for vpp in AMPLITUDE_LIMITS_VPP)
-        value = self._quantity(parameters, _VOLT_SUFFIXES, lowest, highest, self._displayed(0.2))
+        value = self._quantity(parameters, _VOLT_SUFFIXES, *self._amplitude_range, self._displayed(0.2))
         if self._state.unit == "DBM":
             value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._state.load_ohm)
         volts = value if self._state.unit == "VPP" else value * math.sqrt(8.0)
@@ -199,18 +206,19 @@ class Emulated33220A:
         if moved:
             self.report(CommandError(-221, "offset changed due to amplitude"))
 
-    def _amplitude(self, parameters: Sequence[str]) -> str:
-        lowest, highest = (self._displayed(vpp) for vpp in AMPLITUDE_LIMITS_VPP)
-        return _queried(parameters, self._displayed(self._state.amplitude_vpp), lowest, highest)
+    @property
+    def _amplitude_range(self) -> tuple[float, float]:
+        lowest, highest = AMPLITUDE_LIMITS_VPP
+        return self._displayed(lowest), self._displayed(highest)
+
+    @property
+    def _offset_range(self) -> tuple[float, float]:
+        room = (PEAK_LIMIT_V - self._state.amplitude_vpp / 2.0) * self._state.load_factor
+        return -room, room
 
     def _set_offset(self, parameters: Sequence[str]) -> None:
-        room = (PEAK_LIMIT_V - self._state.amplitude_vpp / 2.0) * self._state.load_factor
-        value = self._quantity(parameters, _VOLT_SUFFIXES, -room, room, 0.0)
+        value = self._quantity(parameters, _VOLT_SUFFIXES, *self._offset_range, 0.0)
         self._change(offset_v=value / self._state.load_factor)
-
-    def _offset(self, parameters: Sequence[str]) -> str:
-        room = (PEAK_LIMIT_V - self._state.amplitude_vpp / 2.0) * self._state.load_factor
-        return _queried(parameters, self._state.offset_v * self._state.load_factor, -room, room)
 
     def _set_unit(self, parameters: Sequence[str]) -> None:
         unit = word(single(parameters), "VPP", "VRMS", "DBM")

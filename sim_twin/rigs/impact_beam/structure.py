@@ -96,15 +96,14 @@ def _kept_dofs(rig: ImpactBeam) -> NDArray[np.int64]:
 
 
 def _modes(rig: ImpactBeam) -> Modes:
-    M, K = rig.beam.matrices()
-    drive = rig.beam.deflection_row(rig.drive_position)
-    M += rig.shaker_mass * np.outer(drive, drive)
-    K += rig.shaker_stiffness * np.outer(drive, drive)
+    beam, drive = rig.beam.elastic(), rig.beam.deflection_row(rig.drive_position)
+    beam = beam.with_mass(drive, rig.shaker_mass).with_spring(drive, rig.shaker_stiffness)
+    free = np.eye(len(beam.M))
     if not rig.clamped:
-        K[1, 1] += rig.rotation_stiffness
-        K[0, 0] += rig.pivot_stiffness or 0.0
-    kept = _kept_dofs(rig)
-    return lowest_modes(M[np.ix_(kept, kept)], K[np.ix_(kept, kept)], rig.modes)
+        beam = beam.with_spring(free[1], rig.rotation_stiffness).with_spring(
+            free[0], rig.pivot_stiffness or 0.0
+        )
+    return lowest_modes(beam.by(free[:, _kept_dofs(rig)]), rig.modes)
 
 
 def _with_yoke(base: BaseMass, fixed: Structure) -> Structure:

@@ -10,6 +10,7 @@ import pytest
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.log import codec
+from daq.log.records import Event
 from daq.log.schema import SampleBlockMessage
 
 VALUES = np.linspace(-3, 3, 7, dtype="<f4")
@@ -67,4 +68,4 @@ def test_garbage_is_refused_in_our_words(data: bytes) -> None:
     with pytest.raises(LogError, match="is damaged"):
         codec.decode_block("c", data)
     with pytest.raises(LogError, match="is damaged"):
-        codec.decode_event(b"\xff\xff\xff")
+        codec.decode_record(Event, b"\xff\xff\xff")

@@ -74,17 +74,17 @@ def test_a_spring_of_another_program_shows_as_a_line_over_displacement() -> None
 def test_healthy_records_lack_nothing_and_a_softer_stop_does() -> None:
     setting = campaign(beam(), 20.0)
     softer = ("contact_stiffness", {"scale": 0.2})
-    ((healthy, soft),) = setting.records([Draw((), 71, blocks=4), Draw((softer,), 71, blocks=4)])
 
-    def at_upper_stop(records: Any) -> Curve:
-        found = latent_forces(setting, [records], [all_sound(records)], 0)
-        return curve_of(found, "upper stop", DISPLACEMENT)
+    def at_upper_stop(*effects: Any) -> list[Curve]:
+        (rigs,) = setting.records([Draw(effects, seed, blocks=4) for seed in (61, 66, 71)])
+        found = [latent_forces(setting, [records], [all_sound(records)], 0) for records in rigs]
+        return [curve_of(each, "upper stop", DISPLACEMENT) for each in found]
 
-    lacking, usual = at_upper_stop(soft), at_upper_stop(healthy)
-    # in units of what 12 healthy rigs scatter by, one more lies about 1 away
-    assert usual.size < 2.0 < lacking.size
-    pressed = lacking.edges[1:] > 1e-6
-    assert np.nanmean(lacking.latent[pressed]) < 0, "a softer stop pushes less at the same displacement"
+    usual, lacking = at_upper_stop(), at_upper_stop(softer)
+    # In units of what 12 healthy rigs scatter by, one more lies about 1 away (0.4 to 1.3 in 30, once 2.5).
+    assert np.median([curve.size for curve in usual]) < 1.5 < np.median([curve.size for curve in lacking])
+    pressed = [np.nanmean(curve.latent[curve.edges[1:] > 1e-6]) for curve in lacking]
+    assert max(pressed) < 0, "a softer stop pushes less at the same displacement"
 
 
 def test_the_force_on_a_frame_is_that_of_its_equation_of_motion() -> None:

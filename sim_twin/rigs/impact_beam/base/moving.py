@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.parts.beam import bending_matrices
+from sim_twin.parts.beam import bending
+from sim_twin.parts.modal import Elastic
 from sim_twin.parts.synthesis import Component, craig_bampton
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, Shaker
 from sim_twin.rigs.impact_beam.model import ImpactBeam
@@ -37,22 +38,21 @@ class Moving:
 
 def moving_on(rig: ImpactBeam, base: FlexibleBase) -> Moving:
     """Reduce beam, rod and coil to `rig.modes` modes and one more for the rod, damped like the last."""
-    M, K = rig.beam.matrices()
-    dofs = len(M)
-    M, K = np.pad(M, (0, 5)), np.pad(K, (0, 5))
-    M[dofs + _PIVOT_X, dofs + _PIVOT_X] += rig.beam.mass_per_length * rig.beam.length
-    _add_rod(rig, base.shaker, M, K)
+    beam = rig.beam.elastic()
+    dofs = len(beam.M)
     coil = _unit(dofs, _COIL) - base.shaker.share * _unit(dofs, _SHAKER)
-    M[dofs + _COIL, dofs + _COIL] += rig.shaker_mass
-    K += rig.shaker_stiffness * np.outer(coil, coil)
     rotation = np.eye(dofs + 5)[1] - _unit(dofs, _PIVOT_SLOPE)
     rise = np.eye(dofs + 5)[0] - _unit(dofs, _PIVOT_Z)
+    parts = beam.by(np.eye(dofs, dofs + 5)) + _rod(rig, base.shaker, dofs)
+    parts = parts.with_mass(_unit(dofs, _PIVOT_X), rig.beam.mass_per_length * rig.beam.length)
+    parts = parts.with_mass(_unit(dofs, _COIL), rig.shaker_mass).with_spring(coil, rig.shaker_stiffness)
     if not rig.clamped:
-        K += rig.rotation_stiffness * np.outer(rotation, rotation)
-        K += (rig.pivot_stiffness or 0.0) * np.outer(rise, rise)
+        parts = parts.with_spring(rotation, rig.rotation_stiffness).with_spring(
+            rise, rig.pivot_stiffness or 0.0
+        )
     tie = _tie(rig, dofs)
     boundary = tie[dofs + np.array([_PIVOT_Z, _PIVOT_SLOPE, _PIVOT_X, _SHAKER])]
-    component = craig_bampton(tie.T @ M @ tie, tie.T @ K @ tie, boundary, rig.modes + 1, "ImpactBeam")
+    component = craig_bampton(parts.by(tie), boundary, rig.modes + 1, "ImpactBeam")
     motion = tie @ component.basis
     drive = coil @ motion
     C = rig.shaker_damping * np.outer(drive, drive)
@@ -76,17 +76,16 @@ def _tie(rig: ImpactBeam, dofs: int) -> Array:
     return tie[:, tied:]
 
 
-def _add_rod(rig: ImpactBeam, shaker: Shaker, M: Array, K: Array) -> None:
+def _rod(rig: ImpactBeam, shaker: Shaker, dofs: int) -> Elastic:
     """One element from the coil, which only rises, up to the beam: it stretches, and bends with its slope.
 
     Its upper end goes along x with the pivot; against the slope dz/dx, a rod along z turns the other way.
     """
-    dofs, length, d = len(M) - 5, shaker.rod_length, shaker.rod_diameter
+    length, d = shaker.rod_length, shaker.rod_diameter
     area, EI = np.pi * d**2 / 4, shaker.rod_modulus * np.pi * d**4 / 64
     along = np.array([_unit(dofs, _COIL), np.pad(rig.beam.deflection_row(rig.drive_position), (0, 5))])
     across = np.array([_unit(dofs, _PIVOT_X), -np.pad(rig.beam.slope_row(rig.drive_position), (0, 5))])
-    mass, stiffness = bending_matrices(EI, shaker.rod_density * area, length)
-    M += along.T @ (shaker.rod_density * area * length / 6 * np.array([[2, 1], [1, 2]])) @ along
-    K += along.T @ (shaker.rod_modulus * area / length * np.array([[1, -1], [-1, 1]])) @ along
-    M += across.T @ mass[2:, 2:] @ across
-    K += across.T @ stiffness[2:, 2:] @ across
+    mass = shaker.rod_density * area * length / 6 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    stretching = Elastic(mass, np.sqrt(shaker.rod_modulus * area / length) * np.array([[-1.0, 1.0]]))
+    upper_end = bending(EI, shaker.rod_density * area, length).by(np.eye(4)[:, 2:])
+    return stretching.by(along) + upper_end.by(across)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from sim_twin.parts.frame import DOFS, Member, frame_matrices
+from sim_twin.parts.frame import DOFS, Member, frame
+from sim_twin.parts.modal import Elastic
 from sim_twin.parts.one_thread import by_one_thread
 from sim_twin.parts.plate import Plate, mesh_lines
 from sim_twin.parts.synthesis import Component, Leading, craig_bampton, modal_damping
@@ -40,8 +41,7 @@ class Standing:
 class Unreduced:
     """The base with all its degrees of freedom, clamped; boundary (5, dofs) and accelerometers as rows."""
 
-    M: Array
-    K: Array
+    elastic: Elastic
     boundary: Array
     accelerometer: Array
     cover: Array
@@ -53,8 +53,8 @@ def standing_on(base: FlexibleBase) -> Standing:
     """Reduce the base to its boundary and modes; raises UnphysicalParameter for more than the mesh has."""
     whole = unreduced(base)
     lowest, leading = base.cover.modes if base.cover else 0, Leading(CONTACT, base.modes)
-    component = craig_bampton(whole.M, whole.K, whole.boundary, lowest, "FlexibleBase", leading)
-    C = modal_damping(component.M, component.K, base.damping_ratio)
+    component = craig_bampton(whole.elastic, whole.boundary, lowest, "FlexibleBase", leading)
+    C = modal_damping(component.elastic, base.damping_ratio)
     return Standing(component, C, whole.accelerometer @ component.basis, whole.cover @ component.basis)
 
 
@@ -70,9 +70,9 @@ class _ClampedPlate:
     plate: Plate
     kept: NDArray[np.int64]
 
-    def matrices(self) -> tuple[Array, Array]:
-        M, K = self.plate.matrices()
-        return M[np.ix_(self.kept, self.kept)], K[np.ix_(self.kept, self.kept)]
+    def elastic(self) -> Elastic:
+        free = self.plate.elastic()
+        return Elastic(free.M[np.ix_(self.kept, self.kept)], free.B[:, self.kept])
 
     def rows(self, x: float, y: float) -> Array:
         return np.asarray(self.plate.rows(np.array([x]), np.array([y]))[:, 0, self.kept])
@@ -92,25 +92,25 @@ def _clamped_plate(base: FlexibleBase) -> _ClampedPlate:
 
 def _with_frame(base: FlexibleBase) -> Unreduced:
     plate = _clamped_plate(base)
-    M, K = plate.matrices()
+    own = plate.elastic()
     shaker = _shaker_foot(base, plate)
-    M += shaker.T @ np.diag(_shaker_inertia(base.shaker)) @ shaker
+    for row, inertia in zip(shaker, _shaker_inertia(base.shaker), strict=True):
+        own = own.with_mass(row, inertia)
     nodes, members, feet = _frame(base)
-    frame_M, frame_K = frame_matrices(nodes, members)
-    contact = DOFS * (len(nodes) - 1)
-    translations = contact + np.arange(3)
-    frame_M[translations, translations] += base.yoke.sensor_mass
     tie = _tie(base, plate, len(nodes), feet)
-    head = np.append(plate.foot(*_yoke_foot(base))[0], np.zeros(tie.shape[1] - len(M)))
-    head = head - tie[DOFS * feet[1] + _W]
-    pad = ((0, tie.shape[1] - len(M)),) * 2
+    more = tie.shape[1] - len(own.M)
+    standing = frame(nodes, members).by(tie)
+    contact = DOFS * (len(nodes) - 1)
+    for translation in range(3):
+        standing = standing.with_mass(tie[contact + translation], base.yoke.sensor_mass)
+    head = np.append(plate.foot(*_yoke_foot(base))[0], np.zeros(more)) - tie[DOFS * feet[1] + _W]
     pivot = DOFS * _POST_ELEMENTS
     boundary = np.array([tie[pivot + _W], -tie[pivot + _RY], tie[pivot + _U], tie[contact + _W],
-                         np.append(shaker[0], np.zeros(pad[0][1]))])  # fmt: skip
-    accelerometer = np.append(plate.rows(base.accelerometer_x, base.accelerometer_y)[0], np.zeros(pad[0][1]))
+                         np.append(shaker[0], np.zeros(more))])  # fmt: skip
+    accelerometer = np.append(plate.rows(base.accelerometer_x, base.accelerometer_y)[0], np.zeros(more))
+    padded = Elastic(np.pad(own.M, (0, more)), np.pad(own.B, ((0, 0), (0, more))))
     return Unreduced(
-        np.pad(M, pad) + tie.T @ frame_M @ tie,
-        np.pad(K, pad) + tie.T @ frame_K @ tie + base.yoke.head_stiffness * np.outer(head, head),
+        (padded + standing).with_spring(head, base.yoke.head_stiffness),
         boundary,
         accelerometer,
         np.zeros((0, len(accelerometer))),
@@ -176,16 +176,16 @@ def _with_cover(base: FlexibleBase, bare: Unreduced) -> Unreduced:
     if base.cover is None:
         return bare
     box, plate = box_of(base.cover), _clamped_plate(base)
-    own, more = len(bare.M), box.component.size
-    K = block_diag(bare.K, box.component.K)
+    own, more = len(bare.elastic.M), box.component.size
+    lid = box.component.elastic
+    both = Elastic(block_diag(bare.elastic.M, lid.M), block_diag(bare.elastic.B, lid.B))
     for x, y in _fixings(base):
         gap = np.zeros(own + more)
         gap[: len(plate.kept)] = plate.rows(x, y)[0]
         gap[own : own + RIGID] = -rigid_rise(x - base.length / 2, y - base.width / 2)
-        K += base.cover.fixing_stiffness * np.outer(gap, gap)
+        both = both.with_spring(gap, base.cover.fixing_stiffness)
     return Unreduced(
-        block_diag(bare.M, box.component.M),
-        K,
+        both,
         np.pad(bare.boundary, ((0, 0), (0, more))),
         np.append(bare.accelerometer, np.zeros(more)),
         np.pad(box.accelerometers, ((0, 0), (own, 0))),
