@@ -41,7 +41,7 @@ LINES = {
 MUST_HOLD = "1 % lost or corrupted"
 LOOK_S = 5.0  # no look of the driver takes longer: what a state says was so at some time within it
 REST_S = 8.0  # watchdog 2 s, three attempts at a stop of 1 s each, ramp 0.06 s, and a busy machine
-SETTINGS = InverterSettings("", 1, 19200, "E", RPM_PER_HZ, 300.0)
+SETTINGS = InverterSettings(RPM_PER_HZ, 300.0)
 
 
 @dataclass(slots=True)

@@ -1,14 +1,10 @@
-"""The one place that names concrete devices."""
+"""The devices of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
-from pkgutil import resolve_name
-from typing import Final
 
-from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.ni_daq.channels import CardSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
@@ -16,21 +12,11 @@ from rig.card_wiring import card_channel, chain_record
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
+from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.progress import Screen
-
-# Drivers by name: a rig has one actuator, and a bus or a card that is not there need not be loaded.
-GENERATORS: Final = {"scpi_33220a": "drivers.scpi.generator:ScpiGenerator"}
-INVERTERS: Final = {"mitsubishi_fr": "drivers.mitsubishi_fr.inverter:FrInverter"}
-CARDS: Final = {"nidaqmx": "drivers.ni_daq.card:NiDaqCard"}
-ENCODERS: Final = {"canopen_cia406": "drivers.canopen_cia406.encoder:CanopenEncoder"}
-_WORDS: Final = {
-    "signal_generator": "generator",
-    "inverter": "inverter",
-    "daq_card": "card",
-    "encoder": "encoder",
-}
 
 
 def connect(
@@ -41,25 +27,23 @@ def connect(
     if bench.emulated:
         with screen.busy(starting(bench)):
             emulated = stack.enter_context(EmulatedBench(scenario, bench))
-        notes["emulated"] = " ".join(_WORDS[table] for table in bench.emulated)
+        notes["emulated"] = " ".join(INSTRUMENTS[table].word for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
-            deaf = " and ".join(_WORDS[table] for table in bench.emulated)
-            real = _WORDS[RIGS[bench.rig].actuator]
+            deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
+            real = INSTRUMENTS[RIGS[bench.rig].actuator].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    return _DEVICES[RIGS[bench.rig].actuator](scenario, bench, emulated), notes
+    devices = loaded(ACTUATORS[RIGS[bench.rig].actuator].devices)
+    return devices(scenario, bench, emulated), notes
 
 
-def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
-    from drivers.scpi.generator import GeneratorSettings
+def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig that a generator moves."""
     from rig.session.drive import Shaker
 
     generator = bench.signal_generator
-    resource = emulated.address("signal_generator", generator.resource)
-    make_generator = partial(
-        resolve_name(GENERATORS[generator.driver]),
-        GeneratorSettings(str(resource), generator.maximum_amplitude / generator.force_per_volt),
-    )
+    settings = emulated.reached("signal_generator", generator)
+    make_generator = partial(INSTRUMENTS["signal_generator"].driver_of(settings), settings)
     driver = make_generator()
     return Devices(
         driver,
@@ -69,13 +53,12 @@ def _shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     )
 
 
-def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose crank an inverter turns."""
     from rig.session.motor import Motor, MotorActuator
-    from rig.shaft_wiring import inverter_settings
 
-    inverter = bench.inverter
-    port = emulated.address("inverter", inverter.port)
-    drive = resolve_name(INVERTERS[inverter.driver])(inverter_settings(inverter, port))
+    settings = emulated.reached("inverter", bench.inverter)
+    drive = INSTRUMENTS["inverter"].driver_of(settings)(settings)
     return Devices(
         MotorActuator(drive),
         None,
@@ -85,25 +68,18 @@ def _turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     )
 
 
-_DEVICES: Final[Mapping[str, Callable[[Scenario, Bench, Emulated], Devices]]] = {
-    "signal_generator": _shaken,
-    "inverter": _turned,
-}
-"""By actuator."""
-
-
 def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
     card = bench.daq_card
     grpc = emulated.address("daq_card", card.grpc)
     channels = tuple(card_channel(channel) for channel in card.channels)
-    make: Callable[[CardSettings], AcquisitionCard] = resolve_name(CARDS[card.driver])
-    return make(CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels))
+    settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels)
+    driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(card)(settings)
+    return driver
 
 
 def _encoder(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
     if bench.encoder is None:
         return None
-    from rig.shaft_wiring import encoder_settings
-
-    make: Callable[[EncoderSettings], PositionEncoder] = resolve_name(ENCODERS[bench.encoder.driver])
-    return make(encoder_settings(bench.encoder, emulated.address("encoder")))
+    settings = emulated.reached("encoder", bench.encoder)
+    driver: PositionEncoder = INSTRUMENTS["encoder"].driver_of(settings)(settings)
+    return driver

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from daq.clock import SystemClock
 from drivers.emulator_process import EmulatedInstrument, Fork
@@ -16,6 +16,8 @@ from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
+from rig.instruments import ACTUATORS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.twin import AnyTwin
@@ -44,10 +46,13 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
-    return _RIGS[RIGS[scenario.rig].actuator](scenario, bench, twin, seed, run_seed)
+    rig_of = loaded(ACTUATORS[RIGS[scenario.rig].actuator].rig)
+    rig: EmulatedRig = rig_of(scenario, bench, twin, seed, run_seed)
+    return rig
 
 
-def _shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig that a generator and its shaker move."""
     from drivers.scpi.emulator.process import start_function_generator
     from rig.twin.plant import BeamPlantFactory, resting_at
 
@@ -65,7 +70,8 @@ def _shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed
     return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None)), output)
 
 
-def _turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig whose crank an inverter turns."""
     from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
     from rig.shaft_wiring import inverter_setup
     from rig.twin.plant_crank import CrankPlantFactory
@@ -82,10 +88,3 @@ def _turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed
         output,
         motor,
     )
-
-
-_RIGS: Final[Mapping[str, Callable[[Scenario, Bench, AnyTwin, int, int], EmulatedRig]]] = {
-    "signal_generator": _shaken,
-    "inverter": _turned,
-}
-"""By actuator."""

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, Protocol, Self, TypeVar
 
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
+from rig.instruments import INSTRUMENTS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 
 _COMPILED_S: Final = 300.0
 """A plant may have to be compiled first: the spatial crank takes minutes on a slow machine."""
+
+
+class InstrumentSettings(Protocol):
+    """What a bench says of an instrument."""
+
+    def at(self, address: str) -> Self:
+        """The same one, at `address`."""
+        ...
+
+
+_Settings = TypeVar("_Settings", bound=InstrumentSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +44,11 @@ class Emulated:
     instruments: Mapping[str, EmulatedInstrument]
     seed: int
     drive_follows_scenario: bool
+
+    def reached(self, table: str, settings: _Settings) -> _Settings:
+        """The settings of the instrument of a table, at its emulator's place if it is emulated."""
+        emulator = self.instruments.get(table)
+        return settings if emulator is None else settings.at(emulator.address)
 
     def address(self, table: str, real: str | None = None) -> str | None:
         """Where the instrument of a table listens, or its `real` address."""
@@ -71,35 +89,37 @@ class EmulatedBench:
         rig = drawn_rig(scenario, bench, seed, secrets.randbits(32))
         started: dict[str, EmulatedInstrument] = {}
         with ExitStack() as links:
-            shown = [table for table in bench.emulated if table in _SHOWS]
+            shown = [table for table in bench.emulated if INSTRUMENTS[table].emulator]
             ways = {table: links.enter_context(DriveLink.new()) for table in shown if hears}
             if hears:
                 sinks = [way.sender for way in ways.values()]
                 started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
                 stack.callback(started[RIGS[scenario.rig].actuator].close)
             for table in shown:
-                heard = _Heard(ways[table].receiver, None) if hears else _Heard(None, rig.scenario_output)
-                started[table] = _SHOWS[table](bench, rig, seed, heard)
+                heard = Heard(ways[table].receiver, None) if hears else Heard(None, rig.scenario_output)
+                started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
                 stack.callback(started[table].close)
         return Emulated(started, seed, bool(shown) and not hears)
 
 
 @dataclass(frozen=True, slots=True)
-class _Heard:
+class Heard:
     """What an instrument hears of the actuator: its outputs, or once for all what it would put out."""
 
     outputs: Connection | None
     initial: Any
 
 
-def _card(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> EmulatedInstrument:
+def card(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
+    """An emulated card on the rig."""
     from drivers.ni_daq.emulator.process import start_daq_card
     from rig.card_wiring import wiring_of
 
     return start_daq_card(rig.plant, wiring_of(bench), heard.outputs, heard.initial, deadline_s=_COMPILED_S)
 
 
-def _encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> EmulatedInstrument:
+def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
+    """An emulated encoder on the shaft of the rig."""
     from drivers.canopen_cia406.emulator.process import start_encoder
     from rig.shaft_wiring import encoder_setup
     from rig.twin.shaft import ShaftFactory
@@ -108,10 +128,3 @@ def _encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: _Heard) -> Emulat
         raise LookupError("an encoder needs a shaft")
     setup = encoder_setup(bench.encoder, seed, bench.emulation)
     return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
-
-
-_SHOWS: Final[Mapping[str, Callable[[Bench, EmulatedRig, int, _Heard], EmulatedInstrument]]] = {
-    "daq_card": _card,
-    "encoder": _encoder,
-}
-"""The instruments that show what the rig does, by their table."""

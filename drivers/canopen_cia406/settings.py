@@ -3,36 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal
 
 from daq.errors import Problem
+from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406 import objects
 from drivers.canopen_cia406.objects import Entry
+
+_WORD32 = Whole(0, 2**32 - 1)
+_COUNTS = Whole(1, 2**32 - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderIdentity:
+    """What the encoder must say of itself; None is taken as it says."""
+
+    counts_per_revolution: Annotated[int | None, _COUNTS] = None
+    total_range: Annotated[int | None, _COUNTS] = None
+    operating_parameters: Annotated[int | None, Whole(0, 0xFFFF)] = None
+    vendor: Annotated[int | None, _WORD32] = None
+    product: Annotated[int | None, _WORD32] = None
+    revision: Annotated[int | None, _WORD32] = None
+    serial: Annotated[int | None, _WORD32] = None
 
 
 @dataclass(frozen=True, slots=True)
 class EncoderSettings:
-    """A CANopen encoder behind any interface of python-can; `options` are that interface's own keys.
+    """The table [encoder] of a bench: a CANopen encoder behind any interface of python-can.
 
-    `period_s` is the time between positions in s, whole milliseconds. What is None is taken as the encoder
-    says; what is not must agree with it. Positions that nobody reads are kept for `buffer_s`. An answer, or a
-    position beyond its time, is awaited for `timeout_s`.
+    `options` are that interface's own keys. `period_s` is the time between positions in s, whole
+    milliseconds. Positions that nobody reads are kept for `buffer_s`. An answer, or a position beyond its
+    time, is awaited for `timeout_s`.
     """
 
-    interface: str
-    options: Mapping[str, str | int | float | bool]
-    node: int
-    period_s: float = 1e-3
-    counts_per_revolution: int | None = None
-    total_range: int | None = None
-    operating_parameters: int | None = None
-    vendor: int | None = None
-    product: int | None = None
-    revision: int | None = None
-    serial: int | None = None
+    node: Annotated[int, Whole(1, 127)]
+    interface: Annotated[str, Text('an interface of python-can, such as "socketcand"', r"[a-z0-9_]+")]
+    driver: Annotated[Literal["canopen_cia406"], Key()] = "canopen_cia406"
+    period_s: Annotated[float, Quantity("ms", 1, 65535, key="period")] = 1e-3
+    emulated: Annotated[bool, Key()] = False
+    identity: Annotated[EncoderIdentity, Key()] = EncoderIdentity()
+    options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
     buffer_s: float = 4.0
     timeout_s: float = 0.5
     name: str = "encoder"
+
+    @staticmethod
+    def place(address: str) -> Mapping[str, Any]:
+        """What the table says of one that is at `address`, host:port."""
+        host, _, port = address.rpartition(":")
+        return {"host": host, "port": int(port)}
+
+    def at(self, address: str) -> EncoderSettings:
+        """The same one, at `address`."""
+        return replace(self, options={**self.options, **self.place(address)})
 
     @property
     def period_ms(self) -> int:
@@ -48,11 +72,11 @@ class EncoderSettings:
     def expected(self) -> dict[Entry, int]:
         """Return the entries whose value is prescribed."""
         wanted = {
-            objects.VENDOR: self.vendor,
-            objects.PRODUCT: self.product,
-            objects.REVISION: self.revision,
-            objects.SERIAL: self.serial,
-            objects.OPERATING_PARAMETERS: self.operating_parameters,
+            objects.VENDOR: self.identity.vendor,
+            objects.PRODUCT: self.identity.product,
+            objects.REVISION: self.identity.revision,
+            objects.SERIAL: self.identity.serial,
+            objects.OPERATING_PARAMETERS: self.identity.operating_parameters,
         }
         return {entry: value for entry, value in wanted.items() if value is not None}
 

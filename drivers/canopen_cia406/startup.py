@@ -121,8 +121,8 @@ def differences(found: Found, settings: EncoderSettings) -> list[str]:
         if entry in values and values[entry] != wanted
     ]
     for name, value, wanted in (
-        ("counts per revolution", found.counts_per_revolution, settings.counts_per_revolution),
-        ("total range", found.total_range, settings.total_range),
+        ("counts per revolution", found.counts_per_revolution, settings.identity.counts_per_revolution),
+        ("total range", found.total_range, settings.identity.total_range),
     ):
         if value is not None and wanted is not None and value != wanted:
             said.append(f"{name} is {value} instead of {wanted}")

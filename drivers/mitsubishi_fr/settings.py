@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from daq.errors import InstrumentRefused, Problem
+from daq.quantity import Check, Key, Quantity, Text, Whole
+from drivers.loopback import misplaced
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.line import LineSettings
 from drivers.mitsubishi_fr.registers import Block, Register
+
+if TYPE_CHECKING:
+    from drivers.mitsubishi_fr.line import LineSettings
 
 LONGEST_WATCHDOG_S = 2.0
 SHORTEST_WATCHDOG_S = 0.5  # a silence that long happens on a disturbed line without anybody being gone
@@ -30,30 +36,91 @@ CHECKED = (
 )
 
 
+_PORT = Text(
+    'a serial port or a socket of this machine, such as "/dev/ttyUSB1" or "socket://127.0.0.1:5020"',
+    r"/dev/\S+|COM\d{1,3}|socket://[^\s/]+:\d{1,5}",
+)
+_SOCKET = "socket://"
+_MOST_HZ = 400.0
+_BAUDRATES = (4800, 9600, 19200, 38400)
+
+
+def _reachable(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    port = inverter["port"]
+    if not port and not inverter["emulated"]:
+        yield "port", f"{_PORT}; or emulated = true"
+    if port.startswith(_SOCKET) and (wrong := misplaced(port.removeprefix(_SOCKET))):
+        yield "port", wrong
+
+
+def _within_its_output(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    output_hz = inverter["maximum_speed"] / inverter["rpm_per_hz"]
+    if output_hz > _MOST_HZ:
+        allowed = f"at most {_MOST_HZ:g} Hz of output, not {output_hz:g} Hz: maximum_speed / rpm_per_hz"
+        yield "maximum_speed", allowed
+
+
+def _baudrate_known(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if inverter["baudrate"] not in _BAUDRATES:
+        yield "baudrate", " or ".join(map(str, _BAUDRATES))
+
+
+def _patient(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if inverter["silent"] <= inverter["answer"]:
+        yield "silent", f"longer than answer, {inverter['answer']:g} s"
+
+
 @dataclass(frozen=True, slots=True)
 class InverterSettings:
-    """Where the inverter is and how far it may go.
+    """The table [inverter] of a bench: where the inverter is and how far it may go.
 
-    `rpm_per_hz` is the crank's speed per output frequency, poles and gear together. It is polled every
-    `poll_s`, given up after `silent_s` without an answer, and stopped when nobody has looked after the
-    running motor for `unattended_s` (all in s).
+    `rpm_per_hz` is the crank's speed per output frequency, poles and gear together. `port` is empty where
+    nobody knows it yet. It is polled every `poll_s`, given up after `silent_s` without an answer, and stopped
+    when nobody has looked after the running motor for `unattended_s` (all in s); an answer may take
+    `answer_s`.
     """
 
-    port: str
-    station: int
-    baudrate: int
-    parity: str
-    rpm_per_hz: float
-    maximum_speed_rpm: float
+    rpm_per_hz: Annotated[float, Quantity("", 0, 10_000, above=True)]
+    maximum_speed_rpm: Annotated[
+        float, Quantity("rpm", 0, 100_000, above=True, kept=True, key="maximum_speed")
+    ]
+    driver: Annotated[Literal["mitsubishi_fr"], Key()] = "mitsubishi_fr"
+    port: Annotated[str, _PORT] = ""
+    station: Annotated[int, Whole(1, 247)] = 1
+    baudrate: Annotated[int, Whole(_BAUDRATES[0], _BAUDRATES[-1])] = 19200
+    parity: Annotated[Literal["E", "O", "N"], Key()] = "E"
+    answer_s: Annotated[float, Quantity("s", 0.05, 2, key="answer")] = 0.2
+    poll_s: Annotated[float, Quantity("s", 0.02, 0.5, key="poll")] = 0.1
+    silent_s: Annotated[float, Quantity("s", 0.2, 5, key="silent")] = 0.8
+    unattended_s: Annotated[float, Quantity("s", 1, 60, key="unattended")] = 5.0
+    emulated: Annotated[bool, Key()] = False
     name: str = "inverter"
-    answer_s: float = 0.2
-    poll_s: float = 0.1
-    silent_s: float = 0.8
-    unattended_s: float = 5.0
+    CHECKS: ClassVar = (
+        Check(("port", "emulated"), _reachable),
+        Check(("maximum_speed", "rpm_per_hz"), _within_its_output),
+        Check(("baudrate",), _baudrate_known),
+        Check(("silent", "answer"), _patient),
+    )
+
+    @staticmethod
+    def place(address: str) -> Mapping[str, Any]:
+        """What the table says of one that is at `address`."""
+        return {"port": address}
+
+    def at(self, address: str) -> InverterSettings:
+        """The same one, at `address`."""
+        return replace(self, port=address)
+
+    @property
+    def maximum_speed(self) -> float:
+        """The highest speed in rad/s."""
+        return self.maximum_speed_rpm * math.tau / 60.0
 
     @property
     def line(self) -> LineSettings:
         """What of it concerns the line."""
+        from drivers.mitsubishi_fr.line import LineSettings  # pymodbus, which reading a bench does without
+
         return LineSettings(self.port, self.station, self.baudrate, self.parity, self.answer_s)
 
     @property

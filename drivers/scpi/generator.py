@@ -3,27 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
 from drivers.scpi import answers, settings
-from drivers.scpi.settings import Choice, Quantity
+from drivers.scpi.settings import Choice, GeneratorSettings, Number
 
 KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
-
-
-@dataclass(frozen=True, slots=True)
-class GeneratorSettings:
-    """Where the generator is and how far it may go.
-
-    `maximum_amplitude_v` bounds |offset| plus peak, in V at its output into high impedance.
-    """
-
-    resource: str
-    maximum_amplitude_v: float
-    name: str = "signal generator"
-    timeout_s: float = 2.0
 
 
 class ScpiGenerator:
@@ -119,7 +105,7 @@ class ScpiGenerator:
         if not choice.agrees(answer):
             raise self._refused(f"the output does not go off, it answers {answer!r}")
 
-    def _set(self, quantity: Quantity, value: float) -> None:
+    def _set(self, quantity: Number, value: float) -> None:
         self._check_range(quantity, value)
         self._link.write(f"{quantity.command} {quantity.text(value)}")
         answer = self._link.query(f"{quantity.command}?")
@@ -170,7 +156,7 @@ class ScpiGenerator:
                 code="limit",
             )
 
-    def _check_range(self, quantity: Quantity, value: float) -> None:
+    def _check_range(self, quantity: Number, value: float) -> None:
         if not quantity.allows(value):
             raise self._refused(
                 f"{quantity.name} = {value:g} {quantity.unit} is outside {quantity.minimum:g} to "

@@ -64,10 +64,10 @@ def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:
     from daq.angle.skew import fastest_rad_s
 
     encoder, fastest = request.bench.encoder, max(request.speeds_rad_s)
-    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period)):
+    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period_s)):
         screen.warn(
             f"rattle skew will not use marks above {highest * 60 / math.tau:.0f} rpm: a position every "
-            f"{encoder.period * 1e3:g} ms (encoder.period) is too few around a mark"
+            f"{encoder.period_s * 1e3:g} ms (encoder.period) is too few around a mark"
         )
 
 

@@ -9,22 +9,22 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 from daq.quantity import Check, Key, Quantity, Text, Whole
-from rig.files.actuators import GENERATOR_CHECKS, INVERTER_CHECKS, Inverter, SignalGenerator
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.loopback import misplaced
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.channels import BenchChannel, read_channels
-from rig.files.encoder import Encoder, read_encoder, with_emulated_defaults
+from rig.files.encoder import read_encoder, with_emulated_defaults
 from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
-from rig.files.loopback import misplaced
 from rig.files.table import read_table, unknown_keys
+from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
 _Actuator = TypeVar("_Actuator")
 _ADDRESS: Final = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
-_ACTUATORS: Final[Mapping[str, tuple[type[Any], tuple[Check, ...]]]] = {
-    "signal_generator": (SignalGenerator, GENERATOR_CHECKS),
-    "inverter": (Inverter, INVERTER_CHECKS),
-}
 _REAL_CARD: Final = (
     "false beside a real inverter: a motor that turns needs a real card on which its shaft shows; the speed "
     "guard would watch an emulated one. For a rehearsal set inverter.emulated = true as well"
@@ -36,7 +36,6 @@ _ENCODER_BESIDE: Final = {
     "speed guard would end every run. Or leave [encoder] out",
 }
 """By whether the inverter is emulated: what the encoder has to be, and why."""
-_INSTRUMENTS: Final = (*_ACTUATORS, "daq_card", "encoder")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +68,15 @@ class DaqCard:
     buffer: float
     channels: tuple[BenchChannel, ...]
 
+    @staticmethod
+    def place(address: str) -> Mapping[str, Any]:
+        """What the table says of one that is at `address`."""
+        return {"grpc": address}
+
+    def at(self, address: str) -> DaqCard:
+        """The same one, at `address`."""
+        return dataclasses.replace(self, grpc=address)
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Emulation:
@@ -94,22 +102,22 @@ class Bench:
     """
 
     rig: str
-    actuator: SignalGenerator | Inverter
+    actuator: GeneratorSettings | InverterSettings
     daq_card: DaqCard
-    encoder: Encoder | None
+    encoder: EncoderSettings | None
     emulation: Emulation
     source: str
     text: str
 
     @property
-    def signal_generator(self) -> SignalGenerator:
+    def signal_generator(self) -> GeneratorSettings:
         """The generator of a rig that has one; LookupError for another's bench."""
-        return _of_kind(SignalGenerator, self.actuator)
+        return _of_kind(GeneratorSettings, self.actuator)
 
     @property
-    def inverter(self) -> Inverter:
+    def inverter(self) -> InverterSettings:
         """The inverter of a rig that has one; LookupError for another's bench."""
-        return _of_kind(Inverter, self.actuator)
+        return _of_kind(InverterSettings, self.actuator)
 
     @property
     def instruments(self) -> tuple[str, ...]:
@@ -157,16 +165,16 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     kind = RIGS[_inferred_rig(given) if rig is None else rig]
     _note_foreign(given, kind, faults)
     table = _with_defaults(given, kind, faults)
-    unknown_keys(table, (*_INSTRUMENTS, "emulation"), "", faults)
-    section, checks = _ACTUATORS[kind.actuator]
-    actuator = read_table(section, table[kind.actuator], kind.actuator, faults, checks)
+    unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
+    settings = loaded(INSTRUMENTS[kind.actuator].settings)
+    actuator: Any = read_table(settings, table[kind.actuator], kind.actuator, faults)
     card = _card(table["daq_card"], faults)
     encoder = None
     if "encoder" in kind.extras and "encoder" in given:
         encoder = read_encoder(given["encoder"], "encoder", faults)
     lags = "encoder" in kind.extras and _emulated(given.get("encoder"))
     emulation = _emulation(table.get("emulation", {}), kind, lags, folder, faults)
-    idle = actuator and card and not any(_emulated(table.get(name)) for name in _INSTRUMENTS)
+    idle = actuator and card and not any(_emulated(table.get(name)) for name in INSTRUMENTS)
     if "emulation" in given and idle:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
     if kind.turns and kind.actuator in given and actuator and card:
@@ -177,7 +185,10 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
 
 
 def _note_mixed(
-    actuator: SignalGenerator | Inverter, card: DaqCard, encoder: Encoder | None, faults: Faults
+    actuator: GeneratorSettings | InverterSettings,
+    card: DaqCard,
+    encoder: EncoderSettings | None,
+    faults: Faults,
 ) -> None:
     """Note what does not look at the shaft that the motor turns."""
     if _unseen(actuator, card):
@@ -186,7 +197,7 @@ def _note_mixed(
         faults.add("encoder.emulated", encoder.emulated, _ENCODER_BESIDE[actuator.emulated])
 
 
-def _unseen(actuator: SignalGenerator | Inverter, card: DaqCard) -> bool:
+def _unseen(actuator: GeneratorSettings | InverterSettings, card: DaqCard) -> bool:
     return card.emulated and not actuator.emulated
 
 
@@ -212,10 +223,10 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
 
 def _note_foreign(given: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
     """Note the instruments that this rig has no use for."""
-    for name in _INSTRUMENTS:
+    for name in INSTRUMENTS:
         if name in given and name not in (kind.actuator, "daq_card", *kind.extras):
             driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
-            faults.add(name, given[name], driven if name in _ACTUATORS else f"none: the {kind.name} has none")
+            faults.add(name, given[name], driven if name in ACTUATORS else f"none: the {kind.name} has none")
 
 
 def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict[str, Any]:
@@ -225,7 +236,7 @@ def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict
     drives an emulated shaker while waiting for the real one.
     """
     embedded = read_toml(kind.bench, "embedded bench")
-    some_real = any(name in given and not _emulated(given[name]) for name in _INSTRUMENTS)
+    some_real = any(name in given and not _emulated(given[name]) for name in INSTRUMENTS)
     table = dict(given)
     for name in (kind.actuator, "daq_card"):
         if name not in given and some_real:

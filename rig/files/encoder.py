@@ -4,58 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final
 
-from daq.quantity import Key, Quantity, Text, Whole
+from daq.quantity import settings_of
+from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.loopback import misplaced
 from rig.files.faults import Faults, dotted
-from rig.files.loopback import misplaced
 from rig.files.table import read_table, unknown_keys
 
-Option = str | int | float | bool
-_WORD32: Final = Whole(0, 2**32 - 1)
-_COUNTS: Final = Whole(1, 2**32 - 1)
 _OPTIONS: Final[Mapping[str, tuple[str, ...]]] = {"socketcand": ("host", "port", "channel", "tcp_tune")}
 """The keys of interfaces that are known here; of any other, python-can judges."""
-
-
-@dataclass(frozen=True, slots=True)
-class EncoderIdentity:
-    """What the encoder must say of itself; None is taken as it says."""
-
-    counts_per_revolution: Annotated[int | None, _COUNTS] = None
-    total_range: Annotated[int | None, _COUNTS] = None
-    operating_parameters: Annotated[int | None, Whole(0, 0xFFFF)] = None
-    vendor: Annotated[int | None, _WORD32] = None
-    product: Annotated[int | None, _WORD32] = None
-    revision: Annotated[int | None, _WORD32] = None
-    serial: Annotated[int | None, _WORD32] = None
-
-
-@dataclass(frozen=True, slots=True)
-class _EncoderSection:
-    node: Annotated[int, Whole(1, 127)]
-    interface: Annotated[str, Text('an interface of python-can, such as "socketcand"', r"[a-z0-9_]+")]
-    driver: Annotated[Literal["canopen_cia406"], Key()] = "canopen_cia406"
-    period: Annotated[float, Quantity("ms", 1, 65535)] = 1e-3
-    emulated: Annotated[bool, Key()] = False
-    identity: Annotated[dict[str, Any] | None, Text("a table [encoder.identity]")] = None
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Encoder:
-    """A CANopen encoder: `node` on a bus behind `interface`, whose own keys are `options`; `period` in s."""
-
-    driver: Literal["canopen_cia406"]
-    node: int
-    interface: str
-    options: Mapping[str, Option]
-    period: float
-    emulated: bool
-    identity: EncoderIdentity
-
-
-_OWN: Final = tuple(field.name for field in dataclasses.fields(_EncoderSection))
+_OWN: Final = tuple(settings_of(EncoderSettings))
 EMULATED: Final[Mapping[str, Any]] = {"interface": "socketcand", "channel": "can0", "node": 7}
 """What an emulated encoder leaves open."""
 
@@ -65,28 +24,17 @@ def with_emulated_defaults(table: Any) -> Any:
     return {**EMULATED, **table} if isinstance(table, dict) and table.get("emulated") is True else table
 
 
-def read_encoder(table: object, key: str, faults: Faults) -> Encoder | None:
+def read_encoder(table: object, key: str, faults: Faults) -> EncoderSettings | None:
     """Return the encoder, or None after noting in `faults` all that is wrong with it."""
     given = with_emulated_defaults(table)
     own = {name: given[name] for name in _OWN if name in given} if isinstance(given, dict) else given
-    section = read_table(_EncoderSection, own, key, faults)
+    encoder = read_table(EncoderSettings, own, key, faults)
     if not isinstance(given, dict):
         return None
     options = {name: value for name, value in given.items() if name not in _OWN}
     emulated, interface = given.get("emulated") is True, given.get("interface")
     sound = _options_hold(options, interface, emulated, key, faults)
-    identity = read_table(EncoderIdentity, given.get("identity", {}), f"{key}.identity", faults)
-    if section is None or identity is None or not sound:
-        return None
-    return Encoder(
-        driver=section.driver,
-        node=section.node,
-        interface=section.interface,
-        options=options,
-        period=section.period,
-        emulated=section.emulated,
-        identity=identity,
-    )
+    return dataclasses.replace(encoder, options=options) if encoder is not None and sound else None
 
 
 def _options_hold(

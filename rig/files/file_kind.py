@@ -9,12 +9,13 @@ from typing import Any, Final, Literal
 from daq.errors import ConfigurationError, Problem
 from daq.log.reader import begins_as_log
 from rig.files.faults import read_text, read_toml
+from rig.instruments import INSTRUMENTS
 
 FileKind = Literal["scenario", "bench", "sweep", "model", "log"]
 
 _KEYS: Final[Mapping[FileKind, frozenset[str]]] = {
     "scenario": frozenset({"rig", "model", "drive", "acquisition", "limits"}),
-    "bench": frozenset({"signal_generator", "inverter", "daq_card", "encoder", "emulation"}),
+    "bench": frozenset({*INSTRUMENTS, "emulation"}),
     "sweep": frozenset({"sweep", "scenario", "axes", "acquisition"}),
     "model": frozenset({"rig", "runs", "scenarios", "tolerances"}),
 }

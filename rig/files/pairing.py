@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.scenario import Limit, Scenario
+from rig.instruments import ACTUATORS
+from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.shaft import shaft_channel
 
@@ -33,10 +34,10 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
     `today` (emulated sensors do not age).
     """
-    drive = _DRIVES[RIGS[scenario.rig].actuator]
+    actuator = ACTUATORS[RIGS[scenario.rig].actuator]
     problems = [
-        *drive.beyond(scenario, bench),
-        *drive.hurried(scenario),
+        *loaded(actuator.beyond)(scenario, bench),
+        *loaded(actuator.hurried)(scenario),
         *_channels(scenario.rig, bench),
         *_shaft(bench),
         *_limits(scenario, bench),
@@ -48,7 +49,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
 
 def check_scenario(scenario: Scenario, source: str) -> None:
     """Raise ConfigurationError with what forbids this scenario on whatever bench; `source` is its file."""
-    problems = list(_DRIVES[RIGS[scenario.rig].actuator].hurried(scenario))
+    problems = list(loaded(ACTUATORS[RIGS[scenario.rig].actuator].hurried)(scenario))
     if problems:
         raise ConfigurationError(source, problems)
 
@@ -60,7 +61,8 @@ def check_bench(bench: Bench, today: datetime.date) -> None:
         raise ConfigurationError(bench.source, problems)
 
 
-def _too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    """What is more force than the bench allows."""
     peak = scenario.drive.peak
     highest = bench.signal_generator.maximum_amplitude
     if peak > highest:
@@ -68,38 +70,26 @@ def _too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
 
 
-def _no_soft_start(scenario: Scenario) -> Iterator[Problem]:
+def no_soft_start(scenario: Scenario) -> Iterator[Problem]:
+    """An offset without time to come up."""
     if scenario.drive.offset and scenario.acquisition.settle < SOFT_START_FROM_S:
         allowed = f"at least {SOFT_START_FROM_S:g} s with an offset, which is brought up softly"
         yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
 
 
-def _too_fast(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+def too_fast(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    """What is faster than the bench allows."""
     speed, highest = scenario.drive.speed, bench.inverter.maximum_speed
     if speed > highest * (1 + _ROUNDING):
         allowed = f"up to {_rpm(highest)} (inverter.maximum_speed)"
         yield Problem("drive.speed", _rpm(speed), allowed)
 
 
-def _no_ramp(scenario: Scenario) -> Iterator[Problem]:
+def no_ramp(scenario: Scenario) -> Iterator[Problem]:
+    """No time for a motor to come up."""
     if scenario.acquisition.settle < _LEAST_MOTOR_SETTLE_S:
         allowed = f"at least {_LEAST_MOTOR_SETTLE_S:g} s: a motor comes up on its ramp and settles after it"
         yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
-
-
-@dataclass(frozen=True, slots=True)
-class _Drive:
-    """What is asked of an actuator `beyond` what it may do on a bench, and too `hurried` on any."""
-
-    beyond: Callable[[Scenario, Bench], Iterator[Problem]]
-    hurried: Callable[[Scenario], Iterator[Problem]]
-
-
-_DRIVES: Final[Mapping[str, _Drive]] = {
-    "signal_generator": _Drive(_too_strong, _no_soft_start),
-    "inverter": _Drive(_too_fast, _no_ramp),
-}
-"""By actuator."""
 
 
 def _rpm(speed: float) -> str:

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 from rig.files.bench import Bench, tables_of
 from rig.files.toml_text import toml_of
+from rig.instruments import INSTRUMENTS
+from rig.loaded_table import loaded
 
-
-def _host_and_port(address: str) -> dict[str, Any]:
-    host, _, port = address.rpartition(":")
-    return {"host": host, "port": int(port)}
-
-
-_ADDRESSED: Final[Mapping[str, Callable[[str], Mapping[str, Any]]]] = {
-    "signal_generator": lambda address: {"resource": address},
-    "inverter": lambda address: {"port": address},
-    "daq_card": lambda address: {"grpc": address},
-    "encoder": _host_and_port,
-}
-"""How the table of each instrument says where it is."""
 _FIRST: Final = ("driver", "interface")
 
 
@@ -30,10 +19,11 @@ def bench_reaching(bench: Bench, addresses: Mapping[str, str]) -> str:
     What the bench says of the others stays as it is.
     """
     tables = tables_of(bench)
-    reached = {
-        name: _at(tables[name], _ADDRESSED[name](addresses[name])) if name in addresses else tables[name]
-        for name in bench.instruments
-    }
+    reached = {}
+    for name in bench.instruments:
+        here = addresses.get(name)
+        place = None if here is None else loaded(INSTRUMENTS[name].settings).place(here)
+        reached[name] = tables[name] if place is None else _at(tables[name], place)
     return toml_of(reached)
 
 

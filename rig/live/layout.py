@@ -6,11 +6,16 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from daq.channel import Channel
 from rig.live.displayed_channels import DisplayedChannels
 from rig.live.picture import Picture
-from rig.live.rigs import PICTURES
+from rig.loaded_table import loaded, place_of
+from rig.rigs import RIGS
+
+if TYPE_CHECKING:
+    from sim_twin.twin import AnyTwin
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,15 +26,22 @@ class Layout(DisplayedChannels):
 
     def to_json(self) -> str:
         """Return the layout as text."""
-        name = self.picture.rig if self.picture else None
-        return json.dumps(dataclasses.asdict(self) | {"rig": name})
+        shown_by = place_of(type(self.picture)) if self.picture else None
+        return json.dumps(dataclasses.asdict(self) | {"shown_by": shown_by})
 
     @classmethod
     def from_json(cls, text: str) -> Layout:
         """Rebuild a layout from `to_json`."""
         fields = json.loads(text)
-        name, values = fields.pop("rig"), fields.pop("picture")
-        return cls(**fields, picture=PICTURES[name](**values) if name else None)
+        shown_by, values = fields.pop("shown_by"), fields.pop("picture")
+        return cls(**fields, picture=loaded(shown_by)(**values) if shown_by else None)
+
+
+def picture_of(twin: AnyTwin) -> Picture | None:
+    """The rig of a twin in space and its own plots; None for a rig that has no picture."""
+    place = RIGS[twin.rig.kind].picture
+    picture: Picture | None = loaded(place).of(twin) if place else None
+    return picture
 
 
 def layout_of(

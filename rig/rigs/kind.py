@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
 from inspect import signature
-from math import pi
-from typing import Any, Final
+from typing import Any
 
 from daq.quantity import REQUIRED, Check, Setting, settings_of
 from sim_twin.rigs.channel_table import ChannelTable, Role
@@ -26,29 +25,6 @@ class ShownSine:
         return float(drive.frequency) if drive.amplitude else None
 
 
-@dataclass(frozen=True, slots=True)
-class Highest:
-    """What a bench lets its actuator do at most: the `key` of its table, which is in SI.
-
-    `per_si` is how many of the operator's `unit` one SI unit is.
-    """
-
-    key: str
-    unit: str
-    per_si: float = 1.0
-
-    def of(self, actuator: Any) -> float:
-        """That of an actuator, in SI."""
-        return float(getattr(actuator, self.key))
-
-
-_HIGHEST: Final[Mapping[str, Highest]] = {
-    "signal_generator": Highest("maximum_amplitude", "N"),
-    "inverter": Highest("maximum_speed", "rpm", 30 / pi),
-}
-"""By actuator."""
-
-
 def _as_it_is(rig: Any, channels: tuple[str, ...]) -> Any:
     return rig
 
@@ -63,7 +39,8 @@ class RigKind:
     of [model] that a lab sets between runs on one rig; another value of any other key is another rig.
     `by_hand` are the keys that a person changes between two points of a sweep, each with what to do.
     `variations` are settings for a next experiment, as factors of scenario keys. `equipped(rig, channels)` is
-    the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class.
+    the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class;
+    empty without one.
     """
 
     parameters: type[Any]
@@ -115,11 +92,6 @@ class RigKind:
         settings = settings_of(self.drive)
         values = {each.name: drive.get(key, each.default) for key, each in settings.items()}
         return None if REQUIRED in values.values() else float(self.drive(**values).cycle_hz)
-
-    @property
-    def highest(self) -> Highest:
-        """What a bench allows of the drive."""
-        return _HIGHEST[self.actuator]
 
     @property
     def turns(self) -> bool:

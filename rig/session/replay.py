@@ -141,7 +141,7 @@ class ShapeFollower:
 
 
 def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
-    from rig.live.rigs import picture_of
+    from rig.live.layout import picture_of
     from rig.live.view import LiveView
 
     origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
@@ -149,7 +149,7 @@ def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
         scenario.name,
         origins["measured"],
         origins["predicted"],
-        picture_of(scenario.rig, twin),
+        picture_of(twin),
         nominal=origins["nominal"],
         derived=derived_channels(origins, scenario),
     )

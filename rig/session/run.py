@@ -149,13 +149,13 @@ class _Run:
         self, stack: ExitStack, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
     ) -> LiveView:
         """The live view, which gets every record from now on and may drop it."""
-        from rig.live.rigs import picture_of  # here, for a run that nobody watches need not load Rerun
+        from rig.live.layout import picture_of  # here, for a run that nobody watches need not load Rerun
         from rig.live.view import LiveView
 
         encoder, measured = self._rig.devices.encoder, origins["measured"]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        picture = picture_of(self._scenario.rig, twin)
+        picture = picture_of(twin)
         view = LiveView(self._scenario.name, measured, origins["predicted"], picture, derived=derived)
         stack.enter_context(view)
         self._rig.screen.say(f"live view  {view.url}")

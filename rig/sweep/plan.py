@@ -15,6 +15,7 @@ from rig.files.pairing import SOFT_START_FROM_S, check_pair, check_scenario
 from rig.files.scenario import Limit
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
+from rig.instruments import ACTUATORS
 from rig.rigs import RIGS
 from rig.session.centring.probe import check_centring
 from rig.session.centring.probe import plan_of as centring_plan
@@ -198,9 +199,9 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
-    highest, asked = kind.highest, max(point.scenario.drive.peak for point in sweep.points)
-    allowed = f"{highest.of(bench.actuator) * highest.per_si:g} {highest.unit}"
-    said = f"{asked * highest.per_si:g} of {allowed} ({kind.actuator}.{highest.key})"
+    actuator, asked = ACTUATORS[kind.actuator], max(point.scenario.drive.peak for point in sweep.points)
+    allowed = f"{actuator.highest_of(bench.actuator):g} {actuator.unit}"
+    said = f"{asked * actuator.per_si:g} of {allowed} ({kind.actuator}.{actuator.highest})"
     yield f"guard      drive at most {said}"
     if kind.turns:
         yield f"guard      {SPEED_GUARDED}"

@@ -6,14 +6,14 @@ import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from daq.clock import SystemClock
 from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 from drivers.canopen_cia406.emulator.setup import EncoderSetup
 from drivers.canopen_cia406.encoder import CanopenEncoder
-from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.canopen_cia406.settings import EncoderIdentity, EncoderSettings
 from drivers.protocols.encoder import Shaft
 
 PATIENCE_S = 5.0  # a busy machine may take this long to answer; nothing here depends on it
@@ -34,7 +34,11 @@ def socketcand(address: str, **settings: Any) -> EncoderSettings:
     host, port = address.split(":")
     settings.setdefault("timeout_s", PATIENCE_S)
     settings.setdefault("node", 7)
-    return EncoderSettings("socketcand", {"host": host, "port": int(port), "channel": "can0"}, **settings)
+    known = [field.name for field in fields(EncoderIdentity)]
+    settings["identity"] = EncoderIdentity(**{key: settings.pop(key) for key in known if key in settings})
+    return EncoderSettings(
+        interface="socketcand", options={"host": host, "port": int(port), "channel": "can0"}, **settings
+    )
 
 
 @contextmanager

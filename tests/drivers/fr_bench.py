@@ -38,7 +38,7 @@ LOOK_S = 0.26  # two looks of three answers each, in turns with the poll: 12 exc
 STOP = (STATUS_AND_COMMAND.number, int(Command.STOP))
 FORWARD = (STATUS_AND_COMMAND.number, int(Command.FORWARD))
 ZERO = (RUNNING_FREQUENCY.number, 0)
-SETTINGS = InverterSettings("nowhere", 1, 19200, "E", rpm_per_hz=30.0, maximum_speed_rpm=300.0)
+SETTINGS = InverterSettings(30.0, 300.0, port="nowhere")
 
 
 class _Selector(selectors.DefaultSelector):

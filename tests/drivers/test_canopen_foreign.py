@@ -124,7 +124,9 @@ def peer(tmp_path: Path) -> Callable[..., AbstractContextManager[Peer]]:
 
 
 def settings(timeout_s: float = PATIENCE_S) -> EncoderSettings:
-    return EncoderSettings("virtual", {"channel": CHANNEL}, NODE, period_s=PERIOD_S, timeout_s=timeout_s)
+    return EncoderSettings(
+        NODE, "virtual", options={"channel": CHANNEL}, period_s=PERIOD_S, timeout_s=timeout_s
+    )
 
 
 RunPeer = Callable[[str], AbstractContextManager[Peer]]

@@ -18,7 +18,7 @@ class Bus:
     """A stream that hears what the test lets come; `late_s` is how late a frame is."""
 
     def __init__(self) -> None:
-        self.stream = PositionStream(EncoderSettings("socketcand", {}, NODE))
+        self.stream = PositionStream(EncoderSettings(NODE, "socketcand", options={}))
         self.stream.begin(PositionLayout(0, 4), RANGE, 0.3)
 
     def says(self, number: float, data: bytes, late_s: float = 0.0, **kind: bool) -> None:

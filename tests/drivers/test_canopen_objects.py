@@ -70,7 +70,7 @@ def test_heartbeat_of_the_wrong_length() -> None:
 
 
 def test_settings_that_cannot_be_are_listed_at_once() -> None:
-    wrong = EncoderSettings("", {}, node=128, period_s=1.5e-3, buffer_s=0.0, timeout_s=float("nan"))
+    wrong = EncoderSettings(128, "", options={}, period_s=1.5e-3, buffer_s=0.0, timeout_s=float("nan"))
     with pytest.raises(ConfigurationError, match=r"encoder\.node = 128: 1 to 127") as caught:
         CanopenEncoder(wrong).open()
     keys = [problem.key for problem in caught.value.problems]

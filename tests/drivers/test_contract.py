@@ -38,7 +38,7 @@ NOTICED_S = 1.0  # reliability: a lost device is noticed within a second
 
 
 def _generator(address: str) -> DriveGenerator:
-    return ScpiGenerator(GeneratorSettings(address, maximum_amplitude_v=5.0, timeout_s=0.5))
+    return ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=address, timeout_s=0.5))
 
 
 def _card(address: str) -> AcquisitionCard:
@@ -46,7 +46,7 @@ def _card(address: str) -> AcquisitionCard:
 
 
 def _inverter(address: str, parity: str) -> SpeedDrive:
-    return FrInverter(InverterSettings(address, 1, 19200, parity, rpm_per_hz=30.0, maximum_speed_rpm=300.0))
+    return FrInverter(InverterSettings(30.0, 300.0, port=address, parity=parity))
 
 
 def _encoder(address: str) -> PositionEncoder:

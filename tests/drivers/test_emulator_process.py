@@ -70,7 +70,7 @@ def test_ctrl_c_does_not_reach_them() -> None:
         for emulator in (emulated_generator, emulated_card):
             for _ in range(3):
                 os.kill(emulator.pid, signal.SIGINT)
-        generator = ScpiGenerator(GeneratorSettings(emulated_generator.address, 5.0))
+        generator = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=emulated_generator.address))
         card = NiDaqCard(card_settings(emulated_card.address))
         generator.open()
         card.open()

@@ -34,7 +34,7 @@ CHILD = """
 import sys, time
 from drivers.mitsubishi_fr.inverter import FrInverter
 from drivers.mitsubishi_fr.settings import InverterSettings
-inverter = FrInverter(InverterSettings(sys.argv[1], 1, 19200, "E", 30.0, 300.0, unattended_s=1e3))
+inverter = FrInverter(InverterSettings(30.0, 300.0, port=sys.argv[1], unattended_s=1e3))
 inverter.open()
 inverter.set_speed(200.0)
 inverter.start()
@@ -45,7 +45,7 @@ time.sleep(1e3)
 
 def settings_for(port: str, parity: str = "E") -> InverterSettings:
     # Answers may take longer than a drive's would, on a machine that is busy with something else.
-    return InverterSettings(port, 1, 19200, parity, 30.0, 300.0, answer_s=0.5, silent_s=2.5)
+    return InverterSettings(30.0, 300.0, port=port, parity=parity, answer_s=0.5, silent_s=2.5)
 
 
 class Ends:

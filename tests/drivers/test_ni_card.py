@@ -115,7 +115,7 @@ def test_the_generator_drives_the_plant_at_the_time_of_its_change() -> None:
         generator_emulator = start_function_generator(link.sender)
         card_emulator = start_daq_card(SinePlant, WIRING, link.receiver)
     with generator_emulator, card_emulator, opened(card_settings(card_emulator.address)) as card:
-        generator = ScpiGenerator(GeneratorSettings(generator_emulator.address, 5.0))
+        generator = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=generator_emulator.address))
         generator.open()
         generator.arm_sine(frequency_hz, amplitude_v, 0.0, triggered=True)
         before_s = time.monotonic()

@@ -32,7 +32,7 @@ class Echo:
 
 def arm(answer: Answer) -> list[str]:
     with ScriptedInstrument(answer) as instrument:
-        driver = ScpiGenerator(GeneratorSettings(instrument.resource, 5.0, timeout_s=0.4))
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
         try:
             driver.open()
             driver.arm_sine(20.0, 1.0, 0.5, triggered=True)
@@ -109,7 +109,7 @@ def test_a_filled_error_queue_is_emptied_and_the_next_setting_is_taken(first: by
             return super().__call__(line)
 
     with ScriptedInstrument(Filled({})) as instrument:
-        driver = ScpiGenerator(GeneratorSettings(instrument.resource, 5.0, timeout_s=0.4))
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
         driver.open()
         driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
         with pytest.raises(InstrumentRefused, match=f"frequency = 21 Hz: {code} ") as caught:
@@ -132,7 +132,7 @@ def test_a_late_answer_is_not_taken_for_the_next() -> None:
             return super().__call__(line)
 
     with ScriptedInstrument(Late({})) as instrument:
-        driver = ScpiGenerator(GeneratorSettings(instrument.resource, 5.0, timeout_s=0.4))
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
         driver.open()
         with pytest.raises(InstrumentSilent, match="OPC"):
             driver.arm_sine(20.0, 1.0, 0.0, triggered=False)

@@ -110,7 +110,7 @@ class Bench:
         self.instrument: Generator33522B = self.server.server.devices["generator"]
         host, port = self.instrument.transports[0].address
         resource = f"TCPIP::{host}::{port}::SOCKET"
-        self.driver = ScpiGenerator(GeneratorSettings(resource, maximum_amplitude_v=5.0, timeout_s=0.5))
+        self.driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=resource, timeout_s=0.5))
 
 
 @pytest.fixture

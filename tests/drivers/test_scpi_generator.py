@@ -38,7 +38,7 @@ def outputs() -> Iterator[tuple[tuple[str, ...], Connection]]:
 def generator(
     outputs: tuple[tuple[str, ...], Connection], request: pytest.FixtureRequest
 ) -> Iterator[ScpiGenerator]:
-    driver = ScpiGenerator(GeneratorSettings(outputs[0][request.param], maximum_amplitude_v=5.0))
+    driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=outputs[0][request.param]))
     driver.open()
     yield driver
     driver.off()
@@ -178,7 +178,7 @@ def test_start_without_arming_a_burst(generator: ScpiGenerator) -> None:
 def test_what_an_earlier_client_left_is_cleared(way: int) -> None:
     setup = GeneratorSetup(pending_errors=(-410, -420, *[-113] * 30), stale_answer=b"+1.5E+00\nhalf an ans")
     with start_function_generator(setup=setup) as emulator:
-        driver = ScpiGenerator(GeneratorSettings(emulator.addresses[way], 5.0))
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=emulator.addresses[way]))
         driver.open()
         driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
         driver.close()
@@ -189,7 +189,7 @@ def test_half_a_command_of_an_earlier_client(generator_emulator: EmulatedInstrum
     earlier = pyvisa.ResourceManager("@py").open_resource(address)
     earlier.write_raw(b"FREQ 1")  # type: ignore[attr-defined]
     earlier.close()
-    driver = ScpiGenerator(GeneratorSettings(address, 5.0))
+    driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=address))
     driver.open()
     driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
     driver.close()
@@ -209,7 +209,7 @@ def test_noise_on_the_line_does_not_stop_the_emulator(generator_emulator: Emulat
 )
 def test_another_model_answers(identity: str) -> None:
     with start_function_generator(setup=GeneratorSetup(identity=identity)) as emulator:
-        driver = ScpiGenerator(GeneratorSettings(emulator.address, 5.0))
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=emulator.address))
         with pytest.raises(InstrumentAbsent, match="which is no 33210A, 33220A") as caught:
             driver.open()
         assert repr(identity) in caught.value.what

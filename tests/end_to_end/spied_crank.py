@@ -31,7 +31,7 @@ from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.end_to_end.command import await_true
 
 RPM, RPM_PER_HZ, RAMP_S, WATCHDOG_S = 300.0, 5.0, 1.0, 2.0
-SETTINGS = InverterSettings("", 1, 19200, "E", rpm_per_hz=RPM_PER_HZ, maximum_speed_rpm=350.0)
+SETTINGS = InverterSettings(RPM_PER_HZ, 350.0)
 MOTOR = EmulatedMotor(RPM_PER_HZ * math.tau / 60.0, SpeedDrive(1.0))
 WATCHDOG = 122
 _POINT_S = 0.002

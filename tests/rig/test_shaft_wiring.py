@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
 from drivers.mitsubishi_fr.settings import CHECKED, Parameters, problems, warnings
 from rig.files.bench import Bench, Emulation, load_bench, parse_bench
-from rig.files.encoder import Encoder
-from rig.shaft_wiring import encoder_settings, encoder_setup, inverter_settings, inverter_setup
+from rig.shaft_wiring import encoder_setup, inverter_setup
 
 EXAMPLE = Path(__file__).parents[2] / "scenarios" / "crank_bench.example.toml"
 BENCH = load_bench(EXAMPLE)
@@ -22,13 +22,13 @@ def emulated(text: str) -> Bench:
     return parse_bench(text, "bench", Path(), "planar_slider_crank")
 
 
-def encoder_of(bench: Bench) -> Encoder:
+def encoder_of(bench: Bench) -> EncoderSettings:
     assert bench.encoder is not None
     return bench.encoder
 
 
 def test_the_driver_gets_what_the_bench_says() -> None:
-    settings = inverter_settings(BENCH.inverter, "/dev/ttyUSB1")
+    settings = BENCH.inverter.at("/dev/ttyUSB1")
     assert (settings.port, settings.station, settings.baudrate, settings.parity) == (
         "/dev/ttyUSB1",
         1,
@@ -57,7 +57,7 @@ def test_the_driver_gets_what_the_bench_says() -> None:
 )
 def test_an_emulated_inverter_is_set_as_its_driver_wants_it(keys: str) -> None:
     inverter = emulated(f"[inverter]\nemulated = true\n{keys}").inverter
-    settings = inverter_settings(inverter, "socket://127.0.0.1:1")
+    settings = inverter.at("socket://127.0.0.1:1")
     raw = PARAMETERS | dict(inverter_setup(inverter).parameters)
     answers = {block: tuple(raw[each.number - 41000] for each in block.registers) for block in CHECKED}
     found = Parameters.of(answers)
@@ -68,11 +68,11 @@ def test_an_emulated_inverter_is_set_as_its_driver_wants_it(keys: str) -> None:
 
 
 def test_a_real_encoder_keeps_its_address_and_an_emulated_one_gets_it() -> None:
-    real = encoder_settings(encoder_of(BENCH), None)
+    real = encoder_of(BENCH)
     assert (real.interface, real.node, real.period_s) == ("socketcand", 7, 1e-3)
     assert real.options == {"host": "127.0.0.1", "port": 29536, "channel": "can0"}
     bench = emulated('[encoder]\nemulated = true\nnode = 9\nperiod = "2 ms"\n')
-    settings = encoder_settings(encoder_of(bench), "127.0.0.1:4711")
+    settings = encoder_of(bench).at("127.0.0.1:4711")
     assert settings.options == {"host": "127.0.0.1", "port": 4711, "channel": "can0"}
     assert (settings.node, settings.period_s) == (9, 2e-3)
 
@@ -88,8 +88,9 @@ def test_an_emulated_encoder_is_the_one_that_the_bench_expects() -> None:
         5,
     )
     assert not setup.scaling
-    settings = encoder_settings(encoder_of(bench), "127.0.0.1:1")
-    assert (settings.counts_per_revolution, settings.total_range, settings.serial) == (1000, 8000, 5)
+    settings = encoder_of(bench).at("127.0.0.1:1")
+    found = settings.identity
+    assert (found.counts_per_revolution, found.total_range, found.serial) == (1000, 8000, 5)
 
 
 def test_the_zero_and_the_clocks_of_an_emulated_encoder_are_drawn() -> None:

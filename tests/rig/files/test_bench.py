@@ -110,7 +110,7 @@ def test_emulated_instrument_beside_a_real_one() -> None:
     text = REAL.replace('resource = "TCPIP::192.168.0.20::5025::SOCKET"', "emulated = true")
     bench = parse(text)
     assert bench.signal_generator.emulated
-    assert bench.signal_generator.resource is None
+    assert bench.signal_generator.resource == ""
     assert not bench.daq_card.emulated
 
 

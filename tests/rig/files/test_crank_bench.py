@@ -42,7 +42,12 @@ def test_inverter_is_read_in_si() -> None:
     assert (inverter.driver, inverter.port, inverter.station) == ("mitsubishi_fr", "/dev/ttyUSB1", 1)
     assert (inverter.baudrate, inverter.parity, inverter.rpm_per_hz) == (19200, "E", 5.0)
     assert rpm(inverter.maximum_speed) == pytest.approx(300.0, rel=1e-12)
-    assert (inverter.answer, inverter.poll, inverter.silent, inverter.unattended) == (0.2, 0.1, 0.8, 5.0)
+    assert (inverter.answer_s, inverter.poll_s, inverter.silent_s, inverter.unattended_s) == (
+        0.2,
+        0.1,
+        0.8,
+        5.0,
+    )
 
 
 def test_encoder_keeps_the_interfaces_own_keys_apart() -> None:
@@ -50,12 +55,12 @@ def test_encoder_keeps_the_interfaces_own_keys_apart() -> None:
     assert encoder is not None
     assert (encoder.driver, encoder.interface, encoder.node) == ("canopen_cia406", "socketcand", 7)
     assert encoder.options == {"host": "127.0.0.1", "port": 29536, "channel": "can0"}
-    assert (encoder.period, encoder.emulated) == (1e-3, False)
+    assert (encoder.period_s, encoder.emulated) == (1e-3, False)
     usb = changed('interface = "socketcand"                ', 'interface = "slcan"\nbitrate = 500000 ')
     other = parse(usb.replace('period = "1 ms"', 'period = "2 ms"').replace("# period", "period")).encoder
     assert other is not None
     assert other.options == {**encoder.options, "bitrate": 500000}
-    assert other.period == 2e-3
+    assert other.period_s == 2e-3
 
 
 def test_encoder_says_what_it_must_be() -> None:

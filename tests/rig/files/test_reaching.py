@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from rig.files.bench import embedded_bench, load_bench, parse_bench
-from rig.files.encoder import Option
 from rig.files.reaching import bench_reaching
 from rig.rigs import RIGS
 
@@ -54,7 +53,7 @@ seed = 7
     assert (reached.inverter.station, reached.inverter.rpm_per_hz) == (9, 6.0)
     assert reached.daq_card.channels == emulated.daq_card.channels
     assert emulated.encoder is not None
-    options: dict[str, Option] = {"channel": "can0", "host": "127.0.0.1", "port": 29536}
+    options: dict[str, str | int] = {"channel": "can0", "host": "127.0.0.1", "port": 29536}
     assert reached.encoder == dataclasses.replace(emulated.encoder, emulated=False, options=options)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -9,11 +10,11 @@ import pytest
 
 from rig.files.scenario import parse_scenario
 from rig.live.crank.picture import CrankPicture
-from rig.live.layout import Layout, layout_of
-from rig.live.rigs import PICTURES, picture_of
+from rig.live.layout import Layout, layout_of, picture_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
+from rig.rigs import RIGS as KINDS
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.rigs.catalogue import RIGS, model_of
 from sim_twin.twin import AnyTwin
@@ -30,21 +31,21 @@ def nominal(rig: str, model: str = "") -> AnyTwin:
 
 
 def crank_picture(rig: str, model: str = "") -> CrankPicture:
-    picture = picture_of(rig, nominal(rig, model))
+    picture = picture_of(nominal(rig, model))
     assert isinstance(picture, CrankPicture)
     return picture
 
 
 def test_every_rig_has_a_picture() -> None:
-    assert set(PICTURES) == set(RIGS)
-    kinds = [type(picture_of(rig, nominal(rig))) for rig in RIGS]
+    assert all(kind.picture for kind in KINDS.values())
+    kinds = [type(picture_of(nominal(rig))) for rig in RIGS]
     assert kinds == [BeamPicture, PlanarCrankPicture, SpatialCrankPicture]
 
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_layout_with_a_picture_travels_as_text(rig: str) -> None:
     twin = nominal(rig)
-    layout = layout_of("run", predicted_channels(twin), [], picture_of(rig, twin), 2.0)
+    layout = layout_of("run", predicted_channels(twin), [], picture_of(twin), 2.0)
     again = Layout.from_json(layout.to_json())
     assert type(again.picture) is type(layout.picture)
     assert again.to_json() == layout.to_json()
@@ -53,7 +54,7 @@ def test_a_layout_with_a_picture_travels_as_text(rig: str) -> None:
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_picture_speaks_of_channels_that_its_rig_has(rig: str) -> None:
     twin = nominal(rig)
-    picture = picture_of(rig, twin)
+    picture = picture_of(twin)
     assert picture is not None
     own = picture.views(layout_of("run", predicted_channels(twin), []))
     beside = {"crank.angle", "encoder.angle"}  # an encoder may be there beside a marker
@@ -117,5 +118,6 @@ def test_journals_are_shown_where_they_are_in_their_bearings() -> None:
 
 def test_a_rig_without_a_picture_is_shown_without(monkeypatch: pytest.MonkeyPatch) -> None:
     twin = nominal("planar_slider_crank")
-    monkeypatch.delitem(PICTURES, "planar_slider_crank")
-    assert picture_of("planar_slider_crank", twin) is None
+    without = replace(KINDS["planar_slider_crank"], picture="")
+    monkeypatch.setattr("rig.live.layout.RIGS", {"planar_slider_crank": without})
+    assert picture_of(replace(twin)) is None

@@ -12,9 +12,7 @@ from rig.session.supervisor import Supervisor
 
 def drive_and_hang(address: str, patience_s: float, how: str) -> None:
     """`frozen`: wait to be stopped, beating. `sequence`: beat no more, while the driver polls on."""
-    settings = InverterSettings(
-        address, 1, 19200, "E", rpm_per_hz=5.0, maximum_speed_rpm=350.0, unattended_s=600.0
-    )
+    settings = InverterSettings(5.0, 350.0, port=address, unattended_s=600.0)
     inverter, supervisor = FrInverter(settings), Supervisor(None)
     supervisor.launch()
     inverter.open()

@@ -20,7 +20,7 @@ from drivers.protocols.speed_drive import InverterOutput
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S, WATCHDOG_S, RAMP_S = 0.8, 0.5, 0.6
-SETTINGS = InverterSettings("", 1, 19200, "E", rpm_per_hz=5.0, maximum_speed_rpm=350.0)
+SETTINGS = InverterSettings(5.0, 350.0)
 ON_SILENCE, WATCHDOG = 502, 122
 RAMP_TO_200_RPM_S = RAMP_S * 40.0 / 60.0
 LATE_S = 1.0  # processes of a busy machine

@@ -139,7 +139,7 @@ def test_an_encoder_in_a_process_of_its_own_shows_this_shaft() -> None:
     with receiver, sender, start_encoder(ShaftFactory(MOTOR, receiver), setup) as emulated:
         host, _, port = emulated.address.rpartition(":")
         options = {"host": host, "port": int(port), "channel": "can0"}
-        encoder = CanopenEncoder(EncoderSettings("socketcand", options, node=7))
+        encoder = CanopenEncoder(EncoderSettings(7, "socketcand", options=options))
         encoder.open()
         try:
             unix_s = time.time() - time.monotonic()

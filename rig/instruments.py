@@ -1,0 +1,102 @@
+"""The instruments that a bench may have, by their tables in a bench file: a line each in the one table.
+
+What stands elsewhere is named by its place (module:name) and imported when it is used: reading a bench file
+needs no driver, and driving real instruments no emulator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+from typing import Any, Final
+
+from rig.loaded_table import loaded
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """What is asked of an instrument that moves the rig.
+
+    A bench bounds it by the setting `highest`, of which the operator sees `per_si` times as many `unit`.
+    `beyond(scenario, bench)` yields what is more than a bench allows, `hurried(scenario)` what comes too soon
+    on any. `rig(scenario, bench, twin, seed, run_seed)` is the emulated rig that it moves,
+    `devices(scenario, bench, emulated)` are the devices of a run.
+    """
+
+    highest: str
+    unit: str
+    beyond: str
+    hurried: str
+    rig: str
+    devices: str
+    per_si: float = 1.0
+
+    def highest_of(self, settings: Any) -> float:
+        """The bound that the settings set, in the operator's unit."""
+        return float(getattr(settings, self.highest)) * self.per_si
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """One table of a bench; `word` names the instrument for people.
+
+    `settings` is the class that the table is read into, `drivers` make a device of them, by the key `driver`.
+    Where it shows what the rig does, `emulator(bench, rig, seed, heard)` starts an emulated one.
+    """
+
+    word: str
+    settings: str
+    drivers: Mapping[str, str]
+    actuator: Actuator | None = None
+    emulator: str = ""
+
+    def driver_of(self, settings: Any) -> Any:
+        """The class of the driver that settings ask for."""
+        return loaded(self.drivers[settings.driver])
+
+
+INSTRUMENTS: Final[Mapping[str, Instrument]] = {
+    "signal_generator": Instrument(
+        "generator",
+        "drivers.scpi.settings:GeneratorSettings",
+        {"scpi_33220a": "drivers.scpi.generator:ScpiGenerator"},
+        Actuator(
+            "maximum_amplitude",
+            "N",
+            "rig.files.pairing:too_strong",
+            "rig.files.pairing:no_soft_start",
+            "rig.emulated_rig:shaken",
+            "rig.app:shaken",
+        ),
+    ),
+    "inverter": Instrument(
+        "inverter",
+        "drivers.mitsubishi_fr.settings:InverterSettings",
+        {"mitsubishi_fr": "drivers.mitsubishi_fr.inverter:FrInverter"},
+        Actuator(
+            "maximum_speed",
+            "rpm",
+            "rig.files.pairing:too_fast",
+            "rig.files.pairing:no_ramp",
+            "rig.emulated_rig:turned",
+            "rig.app:turned",
+            30 / pi,
+        ),
+    ),
+    "daq_card": Instrument(
+        "card",
+        "rig.files.bench:DaqCard",
+        {"nidaqmx": "drivers.ni_daq.card:NiDaqCard"},
+        emulator="rig.emulation:card",
+    ),
+    "encoder": Instrument(
+        "encoder",
+        "drivers.canopen_cia406.settings:EncoderSettings",
+        {"canopen_cia406": "drivers.canopen_cia406.encoder:CanopenEncoder"},
+        emulator="rig.emulation:encoder",
+    ),
+}
+ACTUATORS: Final[Mapping[str, Actuator]] = {
+    table: each.actuator for table, each in INSTRUMENTS.items() if each.actuator is not None
+}

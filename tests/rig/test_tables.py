@@ -1,0 +1,44 @@
+"""The tables of rigs and instruments: every place that they name is there, and says the same of itself."""
+
+from __future__ import annotations
+
+import pytest
+
+from daq.quantity import Quantity, settings_of
+from rig.files.quantity import si_factor
+from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.loaded_table import loaded
+from rig.rigs import RIGS
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_rig_is_what_the_table_calls_it(name: str) -> None:
+    kind = RIGS[name]
+    assert (kind.name, kind.nominal().model.name) == (name, name)
+    assert kind.nominal().model.parameters is kind.parameters
+    assert loaded(kind.picture).rig == name
+    assert set(kind.set_up) | set(kind.by_hand) <= set(kind.model)
+    assert kind.actuator in ACTUATORS
+    assert set(kind.extras) <= set(INSTRUMENTS)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_default_may_stand_in_a_file(name: str) -> None:
+    for setting in (*RIGS[name].model.values(), *settings_of(RIGS[name].drive).values()):
+        if isinstance(setting.meaning, Quantity) and isinstance(setting.default, float):
+            shown = setting.default / si_factor(setting.meaning.unit)
+            assert setting.meaning.low * (1 - 1e-9) <= shown <= setting.meaning.high * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("table", INSTRUMENTS)
+def test_every_place_of_an_instrument_is_there(table: str) -> None:
+    instrument = INSTRUMENTS[table]
+    assert callable(loaded(instrument.settings).place)
+    assert all(callable(loaded(place)) for place in instrument.drivers.values())
+    if instrument.emulator:
+        assert callable(loaded(instrument.emulator))
+    if instrument.actuator is not None:
+        actuator = instrument.actuator
+        places = (actuator.beyond, actuator.hurried, actuator.rig, actuator.devices)
+        assert all(callable(loaded(place)) for place in places)
+        assert hasattr(loaded(instrument.settings), actuator.highest)
