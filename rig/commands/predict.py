@@ -15,7 +15,6 @@ from rig.session.progress import Screen
 from rig.twin.matched_twin import with_model
 from rig.twin.prediction_file import write_prediction
 from rig.twin.scenario_twin import twin_of, with_effects
-from sim_twin.rigs.catalogue import model_of
 
 
 def add_to(app: typer.Typer) -> None:
@@ -43,7 +42,7 @@ def add_to(app: typer.Typer) -> None:
             twin = with_effects(twin, effects)
         with screen.busy("simulating"):
             drawn = write_prediction(scenario, twin, seed, out, effects, fitted)
-            values = model_of(drawn).solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
+            values = drawn.model.solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
         if values is not None:
             print_json(values)
         screen.say(f"log        {out}")

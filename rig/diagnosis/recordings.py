@@ -23,7 +23,6 @@ from rig.twin.scenario_twin import twin_of
 from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.twin import AnyTwin, Twin
@@ -94,7 +93,7 @@ def recorded(paths: Sequence[Path]) -> Recorded:
 
 
 def _refused(twin: AnyTwin) -> Iterator[str]:
-    for effect in model_of(twin).effects.values():
+    for effect in twin.model.effects.values():
         reason = effect.refusal(twin)
         if reason:
             yield f"{effect.name} was not looked for ({reason})"
@@ -120,7 +119,7 @@ def _none_copied(runs: Sequence[_Run]) -> None:
 
 
 def _of_one_rig(runs: Sequence[_Run]) -> None:
-    rigs = {model_of(run.twin).name: run.path.name for run in runs}
+    rigs = {run.twin.model.name: run.path.name for run in runs}
     if len(rigs) > 1:
         what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
         raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
@@ -145,7 +144,7 @@ def _read(path: Path) -> _Run:
         scenario = followed_scenario(log)
         channels = log.channels("measured")
         twin = twin_of(scenario, channels)
-        model = model_of(twin)
+        model = twin.model
         if model.reference not in channels:
             raise LogError(f"{path}: no {model.reference}; without it nobody knows the phase of a cycle")
         wanted = [name for name in twin.channels if name in channels]
@@ -193,8 +192,8 @@ def _remarks(
             remarks.append(
                 f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
             )
-    reference = model_of(twin).reference
-    if reference in model_of(twin).smooth_channels:
+    reference = twin.model.reference
+    if reference in twin.model.smooth_channels:
         shown = float(np.sqrt(2) * np.std(records[reference]))
         if abs(shown / twin.drive.amplitude - 1) > _OTHER_AMPLITUDE:
             remarks.append(
@@ -206,7 +205,7 @@ def _remarks(
 
 def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
     """The measured cycles; raises LogError where they are not the scenario's."""
-    model = model_of(twin)
+    model = twin.model
     nominal = twin.drive.cycle_hz
     if rate / nominal < _FEWEST_SAMPLES:
         raise LogError(f"{path}: {rate / nominal:.3g} samples a cycle; a diagnosis needs {_FEWEST_SAMPLES}")
@@ -233,7 +232,7 @@ def _whole(cycles: Cycles, sound: NDArray[np.bool_]) -> int:
 
 def _check_units(path: Path, channels: dict[str, Channel], twin: AnyTwin, wanted: Sequence[str]) -> None:
     for name in wanted:
-        unit = model_of(twin).channel_unit(name)
+        unit = twin.model.channel_unit(name)
         if channels[name].unit != unit:
             raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
 
@@ -279,7 +278,7 @@ def _bridged(values: Array) -> Array:
 
 def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:
     """How a run of so many `whole` cycles is looked at, at `rate` Hz."""
-    model = model_of(twin)
+    model = twin.model
     frequency = twin.drive.cycle_hz
     coupled = tuple(
         name for name in channels if model.channel_unit(name) in _COUPLED and name != model.reference
