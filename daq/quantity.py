@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from inspect import Parameter, signature
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Union, get_args, get_origin, get_type_hints
@@ -87,6 +87,7 @@ class Text:
     pattern: str = r"[^\x00-\x1f\x7f]*"
     longest: int = 200
     key: str = ""
+    default: str | None = None
 
     def __str__(self) -> str:
         return self.meaning
@@ -96,7 +97,8 @@ class Text:
 class Depending:
     """A quantity whose unit hangs on other settings of its table; `meaning` says it while they are not known.
 
-    `quantity(sound values of the table)` is what it may be, None where it is not looked at.
+    `quantity(sound values of the table)` is what it may be, None where it is not looked at. While its unit is
+    not known it has no default either.
     """
 
     meaning: str
@@ -117,7 +119,28 @@ class Key:
         return ""
 
 
-Meaning = Quantity | Whole | Text | Depending | Key
+@dataclass(frozen=True, slots=True)
+class Words:
+    """One of a few words, each with the value that it stands for; `key` as that of a Quantity."""
+
+    values: Mapping[str, Any]
+    key: str = ""
+
+    def __str__(self) -> str:
+        return " or ".join(f'"{word}"' for word in self.values)
+
+    def __hash__(self) -> int:
+        return hash((tuple(self.values), self.key))
+
+
+@dataclass(frozen=True, slots=True)
+class Flat:
+    """A part whose settings stand in the table of the whole; it is there where any of them is given."""
+
+    key: str = ""
+
+
+Meaning = Quantity | Whole | Text | Depending | Key | Words | Flat
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,13 +158,17 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One setting of a class or function: its `name` there, its `key` in a file, `type`, default, meaning."""
+    """One setting of a class or function: its `name` there, its `key` in a file, `type`, default, meaning.
+
+    That of a flat `part` has the part's name and a dot before its own.
+    """
 
     name: str
     key: str
     type: Any
     default: Any
     meaning: Meaning
+    part: type[Any] | None = None
 
 
 def settings_of(owner: Any) -> Mapping[str, Setting]:
@@ -152,11 +179,17 @@ def settings_of(owner: Any) -> Mapping[str, Setting]:
 @functools.cache
 def _settings_of(owner: Any) -> Mapping[str, Setting]:
     hints = get_type_hints(owner, include_extras=True)
-    found = [
-        _setting(name, hints[name], default, meaning)
-        for name, default in _defaults(owner).items()
-        if (meaning := _metadata(hints[name], Meaning)) is not None
-    ]
+    found: list[Setting] = []
+    for name, default in _defaults(owner).items():
+        meaning = _metadata(hints[name], Meaning)
+        if isinstance(meaning, Flat):
+            part = members(hints[name].__origin__)[0]
+            found += [
+                replace(each, name=f"{name}.{each.name}", default=None, part=part)
+                for each in settings_of(part).values()
+            ]
+        elif meaning is not None:
+            found.append(_setting(name, hints[name], default, meaning))
     return {each.key: each for each in sorted(found, key=lambda each: each.default is not REQUIRED)}
 
 
@@ -188,7 +221,7 @@ def _defaults(owner: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _setting(name: str, hint: Any, default: Any, meaning: Any) -> Setting:
-    if isinstance(meaning, Quantity) and meaning.default is not None:
+    if isinstance(meaning, Quantity | Text) and meaning.default is not None:
         default = meaning.default
     return Setting(name, meaning.key or name, hint.__origin__, default, meaning)
 

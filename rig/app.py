@@ -8,7 +8,7 @@ from functools import partial
 from drivers.ni_daq.channels import CardSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
-from rig.card_wiring import card_channel, chain_record
+from rig.card_wiring import chain_record
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
@@ -71,8 +71,7 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
 def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
     card = bench.daq_card
     grpc = emulated.address("daq_card", card.grpc)
-    channels = tuple(card_channel(channel) for channel in card.channels)
-    settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, channels)
+    settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, card.channels)
     driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(card)(settings)
     return driver
 

@@ -5,48 +5,12 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, Pulses
+from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
 from rig.files.bench import Bench
-from rig.files.channels import BenchChannel, PulseSource
-from rig.files.stages import AmplifierStage, FilterStage
 
 # An input takes 5 V or, with the modules for larger signals, 10 V.
 _RANGES_V: Final = (5.0, 10.0)
-
-
-def card_channel(channel: BenchChannel) -> CardChannel:
-    """The driver's settings of a channel."""
-    return CardChannel(
-        name=channel.name,
-        physical=channel.physical,
-        kind=channel.kind,
-        sensitivity=channel.sensitivity,
-        gain=channel.gain,
-        range=channel.range,
-        unit=channel.unit,
-        location=channel.name.partition(".")[0],
-        quantity=channel.name.partition(".")[2].split("_")[0],
-        sensor=channel.kind,
-        serial=channel.serial,
-        calibrated=channel.calibrated,
-        valid_until=channel.valid_until,
-        pulses=None if channel.pulses is None else _pulses(channel.pulses),
-        amplifier=None if channel.amplifier is None else _amplifier(channel.amplifier),
-        anti_alias=None if channel.filter is None else _anti_alias(channel.filter),
-    )
-
-
-def _pulses(source: PulseSource) -> Pulses:
-    return Pulses(source.per_revolution, source.decoding, source.index, source.initial_angle)
-
-
-def _amplifier(stage: AmplifierStage) -> Amplifier:
-    return Amplifier(stage.serial, stage.corner, stage.output, stage.calibrated, stage.valid_until)
-
-
-def _anti_alias(stage: FilterStage) -> AntiAliasFilter:
-    return AntiAliasFilter(stage.serial, stage.corner, stage.order, stage.calibrated, stage.valid_until)
 
 
 def wiring_of(bench: Bench) -> CardWiring:
@@ -58,19 +22,21 @@ def wiring_of(bench: Bench) -> CardWiring:
     )
 
 
-def _wire(channel: BenchChannel) -> Wire:
-    amplifier, low_pass = channel.amplifier, channel.filter
+def _wire(channel: CardChannel) -> Wire:
+    amplifier, low_pass = channel.amplifier, channel.anti_alias
     widest_v = _RANGES_V[-1]
     return Wire(
         channel.name,
         channel.volts_per_unit,
         range_v=next((range_v for range_v in _RANGES_V if channel.full_scale_v <= range_v), widest_v),
-        charge=None if amplifier is None else ChargeStage(amplifier.corner, amplifier.output or widest_v),
-        low_pass=None if low_pass is None else LowPassStage(low_pass.corner, low_pass.order),
+        charge=None
+        if amplifier is None
+        else ChargeStage(amplifier.corner_hz, amplifier.output_v or _RANGES_V[-1]),
+        low_pass=None if low_pass is None else LowPassStage(low_pass.corner_hz, low_pass.order),
     )
 
 
-def _counter_wire(channel: BenchChannel) -> CounterWire:
+def _counter_wire(channel: CardChannel) -> CounterWire:
     if channel.pulses is None:
         return CounterWire(channel.name, threshold_v=channel.range / 2.0)
     return CounterWire(channel.name, channel.pulses.per_revolution)
@@ -81,12 +47,12 @@ def chain_record(bench: Bench) -> dict[str, str]:
     return {
         f"chain.{channel.name}": json.dumps(_chain(channel), sort_keys=True)
         for channel in bench.daq_card.channels
-        if channel.amplifier or channel.filter or channel.counted
+        if channel.amplifier or channel.anti_alias or channel.counted
     }
 
 
-def _chain(channel: BenchChannel) -> dict[str, object]:
-    amplifier, low_pass, pulses = channel.amplifier, channel.filter, channel.pulses
+def _chain(channel: CardChannel) -> dict[str, object]:
+    amplifier, low_pass, pulses = channel.amplifier, channel.anti_alias, channel.pulses
     chain: dict[str, object] = {
         "physical": channel.physical,
         "kind": channel.kind,
@@ -96,12 +62,12 @@ def _chain(channel: BenchChannel) -> dict[str, object]:
         and {
             "serial": amplifier.serial,
             "gain_v_per_c": channel.gain,
-            "corner_hz": amplifier.corner,
-            "output_v": amplifier.output,
+            "corner_hz": amplifier.corner_hz,
+            "output_v": amplifier.output_v,
             "state": amplifier.state,
         },
         "filter": low_pass
-        and {"serial": low_pass.serial, "corner_hz": low_pass.corner, "order": low_pass.order},
+        and {"serial": low_pass.serial, "corner_hz": low_pass.corner_hz, "order": low_pass.order},
         "pulses": pulses
         and {
             "per_revolution": pulses.per_revolution,

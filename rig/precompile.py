@@ -10,7 +10,6 @@ from rig.files.scenario import load_scenario
 from rig.twin.scenario_twin import twin_of
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.variant import Variant
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.sensors import oversampling
 
 _SAMPLES = 64
@@ -24,7 +23,7 @@ def precompile(scenario: Path) -> None:
     """
     read = load_scenario(scenario)
     twin, rate = twin_of(read), read.acquisition.sample_rate
-    model = model_of(twin)
+    model = twin.model
     stream = model.stream(twin, rate)
     stream.drive(twin.drive)
     stream.advance(_SAMPLES)

@@ -84,11 +84,10 @@ def _refuse_unhealthy(outcome: Match) -> None:
 
 def _show(twin: AnyTwin, outcome: Match, screen: Screen) -> None:
     from rig.twin.matched_twin import found
-    from sim_twin.rigs.catalogue import model_of
 
     known = outcome.matched
     table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)
-    for each in model_of(twin).lasting_tolerances(twin):
+    for each in twin.model.lasting_tolerances(twin):
         if _deviation(known, each.name) < _TOLD:
             place = f"{known.mean_of(each.name):+.2f} +- {_deviation(known, each.name):.2f}"
             table.add_row(each.name, found(each, twin, known), place)

@@ -27,7 +27,6 @@ def predict(
     from rig.twin.matched_twin import with_model
     from rig.twin.prediction_file import write_prediction
     from rig.twin.scenario_twin import twin_of, with_effects
-    from sim_twin.rigs.catalogue import model_of
 
     scenario = load_scenario(scenario_file)
     screen, wanted = Screen(Console(stderr=as_json)), scenario.acquisition
@@ -39,7 +38,7 @@ def predict(
         twin = with_effects(twin, effects)
     with screen.busy("simulating"):
         drawn = write_prediction(scenario, twin, seed, out, effects, fitted)
-        values = model_of(drawn).solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
+        values = drawn.model.solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
     if values is not None:
         print_json(values)
     screen.say(f"log        {out}")

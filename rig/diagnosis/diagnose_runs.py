@@ -32,7 +32,6 @@ from sim_twin.diagnosis.horizon import horizon_s
 from sim_twin.diagnosis.latent_force import latent_forces
 from sim_twin.diagnosis.next_experiment import rivals_of, told_apart
 from sim_twin.diagnosis.subject import Execute
-from sim_twin.rigs.catalogue import model_of
 
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
@@ -90,7 +89,7 @@ def diagnose_runs(
     forces = []
     if findings.unknown >= _UNKNOWN_ENOUGH:
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
-    catalogue = model_of(twin).effects
+    catalogue = twin.model.effects
     request = Request(runs, model, seed, budget_s)
     content = document(
         findings, catalogue, request, reach, experiment, time.monotonic() - began, remarks, forces
@@ -125,11 +124,11 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
 
 
 def _model_of(path: Path | None, data: RecordedCampaign) -> ModelFile | None:
-    return None if path is None else load_model(path, model_of(data.campaign.runs[0].twin).name)
+    return None if path is None else load_model(path, data.campaign.runs[0].twin.model.name)
 
 
 def _facts(data: RecordedCampaign, runs: Sequence[Path]) -> list[RunFacts]:
-    model = model_of(data.campaign.runs[0].twin)
+    model = data.campaign.runs[0].twin.model
     units = {name: model.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
     pairs = zip(runs, data.scenarios, strict=True)
     return [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]

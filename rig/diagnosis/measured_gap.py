@@ -22,7 +22,6 @@ from rig.session.progress import Screen
 from sim_twin.diagnosis.draw import Draw, Named
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import gap_between
-from sim_twin.rigs.catalogue import model_of
 
 _HEALTHY, _REPAIRED, _ALONE = 64, 32, 12
 _FEWEST = 8
@@ -37,7 +36,7 @@ def measured_gap(
     data = recorded_of(runs, model, screen)
     for remark in data.remarks:
         screen.warn(remark)
-    rig = model_of(data.campaign.runs[0].twin)
+    rig = data.campaign.runs[0].twin.model
     given = () if effects is None else tuple(load_effects(effects, rig.effects))
     alone = given if len(given) > 1 else ()
     wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]

@@ -23,7 +23,6 @@ from rig.twin.scenario_twin import twin_of
 from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.twin import AnyTwin, Twin
@@ -85,7 +84,7 @@ def recorded(paths: Sequence[Path]) -> RecordedCampaign:
     measured = np.concatenate([np.array(each, dtype=np.float32) for each in parts], axis=1)
     remarks = []
     for run in runs:
-        effects = model_of(run.twin).effects.values()
+        effects = run.twin.model.effects.values()
         refused = [(effect.name, effect.refusal(run.twin)) for effect in effects]
         not_looked = [f"{name} was not looked for ({reason})" for name, reason in refused if reason]
         remarks += [f"{run.path.name}: {remark}" for remark in (*run.remarks, *not_looked)]
@@ -115,7 +114,7 @@ def _none_copied(runs: Sequence[_Run]) -> None:
 
 
 def _of_one_rig(runs: Sequence[_Run]) -> None:
-    rigs = {model_of(run.twin).name: run.path.name for run in runs}
+    rigs = {run.twin.model.name: run.path.name for run in runs}
     if len(rigs) > 1:
         what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
         raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
@@ -140,7 +139,7 @@ def _read(path: Path) -> _Run:
         scenario = followed_scenario(log)
         channels = log.channels("measured")
         twin = twin_of(scenario, channels)
-        model = model_of(twin)
+        model = twin.model
         if model.reference not in channels:
             raise LogError(f"{path}: no {model.reference}; without it nobody knows the phase of a cycle")
         wanted = [name for name in twin.channels if name in channels]
@@ -189,8 +188,8 @@ def _remarks(
             remarks.append(
                 f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
             )
-    reference = model_of(twin).reference
-    if reference in model_of(twin).smooth_channels:
+    reference = twin.model.reference
+    if reference in twin.model.smooth_channels:
         shown = float(np.sqrt(2) * np.std(records[reference]))
         if abs(shown / twin.drive.amplitude - 1) > _OTHER_AMPLITUDE:
             remarks.append(
@@ -202,7 +201,7 @@ def _remarks(
 
 def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
     """The measured cycles; raises LogError where they are not the scenario's."""
-    model = model_of(twin)
+    model = twin.model
     nominal = twin.drive.cycle_hz
     if rate / nominal < _FEWEST_SAMPLES:
         raise LogError(f"{path}: {rate / nominal:.3g} samples a cycle; a diagnosis needs {_FEWEST_SAMPLES}")
@@ -262,7 +261,7 @@ def _bridged(values: Array) -> Array:
 
 def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:
     """How a run of so many `whole` cycles is looked at, at `rate` Hz."""
-    model = model_of(twin)
+    model = twin.model
     frequency = twin.drive.cycle_hz
     coupled = tuple(
         name for name in channels if model.channel_unit(name) in _COUPLED and name != model.reference

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import threading
 
-import sim_twin.rigs.catalogue  # noqa: F401 - so that a worker is ready when it says so
+from rig.rigs import RIGS
 
 
 def start_worker() -> None:
@@ -15,8 +15,8 @@ def start_worker() -> None:
 
 
 def ready() -> bool:
-    """The first task of a worker."""
-    return True
+    """The first task of a worker; with the twins imported, so that it is ready when it says so."""
+    return all(kind.nominal().model is not None for kind in RIGS.values())
 
 
 def _end_with_parent() -> None:

@@ -6,14 +6,15 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 from daq.quantity import Check, Key, Quantity, Text, Whole
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.loopback import misplaced
 from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.ni_daq.channels import CardChannel
 from drivers.scpi.settings import GeneratorSettings
-from rig.files.channels import BenchChannel, read_channels
+from rig.files.channels import read_channels
 from rig.files.encoder import read_encoder, with_emulated_defaults
 from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
@@ -38,12 +39,18 @@ _ENCODER_BESIDE: Final = {
 """By whether the inverter is emulated: what the encoder has to be, and why."""
 
 
+def _card_reachable(card: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if card["grpc"] is not None and (wrong := misplaced(card["grpc"])):
+        yield "grpc", wrong
+
+
 @dataclass(frozen=True, slots=True)
 class _CardSection:
     driver: Annotated[Literal["nidaqmx"], Key()] = "nidaqmx"
     grpc: Annotated[str | None, _ADDRESS] = None
     emulated: Annotated[bool, Key()] = False
     buffer: Annotated[float, Quantity("s", 0.5, 120)] = 10.0
+    CHECKS: ClassVar = (Check(("grpc",), _card_reachable),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +73,7 @@ class DaqCard:
     grpc: str | None
     emulated: bool
     buffer: float
-    channels: tuple[BenchChannel, ...]
+    channels: tuple[CardChannel, ...]
 
     @staticmethod
     def place(address: str) -> Mapping[str, Any]:
@@ -252,20 +259,12 @@ def _emulated(table: object) -> bool:
     return isinstance(table, dict) and table.get("emulated") is True
 
 
-def _card_reachable(card: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if card["grpc"] is not None and (wrong := misplaced(card["grpc"])):
-        yield "grpc", wrong
-
-
-_CARD_CHECKS: Final = (Check(("grpc",), _card_reachable),)
-
-
 def _card(table: object, faults: Faults) -> DaqCard | None:
     if not isinstance(table, dict):
         faults.add("daq_card", table, "a table [daq_card]")
         return None
     plain = {key: value for key, value in table.items() if key != "channels"}
-    section = read_table(_CardSection, plain, "daq_card", faults, _CARD_CHECKS)
+    section = read_table(_CardSection, plain, "daq_card", faults)
     channels = read_channels(table.get("channels", []), "daq_card.channels", faults)
     if section is None:
         return None

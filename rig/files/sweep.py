@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from daq.errors import ConfigurationError, Problem
 from daq.quantity import Check, Key, Quantity, Text, Whole, settings_of
@@ -44,12 +44,18 @@ class _UntilSection:
     above: Annotated[str | float | None, Text("a quantity in the channels' unit")] = None
 
 
+def _one_length(acquisition: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if acquisition["cycles"] is not None and acquisition["duration"] is not None:
+        yield "cycles", "either cycles of the drive or a duration"
+
+
 @dataclass(frozen=True, slots=True)
 class _PointAcquisition:
     sample_rate: Annotated[float | None, Quantity("Hz", 1000, 204_800)] = None
     settle: Annotated[float | None, Quantity("s", 0, 3600)] = None
     duration: Annotated[float | None, Quantity("s", 0.001, 86_400)] = None
     cycles: Annotated[float | None, Quantity("", 1, 1e7)] = None
+    CHECKS: ClassVar = (Check(("cycles", "duration"), _one_length),)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -105,9 +111,7 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     unknown_keys(table, _KEYS, "", faults)
     base, base_text = _base(table, folder, faults)
     section = read_table(_SweepSection, _sweep_table(table), "sweep", faults)
-    acquisition = read_table(
-        _PointAcquisition, table.get("acquisition", {}), "acquisition", faults, (_ONE_LENGTH,)
-    )
+    acquisition = read_table(_PointAcquisition, table.get("acquisition", {}), "acquisition", faults)
     kind = RIGS.get(str(base.get("rig")))
     if kind is None:
         faults.add("scenario.rig", base.get("rig", ""), " or ".join(RIGS))
@@ -125,14 +129,6 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     faults.raise_if_any()
     points = _with_paths(points, ordered)
     return Sweep(section.name, kind.name, ordered, points, until, section.centre, source, text, base_text)
-
-
-def _one_length(acquisition: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if acquisition["cycles"] is not None and acquisition["duration"] is not None:
-        yield "cycles", "either cycles of the drive or a duration"
-
-
-_ONE_LENGTH: Final = Check(("cycles", "duration"), _one_length)
 
 
 def _sweep_table(table: Mapping[str, Any]) -> object:

@@ -12,6 +12,7 @@ import numpy as np
 
 from daq.quantity import Key, Quantity, Text, Whole, settings_of
 from rig.files.faults import Faults, dotted
+from rig.files.quantity import si_factor
 from rig.files.table import Field, FieldError, field_of, read_table
 from rig.rigs.kind import RigKind
 
@@ -140,10 +141,13 @@ def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> 
 def _steps(
     first: Value, last: Value, section: _RangeSection, field: Field, key: str, faults: Faults
 ) -> list[Value]:
-    """In the unit of `from` where `to` has the same; in SI otherwise."""
+    """In the unit of `from` where `to` has the same; otherwise in SI, or in its own unit if it wants one."""
     (low, unit), (high, other) = _number(first), _number(last)
     if unit != other:
         low, high, unit = field.read(first), field.read(last), ""
+        if isinstance(field.meaning, Quantity) and field.meaning.wants_unit:
+            unit = field.meaning.unit
+            low, high = low / si_factor(unit), high / si_factor(unit)
     if section.spacing == "log" and low * high <= 0:
         faults.add(f"{key}.spacing", "log", "linear (a range that holds 0 has no even ratios)")
         return []

@@ -8,17 +8,30 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
+from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
 from annotated_types import Ge, Le
 from pydantic import AfterValidator, PlainValidator, Strict, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
-from daq.quantity import REQUIRED, Check, Depending, Quantity, Setting, Text, Whole, members, settings_of
+from daq.quantity import (
+    REQUIRED,
+    Check,
+    Depending,
+    Quantity,
+    Setting,
+    Text,
+    Whole,
+    Words,
+    members,
+    settings_of,
+)
 from rig.files.faults import Faults, dotted
 from rig.files.quantity import QuantityError, si_factor, si_value
 
 Section = TypeVar("Section")
+NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 _ROUNDING: Final = 1e-9  # "10 mm" must pass a limit of 0.01 m
 _KEPT_DIGITS: Final = 9  # so that the way through SI adds nothing that a limit would be short of
 _EXPLAINED: Final = "explained"
@@ -81,6 +94,8 @@ def _readable(kind: Any, meaning: object) -> Any:
     match meaning:
         case Quantity() if kind is float:
             return Annotated[float, PlainValidator(functools.partial(_in_si, meaning))]
+        case Words():
+            return Annotated[Any, PlainValidator(functools.partial(_word, meaning))]
         case Depending():
             return Annotated[Any, PlainValidator(functools.partial(_raw, meaning))]
         case Whole() if kind is int:
@@ -135,6 +150,12 @@ def _raw(meaning: Depending, value: object) -> object:
     raise _explained(meaning.meaning)
 
 
+def _word(words: Words, value: object) -> Any:
+    if not isinstance(value, str) or value not in words.values:
+        raise _explained(str(words))
+    return words.values[value]
+
+
 def _matching(text: Text, value: str) -> str:
     if len(value) > text.longest or not re.fullmatch(text.pattern, value):
         raise ValueError(text.meaning)
@@ -142,22 +163,47 @@ def _matching(text: Text, value: str) -> str:
 
 
 def read_table(
-    owner: Callable[..., Section], table: object, key: str, faults: Faults, checks: Iterable[Check] = ()
+    owner: Callable[..., Section], table: object, key: str, faults: Faults, more: Mapping[str, Any] = NOTHING
 ) -> Section | None:
     """What `owner` makes of a table; None after noting in `faults` all that is wrong with it.
 
-    `key` is the table's full name. Checks of the class itself are made as well.
+    `key` is the table's full name. `more` are settings that no file gives, which checks and units hang on.
     """
     known = settings_of(owner)
-    values = read_values(known, table, key, faults, (*getattr(owner, "CHECKS", ()), *checks))
+    values = read_values(known, table, key, faults, getattr(owner, "CHECKS", ()), more)
     if values is None:
         return None
-    meant = {each.name: each.default for each in known.values() if each.default is not REQUIRED}
-    return owner(**meant | {known[name].name: value for name, value in values.items()})
+    meant = {
+        each.name: each.default
+        for each in known.values()
+        if each.default is not REQUIRED and each.part is None and not isinstance(each.meaning, Depending)
+    }
+    given = {known[name].name: value for name, value in values.items()}
+    return owner(**meant | _with_parts(known, given) | dict(more))
+
+
+def _with_parts(known: Mapping[str, Setting], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The values with those of each flat part made into one."""
+    made = {name: value for name, value in given.items() if "." not in name}
+    parts = {each.name.partition(".")[0]: each.part for each in known.values() if each.part is not None}
+    for name, part in parts.items():
+        of_part = {inner: given[f"{name}.{inner}"] for inner in _inner(given, name)}
+        if of_part:
+            made[name] = part(**of_part)
+    return made
+
+
+def _inner(given: Mapping[str, Any], part: str) -> Iterator[str]:
+    return (name.partition(".")[2] for name in given if name.startswith(f"{part}."))
 
 
 def read_values(
-    known: Mapping[str, Setting], table: object, key: str, faults: Faults, checks: Iterable[Check] = ()
+    known: Mapping[str, Setting],
+    table: object,
+    key: str,
+    faults: Faults,
+    checks: Iterable[Check] = (),
+    more: Mapping[str, Any] = NOTHING,
 ) -> dict[str, Any] | None:
     """The values that a table gives, by key; None after noting in `faults` all that is wrong with it."""
     if not isinstance(table, dict):
@@ -177,9 +223,10 @@ def read_values(
             except FieldError as error:
                 faults.add(full, table[name], str(error))
     unknown_keys(table, known, key, faults)
-    for name, allowed in _cross_problems(known, values, table, checks):
+    for name, allowed in _cross_problems(_with_defaults(known, values, table) | dict(more), table, checks):
         faults.add_from(table, name, key, allowed)
-    _read_depending(known, values, table, key, faults)
+    if len(faults) == before:
+        _read_depending(known, values, table, key, faults, more)
     return values if len(faults) == before else None
 
 
@@ -196,9 +243,8 @@ def _nested(setting: Setting, table: object, key: str, faults: Faults) -> Any:
 
 
 def _cross_problems(
-    known: Mapping[str, Setting], values: Mapping[str, Any], table: Mapping[str, Any], checks: Iterable[Check]
+    sound: Mapping[str, Any], table: Mapping[str, Any], checks: Iterable[Check]
 ) -> Iterator[tuple[str, str]]:
-    sound = _with_defaults(known, values, table)
     for check in checks:
         if sound.keys() >= set(check.keys):
             for at, allowed in check.find(sound):
@@ -209,21 +255,32 @@ def _cross_problems(
 def _with_defaults(
     known: Mapping[str, Setting], values: Mapping[str, Any], table: Mapping[str, Any]
 ) -> dict[str, Any]:
-    left = {key: each.default for key, each in known.items() if key not in table}
+    left = {
+        key: None if isinstance(each.meaning, Depending) else each.default
+        for key, each in known.items()
+        if key not in table
+    }
     return {key: value for key, value in left.items() if value is not REQUIRED} | dict(values)
 
 
 def _read_depending(
-    known: Mapping[str, Setting], values: dict[str, Any], table: Mapping[str, Any], key: str, faults: Faults
+    known: Mapping[str, Setting],
+    values: dict[str, Any],
+    table: Mapping[str, Any],
+    key: str,
+    faults: Faults,
+    more: Mapping[str, Any],
 ) -> None:
-    """Give those quantities their units whose other settings are sound."""
-    sound = _with_defaults(known, values, table)
+    """Give those quantities their units that hang on the other settings, all of which are sound."""
+    sound = _with_defaults(known, values, table) | dict(more)
     for name, setting in known.items():
         if name not in values or not isinstance(setting.meaning, Depending):
             continue
         quantity = setting.meaning.quantity(sound)
         try:
-            values[name] = None if quantity is None else quantity_field(quantity).read(values[name])
+            raw = values.pop(name)
+            if quantity is not None:
+                values[name] = quantity_field(quantity).read(raw)
         except FieldError as error:
             faults.add(dotted(key, name), table[name], str(error))
 

@@ -10,7 +10,6 @@ from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.matching import matched_campaign
 from sim_twin.healthy import Tolerance
 from sim_twin.matched import Matched
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
 
 _ALIKE = 1e-6
@@ -18,7 +17,7 @@ _ALIKE = 1e-6
 
 def with_model(twin: AnyTwin, model: ModelFile, warn: Callable[[str], None]) -> AnyTwin:
     """Return `twin` as `model` says that its rig is; `warn` is told what of it does not hold here."""
-    return model_of(twin).matched(twin, carried(model, [twin], warn))
+    return twin.model.matched(twin, carried(model, [twin], warn))
 
 
 def campaign_with_model(campaign: Campaign, model: ModelFile, warn: Callable[[str], None]) -> Campaign:
@@ -28,9 +27,7 @@ def campaign_with_model(campaign: Campaign, model: ModelFile, warn: Callable[[st
 
 def carried(model: ModelFile, twins: Sequence[AnyTwin], warn: Callable[[str], None]) -> Matched:
     """What `model` says of a rig with these nominal twins: a part that was changed since is another part."""
-    tables = [
-        {each.name: each.value(twin) for each in model_of(twin).lasting_tolerances(twin)} for twin in twins
-    ]
+    tables = [{each.name: each.value(twin) for each in twin.model.lasting_tolerances(twin)} for twin in twins]
     there = [name for name in model.matched.names if all(name in values for values in tables)]
     other = [
         name
@@ -44,10 +41,10 @@ def carried(model: ModelFile, twins: Sequence[AnyTwin], warn: Callable[[str], No
 
 def as_model_text(twin: AnyTwin, matched: Matched, runs: Sequence[str], scenarios: Sequence[str]) -> str:
     """The model file that says how the rig of the nominal `twin` was found."""
-    known = [each for each in model_of(twin).lasting_tolerances(twin) if each.name in matched.names]
+    known = [each for each in twin.model.lasting_tolerances(twin) if each.name in matched.names]
     nominals = {each.name: each.value(twin) for each in known}
     remarks = {each.name: found(each, twin, matched) for each in known}
-    return model_text(model_of(twin).name, runs, scenarios, nominals, matched, remarks)
+    return model_text(twin.model.name, runs, scenarios, nominals, matched, remarks)
 
 
 def found(tolerance: Tolerance, twin: AnyTwin, matched: Matched) -> str:

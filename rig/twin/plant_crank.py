@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from drivers.protocols.card import Plant
 from drivers.protocols.speed_drive import InverterOutput
 from rig.twin.shaft import EmulatedMotor, ShaftCourse, SpeedChange
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
@@ -49,7 +48,7 @@ class CrankPlant:
         rig_draw = np.random.default_rng([factory.seed, 0])
         self._noise = np.random.default_rng([factory.seed, 1, factory.run_seed])
         believed = factory.believed
-        self._model = model_of(believed)
+        self._model = believed.model
         self._twin = (
             self._model.draw_healthy(believed, rig_draw, self._noise) if factory.healthy else believed
         )

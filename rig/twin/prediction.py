@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock, as_logged, sample_time_ns
 from rig.twin.alignment import Alignment
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.sensors import SensorChain
 from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
@@ -44,7 +43,7 @@ class AlignedTwin:
 
     def __init__(self, twin: AnyTwin, alignment: Alignment, sample_rate: float, settle_s: float) -> None:
         self.sample_rate = sample_rate
-        self._stream = model_of(twin).stream(twin, sample_rate)
+        self._stream = twin.model.stream(twin, sample_rate)
         drive = twin.drive.at_cycle_hz(alignment.frequency)
         self.samples = 0
         if alignment.onset is not None:

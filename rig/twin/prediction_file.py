@@ -15,7 +15,6 @@ from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
 from rig.twin.prediction import BLOCK_S, settling_s, skip
 from rig.twin.scenario_twin import predicted_channels
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
 
@@ -35,7 +34,7 @@ def write_prediction(
     Unix epoch. `effects` is the file whose effects `twin` has, `fitted` what it was
     matched by, for the record.
     """
-    model, rate = model_of(twin), scenario.acquisition.sample_rate
+    model, rate = twin.model, scenario.acquisition.sample_rate
     noise, phase, before = None, 0.0, scenario.acquisition.settle
     if seed is not None:
         rng = np.random.default_rng(seed)

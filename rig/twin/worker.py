@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from rig.stream import Block, Shape
 from rig.twin.alignment import Alignment
 from rig.twin.reference import reference_among
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ class Predict:
 
     def prepare(self) -> None:
         """Compile the twin and run it for a moment."""
-        stream = model_of(self.twin).stream(self.twin, self.sample_rate)
+        stream = self.twin.model.stream(self.twin, self.sample_rate)
         stream.drive(self.twin.drive)
         stream.advance(64)
 

@@ -20,7 +20,6 @@ from sim_twin.diagnosis.fingerprint.layout import Layout, joined
 from sim_twin.effects.effect import Effect
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.variant import Variant
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder
 from sim_twin.twin import AnyTwin
@@ -73,13 +72,13 @@ class RunSetting:
 
     def cycles_in(self, records: Mapping[str, Array]) -> Cycles:
         """The cycles of measured or simulated records."""
-        model = model_of(self.twin)
+        model = self.twin.model
         return model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
 
     def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
         """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`."""
         cycles = self.cycles_in(records)
-        starts, length = cycles.starts(len(records[model_of(self.twin).reference])), cycles.length
+        starts, length = cycles.starts(len(records[self.twin.model.reference])), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
         signals = [_signal(self.twin, name, records[name], cycles) for name in self.columns.channels]
@@ -112,7 +111,7 @@ class Campaign:
         """Every effect that the rig can have, once for each channel in the records that it may sit on."""
         twins, shown = [run.twin for run in self.runs], set(self.runs[0].columns.channels)
         found = []
-        for effect in model_of(twins[0]).effects.values():
+        for effect in twins[0].model.effects.values():
             if any(effect.refusal(twin) for twin in twins):
                 continue
             channels = [name for name in effect.channels if name in shown] if effect.channels else [None]
@@ -171,7 +170,7 @@ class Campaign:
 
     def _variant(self, number: int, setting: RunSetting, draw: Draw) -> Variant:
         """The same rig in every run, set up anew in each."""
-        model = model_of(setting.twin)
+        model = setting.twin.model
         rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
         run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
         twin = model.draw_healthy(model.with_effects(setting.twin, draw.effects), rig_rng, run_rng)
@@ -195,9 +194,9 @@ def _shown(
     setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
     extra: tuple[Named, ...],
 ) -> Records:  # fmt: skip
-    twin = model_of(variant.twin).with_effects(variant.twin, extra)
+    twin = variant.twin.model.with_effects(variant.twin, extra)
     rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
-    stray = model_of(twin).stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
+    stray = twin.model.stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
     sensors = [twin.sensors[name] for name in twin.channels]
     shown = through_chains(stray, sensors, setting.columns.rate, setting.quiet, rng)
     return dict(zip(twin.channels, shown, strict=True))

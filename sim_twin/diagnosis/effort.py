@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.rigs.catalogue import model_of
 
 _SIMULATING = 0.58
 """Of the budget; the rest goes into what is made of it."""
@@ -29,7 +28,7 @@ class Effort:
 def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
     seconds = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
-    rated = model_of(campaign.runs[0].twin).speed
+    rated = campaign.runs[0].twin.model.speed
     motions = _SIMULATING * budget_s * _CORES * rated / seconds
     motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
     judge = max(36, motions // 6)

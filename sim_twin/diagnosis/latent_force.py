@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.draw import Draw
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.joint_record import JointRecord
 
 Array = NDArray[np.float64]
@@ -137,7 +136,7 @@ def _joints(
     turns = cycles.phase / (2 * np.pi) + cycles.frequency / cycles.rate * np.arange(count)
     phase = np.asarray(turns % 1.0, dtype=np.float64)
     usable = np.ones(count, dtype=bool) if sound is None else sound[:count]
-    joints = model_of(setting.twin).joint_records(setting.twin, kept, cycles)
+    joints = setting.twin.model.joint_records(setting.twin, kept, cycles)
     return {each.joint: _Seen(each, phase, usable) for each in joints}
 
 

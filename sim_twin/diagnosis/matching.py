@@ -21,7 +21,6 @@ from sim_twin.diagnosis.draw import Draw, Observed
 from sim_twin.diagnosis.space import Moments, Space, space_of
 from sim_twin.healthy import drawn_places
 from sim_twin.matched import Matched
-from sim_twin.rigs.catalogue import model_of
 
 Array = NDArray[np.float64]
 SimulateAll: TypeAlias = Callable[[Sequence[Draw]], Sequence[Observed]]
@@ -111,13 +110,13 @@ def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence
 def tolerances_of(campaign: Campaign) -> tuple[str, ...]:
     """Names of the tolerances that belong to the campaign's rig, not to one run."""
     twin = campaign.runs[0].twin
-    return tuple(each.name for each in model_of(twin).lasting_tolerances(twin))
+    return tuple(each.name for each in twin.model.lasting_tolerances(twin))
 
 
 def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:
     """The same runs of a twin that was matched: nominal at the means, healthy rigs by what was left open."""
     return Campaign(
-        tuple(replace(run, twin=model_of(run.twin).matched(run.twin, matched)) for run in campaign.runs)
+        tuple(replace(run, twin=run.twin.model.matched(run.twin, matched)) for run in campaign.runs)
     )
 
 
@@ -125,7 +124,7 @@ def _places(campaign: Campaign, draw: Draw) -> Array:
     """Where the rig of a draw lies: the campaign draws it from the same seed."""
     twin = campaign.runs[0].twin
     rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
-    return drawn_places(twin, model_of(twin).tolerances(twin), rng)
+    return drawn_places(twin, twin.model.tolerances(twin), rng)
 
 
 def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Match:

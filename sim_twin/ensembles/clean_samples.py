@@ -11,7 +11,6 @@ from scipy import signal
 from sim_twin.decimation import decimated
 from sim_twin.ensembles.samples import truths_of
 from sim_twin.ensembles.variant import Variant
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.side_by_side import Truths
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.status import Status
@@ -49,7 +48,7 @@ def clean_samples(
 def _smooth(variants: Sequence[Variant]) -> NDArray[np.bool_]:
     """Which channels are read as they are."""
     twin = variants[0].twin
-    smooth = model_of(twin).smooth_channels
+    smooth = twin.model.smooth_channels
     encoders = (isinstance(twin.sensors.get(name), Encoder) for name in twin.channels)
     return np.array([name in smooth or one for name, one in zip(twin.channels, encoders, strict=True)])
 

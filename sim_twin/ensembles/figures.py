@@ -10,7 +10,6 @@ import numpy as np
 
 from daq.errors import SimulationFailed
 from sim_twin.ensembles.variant import Outcome, Variant, status_of
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.rig_model import RigModel
 from sim_twin.rigs.side_by_side import RunFigures
 from sim_twin.status import Status
@@ -29,7 +28,7 @@ class Figures:
 
     def observe(self, variants: Sequence[Variant]) -> list[Outcome[RunFigures]]:
         """Figures of some runs of one rig."""
-        model = model_of(variants[0].twin)
+        model = variants[0].twin.model
         if model.side_by_side is None:
             return [self._alone(model, variant) for variant in variants]
         twins, phases = [each.twin for each in variants], [each.phase for each in variants]

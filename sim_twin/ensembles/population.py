@@ -11,7 +11,6 @@ from numpy.random import Generator, SeedSequence
 
 from sim_twin.effects.effect import Effect, Parameter
 from sim_twin.ensembles.variant import Variant
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.twin import AnyTwin
 
 PartOfAnEffect: TypeAlias = tuple[str, Mapping[str, float | str]]
@@ -47,7 +46,7 @@ class Population:
         Raises ValueError for an effect that the rig cannot have.
         """
         rng = np.random.default_rng(SeedSequence(seed, spawn_key=(index, 0)))
-        model = model_of(self.twin)
+        model = self.twin.model
         twin = replace(self.twin, drive=self._drive(rng, index))
         for name, given in self.effects:
             if name not in model.effects:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from sim_twin.ensembles.lockstep import OneByOne, apart
 from sim_twin.ensembles.variant import Outcome, Variant
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.rigs.side_by_side import Truths
 from sim_twin.sensors import oversampling
 from sim_twin.status import Status
@@ -61,7 +60,7 @@ class Samples:
 
 def truths_of(variants: Sequence[Variant], rate: float) -> Truths:
     """Motions of some runs of one rig from rest, on a grid of `rate` Hz; together where the rig can."""
-    model = model_of(variants[0].twin)
+    model = variants[0].twin.model
     twins, phases = [each.twin for each in variants], [each.phase for each in variants]
     if model.side_by_side is not None:
         return model.side_by_side.truths(twins, phases, rate)

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 
 from daq.errors import SimulationFailed
 from sim_twin.ensembles.variant import Outcome, Variant, status_of
-from sim_twin.rigs.catalogue import model_of
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -61,7 +60,7 @@ def simulate(
 
 def _pieces(variants: Sequence[Variant], together: int) -> Iterator[Sequence[Variant]]:
     """Neighbours of one rig with the same channels, at most `together` of them."""
-    for _, group in groupby(variants, lambda each: (model_of(each.twin).name, each.twin.channels)):
+    for _, group in groupby(variants, lambda each: (each.twin.model.name, each.twin.channels)):
         while piece := tuple(islice(group, together)):
             yield piece
 

@@ -21,7 +21,7 @@ from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from rig.files.scenario import parse_scenario
 from rig.twin.scenario_twin import twin_of
-from sim_twin.rigs.catalogue import RIGS
+from tests.sim_twin.every_rig import RIGS
 
 
 @dataclass(frozen=True, slots=True)

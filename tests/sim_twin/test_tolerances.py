@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sim_twin.matched import Matched, MatchedTwin
-from sim_twin.rigs.catalogue import RIGS, model_of
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
@@ -16,6 +15,7 @@ from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin, Twin
+from tests.sim_twin.every_rig import RIGS
 
 
 def complete(rig: object, drive: object) -> AnyTwin:
@@ -40,7 +40,7 @@ every_rig = pytest.mark.parametrize(
 
 @every_rig
 def test_each_tolerance_changes_what_it_names_by_its_deviations(twin: AnyTwin) -> None:
-    for tolerance in model_of(twin).tolerances(twin):
+    for tolerance in twin.model.tolerances(twin):
         before, after = tolerance.value(twin), tolerance.value(tolerance.off(twin, 2.0))
         by = 2 * tolerance.deviation * (before if tolerance.relative else 1.0)
         assert after - before == pytest.approx(by, rel=1e-6, abs=1e-15), tolerance.name
@@ -48,7 +48,7 @@ def test_each_tolerance_changes_what_it_names_by_its_deviations(twin: AnyTwin) -
 
 @every_rig
 def test_names_are_unique_and_nothing_off_is_nothing_changed(twin: AnyTwin) -> None:
-    tolerances = model_of(twin).tolerances(twin)
+    tolerances = twin.model.tolerances(twin)
     assert len({each.name for each in tolerances}) == len(tolerances)
     for tolerance in tolerances:
         assert tolerance.off(twin, 0.0) == twin, tolerance.name
@@ -56,18 +56,18 @@ def test_names_are_unique_and_nothing_off_is_nothing_changed(twin: AnyTwin) -> N
 
 @every_rig
 def test_no_rig_is_impossible(twin: AnyTwin) -> None:
-    for tolerance in model_of(twin).tolerances(twin):
+    for tolerance in twin.model.tolerances(twin):
         for z in (-30.0, 30.0):
             tolerance.off(twin, z)
 
 
 def test_restitution_stays_at_most_one() -> None:
-    restitution = next(each for each in model_of(PLANAR).tolerances(PLANAR) if each.name == "restitution")
+    restitution = next(each for each in PLANAR.model.tolerances(PLANAR) if each.name == "restitution")
     assert restitution.off(PLANAR, 50.0).rig.restitution == 1.0
 
 
 def test_a_heavier_crank_turns_about_as_much_more() -> None:
-    mass = next(each for each in model_of(PLANAR).tolerances(PLANAR) if each.name == "crank_mass")
+    mass = next(each for each in PLANAR.model.tolerances(PLANAR) if each.name == "crank_mass")
     heavier = mass.off(PLANAR, 1.0).rig
     assert heavier.crank_inertia / PLANAR.rig.crank_inertia == pytest.approx(
         heavier.crank_mass / PLANAR.rig.crank_mass
@@ -76,13 +76,13 @@ def test_a_heavier_crank_turns_about_as_much_more() -> None:
 
 def test_only_the_hertzian_law_is_off_where_it_holds() -> None:
     hertz = replace(BEAM, rig=replace(BEAM.rig, hertz=1e10))
-    stiffness = next(each for each in model_of(hertz).tolerances(hertz) if each.name == "contact_stiffness")
+    stiffness = next(each for each in hertz.model.tolerances(hertz) if each.name == "contact_stiffness")
     assert stiffness.off(hertz, 1.0).rig.hertz == pytest.approx(1.05e10)
     assert stiffness.off(BEAM, 1.0).rig.hertz is None
 
 
 def test_a_matched_twin_has_what_was_found() -> None:
-    twin = model_of(BEAM).matched(BEAM, FOUND)
+    twin = BEAM.model.matched(BEAM, FOUND)
     assert twin.rig.contact_stiffness == pytest.approx(1.5e7 * (1 + 0.05 * 1.5))
     assert twin.rig.yoke_frequency == pytest.approx(700 * (1 - 0.02 * 0.5))
     yoke = twin.sensors["yoke.force"]
@@ -93,8 +93,8 @@ def test_a_matched_twin_has_what_was_found() -> None:
 
 
 def test_healthy_rigs_about_a_matched_twin_differ_by_what_was_left_open() -> None:
-    twin, rng = model_of(BEAM).matched(BEAM, FOUND), np.random.default_rng(3)
-    rigs = [model_of(twin).draw_healthy(twin, rng, rng) for _ in range(1000)]
+    twin, rng = BEAM.model.matched(BEAM, FOUND), np.random.default_rng(3)
+    rigs = [twin.model.draw_healthy(twin, rng, rng) for _ in range(1000)]
     assert not any(isinstance(rig, MatchedTwin) for rig in rigs)
     stiffness = np.array([rig.rig.contact_stiffness for rig in rigs]) / twin.rig.contact_stiffness - 1
     yoke = np.array([rig.rig.yoke_frequency for rig in rigs]) / twin.rig.yoke_frequency - 1
@@ -111,14 +111,13 @@ def test_healthy_rigs_about_a_matched_twin_differ_by_what_was_left_open() -> Non
 
 def test_a_calibration_of_other_parts_changes_nothing() -> None:
     other = Matched(("cover.acceleration_center.gain",), np.array([2.0]), np.array([[0.1]]))
-    twin = model_of(BEAM).matched(BEAM, other)
+    twin = BEAM.model.matched(BEAM, other)
     drawn = [
-        model_of(BEAM).draw_healthy(each, *(np.random.default_rng(5) for _ in range(2)))
-        for each in (BEAM, twin)
+        BEAM.model.draw_healthy(each, *(np.random.default_rng(5) for _ in range(2))) for each in (BEAM, twin)
     ]
     assert drawn[0] == drawn[1]
 
 
 def test_what_a_run_sets_anew_is_never_matched() -> None:
     clearance = Matched(("clearance",), np.array([2.0]), np.array([[0.1]]))
-    assert model_of(BEAM).matched(BEAM, clearance).rig.clearance == BEAM.rig.clearance
+    assert BEAM.model.matched(BEAM, clearance).rig.clearance == BEAM.rig.clearance

@@ -19,7 +19,6 @@ from rig.twin.matched_twin import campaign_with_model, carried, with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis.matching import Match
 from sim_twin.matched import Matched
-from sim_twin.rigs.catalogue import model_of
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin
 from tests.rig.commands.cli import Call
@@ -41,7 +40,7 @@ duration = "1.2 s"
 def record(path: Path, seed: int) -> Path:
     """A run of a healthy rig by the exact solver."""
     twin = twin_of(parse_scenario(SCENARIO))
-    model, rng = model_of(twin), np.random.default_rng(seed)
+    model, rng = twin.model, np.random.default_rng(seed)
     healthy = model.draw_healthy(twin, rng, rng)
     stream = model.stream(healthy, RATE, rng)
     stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))

@@ -14,7 +14,6 @@ from daq.log.writer import LogWriter
 from rig.files.scenario import parse_scenario
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis.draw import Named
-from sim_twin.rigs.catalogue import model_of
 
 Array = NDArray[np.float64]
 Damage = Callable[[SampleBlock], SampleBlock | None]
@@ -57,7 +56,7 @@ def recording(
     """Channels of a healthy rig with effects in, and what its instruments show, (channels, n)."""
     parsed = parse_scenario(scenario)
     nominal = twin_of(parsed)
-    model, rng = model_of(nominal), np.random.default_rng(seed)
+    model, rng = nominal.model, np.random.default_rng(seed)
     twin = model.draw_healthy(model.with_effects(nominal, effects), rng, rng)
     stream = model.stream(twin, RATE, rng)
     stream.drive(twin.drive, float(rng.uniform(0, 2 * np.pi)))

@@ -10,15 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardSettings, Pulses
+from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings, Pulses
 from drivers.ni_daq.emulator.wiring import ChargeStage, CounterWire, LowPassStage, Wire
 from drivers.ni_daq.problems import problems
-from rig.card_wiring import card_channel, chain_record, wiring_of
+from rig.card_wiring import chain_record, wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
-from rig.files.channels import BenchChannel, PulseSource
 from rig.files.pairing import check_pair
 from rig.files.scenario import load_scenario
-from rig.files.stages import AmplifierStage, FilterStage
 from tests.rig.files.faulty import only_problem, problems_of
 
 HEAD = """
@@ -87,24 +85,21 @@ def parse(*tables: str) -> Bench:
     return parse_bench(HEAD + ACCELERATION + "".join(tables), "bench", Path())
 
 
-def last(*tables: str) -> BenchChannel:
+def last(*tables: str) -> CardChannel:
     return parse(*tables).daq_card.channels[-1]
 
 
 def test_encoder_of_the_planar_crank_gives_4096_counts_a_revolution() -> None:
     channel = last(ENCODER)
     assert (channel.unit, channel.counted, channel.range) == ("rad", True, math.inf)
-    assert channel.pulses == PulseSource(1024, 4, index=False, initial_angle=0.0)
-    settings = card_channel(channel)
-    assert settings.pulses is not None
-    assert settings.pulses.counts_per_revolution == 4096
+    assert channel.pulses == Pulses(1024, 4, index=False, initial_angle=0.0)
+    assert channel.pulses.counts_per_revolution == 4096
 
 
 def test_encoder_with_everything_said() -> None:
     keys = 'decoding = "x2"\nindex = true\ninitial_angle = "90 deg"\nserial = "E1"\n'
     channel = last(ENCODER + keys)
-    assert channel.pulses == PulseSource(1024, 2, index=True, initial_angle=math.pi / 2)
-    assert card_channel(channel).pulses == Pulses(1024, 2, True, math.pi / 2)
+    assert channel.pulses == Pulses(1024, 2, index=True, initial_angle=math.pi / 2)
 
 
 def test_marker_and_tachometer_on_analog_inputs() -> None:
@@ -124,7 +119,7 @@ def test_marker_and_tachometer_on_counters() -> None:
     text = TACHOMETER.replace("ai1", "ctr2").replace(
         'sensitivity = "20 mV/rpm"', "pulses_per_revolution = 60"
     )
-    assert last(text).pulses == PulseSource(60, 1, index=False, initial_angle=0.0)
+    assert last(text).pulses == Pulses(60, 1, index=False, initial_angle=0.0)
 
 
 def test_every_channel_that_a_file_can_hold_is_one_of_the_card() -> None:
@@ -135,25 +130,22 @@ def test_every_channel_that_a_file_can_hold_is_one_of_the_card() -> None:
         MARKER.replace("crank", "flywheel").replace("Mod2/ai0", "Mod3/ctr1"),
         CHARGE + AMPLIFIER + FILTER,
     )
-    channels = tuple(card_channel(channel) for channel in bench.daq_card.channels)
-    assert problems(CardSettings(None, 25600.0, bench.daq_card.buffer, channels)) == []
+    card = bench.daq_card
+    assert problems(CardSettings(None, 25600.0, card.buffer, card.channels)) == []
     wiring_of(bench).devices()
 
 
 def test_stages_of_a_chain_are_read_in_si() -> None:
     channel = last(CHARGE + AMPLIFIER + FILTER)
     first, end = datetime.date(2026, 1, 1), datetime.date(2027, 1, 1)
-    assert channel.amplifier == AmplifierStage("CA-17", 0.16, 10.0, "operate", first, end)
-    assert channel.filter == FilterStage(10e3, "AF-3", 4)
-    settings = card_channel(channel)
-    assert settings.amplifier == Amplifier("CA-17", 0.16, 10.0, first, end)
-    assert settings.anti_alias == AntiAliasFilter("AF-3", 10e3, 4)
+    assert channel.amplifier == Amplifier("CA-17", 0.16, 10.0, "operate", first, end)
+    assert channel.anti_alias == AntiAliasFilter("AF-3", 10e3, 4)
     assert pickle.loads(pickle.dumps(channel)) == channel  # noqa: S301
 
 
 def test_a_file_without_stages_is_what_it_was() -> None:
     upper = embedded_bench().daq_card.channels[1]
-    assert (upper.amplifier, upper.filter, upper.pulses) == (None, None, None)
+    assert (upper.amplifier, upper.anti_alias, upper.pulses) == (None, None, None)
     wiring = wiring_of(embedded_bench())
     assert wiring.wires["cDAQ1Mod1/ai1"] == Wire("contact.force_upper", upper.volts_per_unit)
     assert wiring.counters == {}

@@ -69,5 +69,5 @@ def test_stages_of_a_channel_come_along() -> None:
     )
     bench = parse_bench(text, "bench", Path())
     reached = parse_bench(bench_reaching(bench, PLACES), "reached", Path())
-    assert [each.filter for each in bench.daq_card.channels if each.filter]
+    assert [each.anti_alias for each in bench.daq_card.channels if each.anti_alias]
     assert reached.daq_card.channels == bench.daq_card.channels

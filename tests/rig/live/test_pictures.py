@@ -16,8 +16,8 @@ from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.rigs import RIGS as KINDS
 from rig.twin.scenario_twin import predicted_channels, twin_of
-from sim_twin.rigs.catalogue import RIGS, model_of
 from sim_twin.twin import AnyTwin
+from tests.sim_twin.every_rig import RIGS
 
 DRIVES = {"impact_beam": 'frequency = "5 Hz"\namplitude = "9 N"'}
 ACQUISITION = 'sample_rate = "25.6 kHz"\nduration = "1 s"'
@@ -79,7 +79,7 @@ def test_the_mechanism_is_where_the_twins_is(rig: str, model: str) -> None:
     twin, picture = nominal(rig, model), crank_picture(rig, model)
     poses = picture.poses(ANGLES)
     for number, angle in enumerate(ANGLES):
-        truth = model_of(twin).truth(twin, 25_600.0, False)
+        truth = twin.model.truth(twin, 25_600.0, False)
         truth.change_drive(twin.drive, float(angle), 0.0)  # starts with centred joints
         points = truth.shape()
         flat = points.shape[1] == 2

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from sim_twin.ensembles.population import Between, Population
-from sim_twin.rigs.catalogue import RIGS
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin, Twin
 from tests.sim_twin.ensembles.stand_ins import BEAM
+from tests.sim_twin.every_rig import RIGS
 
 CRANK = Twin(PlanarSliderCrank(), SpeedDrive(20.0))
 RUNS = 400

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-from daq.quantity import Quantity
+from daq.quantity import Check, Quantity
 
 FORCE: Final = "N"
 ACCELERATION: Final = "m/s2"
@@ -62,7 +62,7 @@ SENSINGS: Mapping[tuple[str, str], Sensing] = MappingProxyType(
 )
 """By kind and sort of input: `ai` analog, `ctr` counter."""
 KINDS: Final = tuple(dict.fromkeys(kind for kind, _ in SENSINGS))
-INPUTS: Mapping[str, str] = MappingProxyType(
+INPUT_WORDS: Mapping[str, str] = MappingProxyType(
     {"ai": 'an analog input, such as "cDAQ1Mod1/ai0"', "ctr": 'a counter, such as "cDAQ1Mod3/ctr0"'}
 )
 GAIN: Final = Quantity("mV/pC", 0, 1e6, above=True)
@@ -100,3 +100,55 @@ def owners(key: str) -> str:
 def keys_of(sensing: Sensing) -> tuple[str, ...]:
     """Every key that a kind may have beside those of all channels."""
     return (*sensing.needs, *sensing.takes)
+
+
+_OPTIONAL: Final = tuple(dict.fromkeys(key for sensing in SENSINGS.values() for key in keys_of(sensing)))
+
+
+def _sensing(channel: Mapping[str, Any]) -> Sensing | None:
+    return SENSINGS.get((channel["kind"], sort_of_input(channel["physical"])))
+
+
+def _fits_input(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if _sensing(channel) is None:
+        sort = sort_of_input(channel["physical"])
+        kinds = " or ".join(f'"{kind}"' for kind, input_sort in SENSINGS if input_sort == sort)
+        yield "kind", f"{kinds} on {INPUT_WORDS[sort]}"
+
+
+def _measures_unit(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    sensing = _sensing(channel)
+    if sensing is not None and channel["unit"] not in sensing.units:
+        yield "kind", f"a kind that measures {channel['unit']}"
+
+
+def _has_its_keys(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    sensing = _sensing(channel)
+    if sensing is None:
+        return
+    for key in _OPTIONAL:
+        if key not in channel:
+            continue  # what stands there is wrong, which is told already
+        if key in sensing.needs and channel[key] is None:
+            yield key, MEANINGS[key]
+        if key not in keys_of(sensing) and channel[key] is not None:
+            yield key, f"none: only a {owners(key)} has one"
+
+
+SENSING_CHECKS: Final = (
+    Check(("kind", "physical"), _fits_input),
+    Check(("unit", "kind", "physical"), _measures_unit),
+    Check(("kind", "physical"), _has_its_keys),
+)
+"""Of a channel's table together with the `unit` that its rig declares."""
+
+
+def sensitivity_of(channel: Mapping[str, Any]) -> Quantity | None:
+    """What a channel's sensitivity may be; None where its kind and unit are not known, or it has none."""
+    sensing = _sensing(channel) if channel.keys() >= {"kind", "physical", "unit"} else None
+    return None if sensing is None else sensing.sensitivity(channel["unit"])
+
+
+def range_of(channel: Mapping[str, Any]) -> Quantity | None:
+    """What a channel's full scale may be; None where it has no end."""
+    return RANGES.get(channel.get("unit", ""))
