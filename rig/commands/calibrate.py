@@ -16,7 +16,7 @@ from rig.commands.arguments import RunFiles
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
-    from rig.diagnosis.recordings import Recorded
+    from rig.diagnosis.recordings import RecordedCampaign
     from sim_twin.diagnosis.matching import Match
     from sim_twin.matched import Matched
     from sim_twin.twin import AnyTwin
@@ -53,7 +53,7 @@ def calibrate(
     screen.say(f"model      {out}")
 
 
-def _match(read: Recorded, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
+def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
     import numpy as np
 
     from rig.diagnosis.workers import Simulated

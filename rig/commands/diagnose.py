@@ -29,7 +29,7 @@ def diagnose(
     ] = 120.0,
     machine: Json = False,
 ) -> None:
-    from rig.diagnosis.diagnose import diagnose_runs
+    from rig.diagnosis.diagnose_runs import diagnose_runs
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
@@ -53,7 +53,7 @@ def gap(
     seed: Seed = 0,
     machine: Json = False,
 ) -> None:
-    from rig.diagnosis.gap import measured_gap
+    from rig.diagnosis.measured_gap import measured_gap
 
     screen = Screen(Console(stderr=machine))
     found = measured_gap(runs, model, effects, seed, screen)

@@ -58,7 +58,7 @@ def _chosen(wanted: Sequence[str] | None) -> list[str]:
 
 def _computed(names: Sequence[str], effort: Effort, screen: Screen) -> dict[str, Outcome]:
     from rig.ensembles.executors import cores, worker_processes
-    from rig.reproduce.computing import compute_all
+    from rig.reproduce.catalogue import compute_all
 
     with ExitStack() as stack:
         executor = None
@@ -69,7 +69,7 @@ def _computed(names: Sequence[str], effort: Effort, screen: Screen) -> dict[str,
 
 
 def _verdicts(done: Sequence[Reproduced]) -> str:
-    from rig.reproduce.verdicts import tally
+    from rig.reproduce.statement import tally
 
     counts = tally(statement for each in done for statement in each.outcome.statements)
     return ", ".join(f"{verdict.value} {count}" for verdict, count in counts.items())

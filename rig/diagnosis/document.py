@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import groupby
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,8 @@ SCHEMA = "rattle.diagnosis/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What a diagnosis was asked: the runs, the model of a calibration or None, seed and budget in s."""
+class Request:
+    """What is to be diagnosed: the runs, the model of a calibration or None, seed and budget in s."""
 
     runs: Sequence[Path]
     model: Path | None
@@ -41,7 +40,7 @@ class Asked:
 def document(
     findings: Findings,
     catalogue: Catalogue,
-    asked: Asked,
+    request: Request,
     horizon_s: float | None,
     experiment: Experiment | None,
     seconds: float,
@@ -53,7 +52,7 @@ def document(
     content: dict[str, Any] = _finite(
         {
             "schema": SCHEMA,
-            "runs": [str(run) for run in asked.runs],
+            "runs": [str(run) for run in request.runs],
             "verdict": findings.verdict,
             "verdict_probability": probabilities,
             "gap": gap_block(findings.layout, findings.gap, findings.by_location),
@@ -64,11 +63,19 @@ def document(
                 for (one, other), share in findings.separability.items()
             ],
             "horizon_s": horizon_s,
-            "latent_force": [_latent_force(each) for each in forces],
+            "latent_force": [
+                {
+                    "run": each.run,
+                    "joint": each.joint,
+                    "location": each.location,
+                    "against": [_curve(curve) for curve in each.curves],
+                }
+                for each in forces
+            ],
             "next_experiment": None if experiment is None else experiment.as_json(),
             "cost": {"simulations": findings.simulations, "seconds": seconds},
             "remarks": list(remarks),
-            "provenance": asked.as_json(),
+            "provenance": request.as_json(),
         }
     )
     return content
@@ -86,7 +93,6 @@ def write_json(path: Path, content: object) -> None:
 
 def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dict[str, Any]:
     """The `gap` block: the whole, and by channel, run, band, phase and location."""
-    cells, unit = gap.cells_before, gap.unit_before
     runs = sorted({cell.run for cell in layout.cells})
     channels = list(dict.fromkeys(cell.channel for cell in layout.cells))
     return {
@@ -97,38 +103,30 @@ def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dic
         "recording": gap.recording,
         "by_channel": {name: _part(layout, gap, "channel", name) for name in channels},
         "by_run": [_part(layout, gap, "run", run) for run in runs],
-        "by_band": _by(layout, cells, unit, _band_of, ("low_hz", "high_hz")),
-        "by_phase": _by(layout, cells, unit, _phase_of, ("from", "to")),
+        "by_band": _by(layout, gap, _energy_band, "low_hz", "high_hz"),
+        "by_phase": _by(layout, gap, lambda cell: cell.phase, "from", "to"),
         "by_location": dict(by_location),
     }
 
 
-def _band_of(cell: Cell) -> tuple[float, float] | None:
+def _energy_band(cell: Cell) -> tuple[float, float] | None:
     return cell.band if cell.what == "energy" else None
 
 
-def _phase_of(cell: Cell) -> tuple[float, float] | None:
-    return cell.phase
-
-
 def _by(
-    layout: Layout,
-    cells: np.ndarray,
-    unit: float,
-    place: Callable[[Cell], tuple[float, float] | None],
-    names: tuple[str, str],
+    layout: Layout, gap: Gap, place: Callable[[Cell], tuple[float, float] | None], low: str, high: str
 ) -> list[dict[str, Any]]:
     """Cells of one channel and place together, over the runs and what is told of the place."""
-    placed = [
-        (cell.channel, tuple(round(end, 6) for end in place(cell) or ()), float(g))
-        for cell, g in zip(layout.cells, cells, strict=True)
-        if place(cell) is not None
+    squares: dict[tuple[str, float, float], list[float]] = {}
+    for cell, g in zip(layout.cells, gap.cells_before, strict=True):
+        ends = place(cell)
+        if ends is not None:
+            key = cell.channel, round(ends[0], 6), round(ends[1], 6)
+            squares.setdefault(key, []).append(float(g) ** 2)
+    return [
+        {"channel": channel, low: first, high: last, "gap": float(np.sqrt(np.mean(each))) / gap.unit_before}
+        for (channel, first, last), each in sorted(squares.items())
     ]
-    found = []
-    for (channel, ends), group in groupby(sorted(placed, key=lambda e: e[:2]), key=lambda e: e[:2]):
-        gap = float(np.sqrt(np.mean([g**2 for _, _, g in group]))) / unit
-        found.append({"channel": channel, names[0]: ends[0], names[1]: ends[1], "gap": gap})
-    return found
 
 
 def _part(layout: Layout, gap: Gap, which: str, value: object) -> float:
@@ -151,15 +149,6 @@ def _effect(judged: Judged) -> dict[str, Any]:
         "gap_after": judged.after,
         "shrink": judged.shrink,
         "indistinguishable_from": list(judged.indistinguishable_from),
-    }
-
-
-def _latent_force(latent: LatentForce) -> dict[str, Any]:
-    return {
-        "run": latent.run,
-        "joint": latent.joint,
-        "location": latent.location,
-        "against": [_curve(curve) for curve in latent.curves],
     }
 
 

@@ -13,11 +13,7 @@ from daq.block import Flag, SampleBlock
 from daq.errors import LogError
 from daq.log.reader import LogReader
 
-_SPOILT = {
-    Flag.OVERLOAD: "overloaded",
-    Flag.OPEN_SENSOR: "open",
-    Flag.NOT_FINITE: "not finite",
-}
+_SPOILT = {Flag.OVERLOAD: "overloaded", Flag.OPEN_SENSOR: "open", Flag.NOT_FINITE: "not finite"}
 _MISSING = "missing"
 _MOSTLY = 0.5
 """Share of a channel that cannot be used, from which on the channel is left out instead of its time."""

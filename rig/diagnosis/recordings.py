@@ -40,7 +40,7 @@ _COUPLED = {"N", "m/s2"}
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedCampaign:
     """A campaign with its `measured` fingerprints (blocks, numbers); `remarks` say what was lost or odd.
 
     `scenarios` are the runs' scenario texts, `records` their channels at the rate of the setting, `sound`
@@ -68,7 +68,7 @@ class _Run:
     scenario: Scenario
 
 
-def recorded(paths: Sequence[Path]) -> Recorded:
+def recorded(paths: Sequence[Path]) -> RecordedCampaign:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used."""
     _each_once(paths)
     runs = [_read(path) for path in paths]
@@ -81,9 +81,15 @@ def recorded(paths: Sequence[Path]) -> Recorded:
     campaign = Campaign(tuple(settings))
     blocks = [setting.blocks_of(run.records, run.sound) for setting, run in zip(settings, runs, strict=True)]
     count = min(_MOST_BLOCKS, *(len(each) for each in blocks))
-    measured = np.concatenate([_grouped(each, count) for each in blocks], axis=1)
-    remarks = [f"{run.path.name}: {remark}" for run in runs for remark in (*run.remarks, *_refused(run.twin))]
-    return Recorded(
+    parts = [[part.mean(axis=0) for part in np.array_split(each, count)] for each in blocks]
+    measured = np.concatenate([np.array(each, dtype=np.float32) for each in parts], axis=1)
+    remarks = []
+    for run in runs:
+        effects = model_of(run.twin).effects.values()
+        refused = [(effect.name, effect.refusal(run.twin)) for effect in effects]
+        not_looked = [f"{name} was not looked for ({reason})" for name, reason in refused if reason]
+        remarks += [f"{run.path.name}: {remark}" for remark in (*run.remarks, *not_looked)]
+    return RecordedCampaign(
         campaign,
         measured,
         tuple(remarks),
@@ -91,17 +97,6 @@ def recorded(paths: Sequence[Path]) -> Recorded:
         records=tuple(run.records for run in runs),
         sound=tuple(run.sound for run in runs),
     )
-
-
-def _refused(twin: AnyTwin) -> Iterator[str]:
-    for effect in model_of(twin).effects.values():
-        reason = effect.refusal(twin)
-        if reason:
-            yield f"{effect.name} was not looked for ({reason})"
-
-
-def _grouped(blocks: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    return np.array([part.mean(axis=0) for part in np.array_split(blocks, count)], dtype=np.float32)
 
 
 def _each_once(paths: Sequence[Path]) -> None:
@@ -149,28 +144,29 @@ def _read(path: Path) -> _Run:
         if model.reference not in channels:
             raise LogError(f"{path}: no {model.reference}; without it nobody knows the phase of a cycle")
         wanted = [name for name in twin.channels if name in channels]
-        _check_units(path, channels, twin, wanted)
+        for name in wanted:
+            unit = model.channel_unit(name)
+            if channels[name].unit != unit:
+                raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
         lost = lost_of(log, log.table("measured", wanted))
-        unfinished = _unfinished(log)
+        unfinished = []
+        if not log.complete:
+            reason = f" ({log.damage})" if log.damage else ""
+            unfinished = [f"the log was never finished, or cut{reason}; its whole blocks are used"]
     table, sound, losses = usable(path, lost, model.reference)
     step, records, kept = _resampled(path, table, sound, twin)
     rate = table[model.reference].sample_rate / step
     cycles = _cycles(path, twin, records[model.reference], rate)
     drive = twin.drive.at_cycle_hz(cycles.frequency)
-    whole = _whole(cycles, kept)
+    # each with the half of the next that is looked at with it
+    reach = cycles.length + cycles.length // 2
+    whole = sum(bool(kept[at : at + reach].all()) for at in cycles.starts(len(kept)))
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
     remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
     return _Run(
         path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario
     )
-
-
-def _unfinished(log: LogReader) -> tuple[str, ...]:
-    if log.complete:
-        return ()
-    reason = f" ({log.damage})" if log.damage else ""
-    return (f"the log was never finished, or cut{reason}; its whole blocks are used",)
 
 
 def _too_few(path: Path, whole: int) -> LogError:
@@ -225,19 +221,6 @@ def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
     return cycles
 
 
-def _whole(cycles: Cycles, sound: NDArray[np.bool_]) -> int:
-    """How many cycles are sound, each with the half of the next that is looked at with it."""
-    reach = cycles.length + cycles.length // 2
-    return sum(bool(sound[at : at + reach].all()) for at in cycles.starts(len(sound)))
-
-
-def _check_units(path: Path, channels: dict[str, Channel], twin: AnyTwin, wanted: Sequence[str]) -> None:
-    for name in wanted:
-        unit = model_of(twin).channel_unit(name)
-        if channels[name].unit != unit:
-            raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
-
-
 def _resampled(
     path: Path, table: dict[str, SampleBlock], sound: NDArray[np.bool_], twin: AnyTwin
 ) -> tuple[int, dict[str, Array], NDArray[np.bool_]]:
@@ -288,9 +271,6 @@ def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, 
     oversampling = 2 * max(1, round(model.fine_rate / rate / 2))
     angles = tuple(name for name in channels if isinstance(twin.sensors.get(name), Encoder))
     columns = Columns(tuple(channels), coupled, frequency, rate, angles)
-    return RunSetting(twin, columns, oversampling, cycles, _quiet(step))
-
-
-def _quiet(step: int) -> float:
-    """Share of white noise's rms that the filter before a decimation leaves."""
-    return 1.0 if step == 1 else float(np.sqrt(np.sum(anti_alias_taps(step, 0.0) ** 2)))
+    # the share of white noise's rms that the filter before a decimation leaves
+    quiet = 1.0 if step == 1 else float(np.sqrt(np.sum(anti_alias_taps(step, 0.0) ** 2)))
+    return RunSetting(twin, columns, oversampling, cycles, quiet)

@@ -1,18 +1,35 @@
-"""Puts a report together: one HTML file that opens anywhere and asks for nothing."""
+"""The report of a run: its sections in their order, and what other packages add to them."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeAlias
 
-import jinja2
-from plotly.offline import get_plotlyjs
-
-from rig.report.content import Part
+from daq.plugins import plugins
+from rig.pages.content import Part, Section, Sentence
+from rig.pages.page import page
 from rig.report.record import RunRecord
-from rig.report.scenario_facts import scenario_facts
-from rig.report.sections import SECTIONS
+from rig.report.sections import impacts, log, orders, overlays, peaks, revolution, spectra, speed, summary
+
+ReportSection: TypeAlias = Section[RunRecord]
+GROUP = "rattle.report_sections"
+"""Entry points of this group are `Section`s of a run's report."""
+
+SECTIONS: Mapping[str, ReportSection] = {
+    "summary": Section("Summary", summary.parts),
+    "overlays": Section("First impacts and one cycle", overlays.parts),
+    "speed": Section("Speed of the crank", speed.parts),
+    "impacts": Section("Impacts over the crank angle", impacts.parts),
+    "revolution": Section("One revolution", revolution.parts),
+    "orders": Section("Orders", orders.parts),
+    "peaks": Section("Peak forces", peaks.parts),
+    "spectra": Section("Autospectra", spectra.parts),
+    "events": Section("Events and gaps", log.events),
+    "scenario": Section("Scenario", log.scenario),
+    "provenance": Section("Provenance", log.provenance),
+}
+"""Heading and content of each section; what has nothing to say of a rig is left out of its report."""
 
 
 def write_report(run: RunRecord, html: Path) -> None:
@@ -21,32 +38,18 @@ def write_report(run: RunRecord, html: Path) -> None:
 
 
 def render(run: RunRecord) -> str:
-    """Return the page of a run that has been read."""
-    facts = scenario_facts(run.scenario)
+    """The page of a run that has been read; sections of other packages come before the events."""
+    added = plugins(GROUP, Section, taken=SECTIONS)
+    made = {name: (section.heading, section.parts(run)) for name, section in SECTIONS.items()}
+    made["summary"][1].extend(Sentence(fault, warning=True) for fault in added.faults)
+    beyond: list[tuple[str, list[Part]]] = []
+    for name, section in added.found.items():
+        try:
+            beyond.append((section.heading, list(section.parts(run))))
+        except Exception as error:  # another package's code: it costs its own section
+            told = f"{GROUP}: {name} failed ({type(error).__name__}: {error})"
+            beyond.append((section.heading, [Sentence(told, warning=True)]))
+    own, at = list(made.values()), list(made).index("events")
     identity = run.metadata.get("run", {})
-    subtitle = [facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]
-    made = [(section.heading, section.parts(run)) for section in SECTIONS]
-    sections = [(heading, parts) for heading, parts in made if parts]
-    return page(facts.name or run.path.stem, subtitle, sections)
-
-
-def page(title: str, subtitle: Sequence[str], sections: Sequence[tuple[str, Sequence[Part]]]) -> str:
-    """Return the page of sections, each a heading with its parts."""
-    return _template().render(
-        title=title,
-        subtitle=" · ".join(text for text in subtitle if text),
-        sections=sections,
-        plotly=get_plotlyjs(),
-    )
-
-
-@functools.cache
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rig.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2")
+    subtitle = [run.facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]
+    return page(run.facts.name or run.path.stem, subtitle, [*own[:at], *beyond, *own[at:]])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,15 +18,12 @@ from daq.channel import Channel
 from daq.derived_names import CRANK_SPEED, derived_name
 from daq.log.reader import LogReader, Origin
 from daq.log.records import Event, Gap, Impact
-from rig.report.scenario_facts import scenario_facts
-from rig.rigs import RIGS
-from rig.rigs.kind import RigKind
+from rig.files.quantity import QuantityError, si_value
+from rig.report.roles import LOWER, UPPER, Roles, roles_of
 from rig.stream import Block, Consumer, Record, Stream
-from sim_twin.rigs.channel_table import ChannelTable
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 """In the order in which they are drawn, the last on top."""
-UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 
 _KEPT_SAMPLES = 64_000_000
 """All traces together (256 MB). A longer run is drawn from its beginning; its numbers are of all of it."""
@@ -96,14 +95,14 @@ class RunRecord:
     speeds: dict[Origin, Trace]
 
     @property
-    def kind(self) -> RigKind | None:
-        """The rig that the scenario names; None for one that nobody knows here."""
-        return RIGS.get(scenario_facts(self.scenario).rig)
+    def facts(self) -> ScenarioFacts:
+        """What its scenario says."""
+        return scenario_facts(self.scenario)
 
     @property
-    def crank(self) -> ChannelTable | None:
-        """What the channels of its crank are; None where no crank turns."""
-        return self.kind.crank if self.kind else None
+    def roles(self) -> Roles:
+        """What its channels are to the rig that its scenario names."""
+        return roles_of(self.facts.rig, self.channels)
 
     @property
     def repaired(self) -> bool:
@@ -122,8 +121,8 @@ class RunRecord:
         return min(kept, default=None)
 
     def contact_forces(self, origin: Origin) -> tuple[Trace, Trace] | None:
-        """Upper and lower contact force, where the run has both."""
-        upper, lower = self.traces.get((origin, UPPER)), self.traces.get((origin, LOWER))
+        """Upper and lower contact force, where the rig has such a pair of stops and the run both."""
+        upper, lower = (self.traces.get((origin, stop)) for stop in self.roles.stops or ("", ""))
         return None if upper is None or lower is None else (upper, lower)
 
 
@@ -208,3 +207,40 @@ def _joined(blocks: list[SampleBlock]) -> Trace:
     for block in blocks:
         values[block.first_sample : block.end_sample] = block.values
     return Trace(values, blocks[0].sample_rate)
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioFacts:
+    """Name, rig and drive in the operator's words; `cycle_s` is one cycle of the drive, None if unknown."""
+
+    name: str = ""
+    rig: str = ""
+    drive: str = ""
+    cycle_s: float | None = None
+
+
+@functools.lru_cache(maxsize=8)
+def scenario_facts(toml: str) -> ScenarioFacts:
+    """Read them from a scenario's TOML text, which another program may have written."""
+    try:
+        scenario = tomllib.loads(toml)
+    except tomllib.TOMLDecodeError:
+        return ScenarioFacts()
+    drive = scenario.get("drive", {})
+    drive = drive if isinstance(drive, dict) else {}
+    hertz = _quantity(drive.get("frequency"), "Hz") or _quantity(drive.get("speed"), "rad/s") / math.tau
+    return ScenarioFacts(
+        name=str(scenario.get("name", "")),
+        rig=str(scenario.get("rig", "")),
+        drive=", ".join(f"{key} {value}" for key, value in drive.items()),
+        cycle_s=1.0 / hertz if hertz > 0 and math.isfinite(1.0 / hertz) else None,
+    )
+
+
+def _quantity(value: object, unit: str) -> float:
+    if isinstance(value, (int, float)):
+        return float(value)
+    try:
+        return si_value(str(value), unit)
+    except QuantityError:
+        return 0.0

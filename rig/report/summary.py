@@ -12,7 +12,6 @@ from daq.log.reader import Origin
 from daq.log.records import Gap
 from daq.signals.impacts import HalfCycles, half_cycles
 from rig.report.record import RunRecord, Tally, read_run
-from rig.report.scenario_facts import scenario_facts
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +88,7 @@ def summarise(log: Path) -> RunSummary:
 
 def summary_of(run: RunRecord) -> RunSummary:
     """Return the numbers of a run that has been read."""
-    facts = scenario_facts(run.scenario)
+    facts = run.facts
     identity = run.metadata.get("run", {})
     return RunSummary(
         log=run.path,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from daq.signals.impacts import HalfCycles, half_cycles
-from rig.reproduce.sample import Sample
+from rig.reproduce.statement import Sample
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.status import Status
@@ -66,7 +66,10 @@ def first_peaks(
     return peaks_of(forces(rig, SineDrive(amplitude, frequency), duration, settle))
 
 
-def beam(clearance_mm: float = 0.127, material: Literal["steel", "aluminium"] = "steel") -> ImpactBeam:
+Material: TypeAlias = Literal["steel", "aluminium"]
+
+
+def beam(clearance_mm: float = 0.127, material: Material = "steel") -> ImpactBeam:
     """The source's rig with one of its beams, rigid base, at a clearance in mm."""
     return replace(nominal(material), clearance=1e-3 * clearance_mm)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 from collections.abc import Sequence
@@ -10,14 +9,11 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
-import jinja2
-from plotly.offline import get_plotlyjs
-
-from rig.reproduce import verdicts
-from rig.reproduce.claim import AGREEMENT, Claim
+from rig.pages.content import BigNumber, BigNumbers
+from rig.pages.page import page
 from rig.reproduce.explanations import WHAT_IF_RIG
-from rig.reproduce.figure import SEED, Figure, Outcome
-from rig.reproduce.statement import Statement, Verdict
+from rig.reproduce.figure import SEED, Outcome, PaperFigure
+from rig.reproduce.statement import AGREEMENT, Statement, Verdict, tally
 
 SCHEMA = "rattle.reproduction/1"
 
@@ -26,24 +22,31 @@ SCHEMA = "rattle.reproduction/1"
 class Reproduced:
     """A figure with what came out of it."""
 
-    figure: Figure
+    figure: PaperFigure
     outcome: Outcome
 
 
 def html(figures: Sequence[Reproduced], quick: bool) -> str:
     """Return the page."""
-    statements = [statement for each in figures for statement in each.outcome.statements]
-    return _template().render(
+    count = tally(statement for each in figures for statement in each.outcome.statements)
+    within = f"within {100 * AGREEMENT:.0f} %, or within the range it gives"
+    numbers = BigNumbers(
+        [
+            BigNumber("Agree with the text", str(count[Verdict.AGREES]), within),
+            BigNumber("Differ", str(count[Verdict.DIFFERS]), "by how much, and why where known: below"),
+            BigNumber("Open", str(count[Verdict.OPEN]), "the difference lies within our own scatter"),
+        ]
+    )
+    short = "quick: short runs, wide scatter" if quick else ""
+    return page(
+        "The papers again",
+        [f"rattle {version('rattle')}", f"seed {SEED}", short],
+        template="reproduce/page.html.j2",
         figures=figures,
-        tally=verdicts.tally(statements),
-        verdicts=verdicts,
-        Verdict=Verdict,
+        numbers=numbers,
         what_if=WHAT_IF_RIG,
-        agreement=f"{100 * AGREEMENT:.0f} %",
         seed=SEED,
         quick=quick,
-        version=version("rattle"),
-        plotly=get_plotlyjs(),
     )
 
 
@@ -74,7 +77,9 @@ def _record(statement: Statement) -> dict[str, Any]:
         "subject": statement.subject,
         "text": claim.text,
         "place": claim.place,
-        **_numbers(claim),
+        "text_value": claim.value,
+        "agrees_from": claim.low if math.isfinite(claim.low) else None,
+        "agrees_to": claim.high if math.isfinite(claim.high) else None,
         "ours": statement.ours,
         "standard_deviation": statement.deviation,
         "standard_error": statement.error,
@@ -84,23 +89,3 @@ def _record(statement: Statement) -> dict[str, Any]:
         "what_if": statement.what_if,
         "remark": statement.remark,
     }
-
-
-def _numbers(claim: Claim) -> dict[str, float | None]:
-    ends = {"agrees_from": claim.low, "agrees_to": claim.high}
-    return {
-        "text_value": claim.value,
-        **{key: end if math.isfinite(end) else None for key, end in ends.items()},
-    }
-
-
-@functools.cache
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rig", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("reproduce/page.html.j2")

@@ -1,15 +1,105 @@
-"""One line of the comparison: what the text says, what came out here, and whether the two agree."""
+"""What a text says of a quantity, what came out here, and whether the two agree."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
-from rig.reproduce.claim import Claim
-from rig.reproduce.sample import Sample
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.pages.words import DASH, change, number
+
+AGREEMENT = 0.10
+"""A result agrees with a single value of the text within this share of it: the source says "about", rounds
+to two digits, and gives 67 and 64.9 N for one and the same case, 3 % apart. Three times that is allowed."""
 
 _SIGNIFICANT = 2.0
 """Standard errors between a result and the end of a range, from which the two count as apart."""
+
+_DIGITS = 2
+"""Of a spread; the value has as many decimals."""
+_COARSE = 0.20
+"""Share from which a deviation is shown without decimals."""
+_FAINT = 1e-4
+"""Share of the value below which a spread is not shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A result between `low` and `high` agrees; `value` is the text's number, None where it gives none.
+
+    `text` is what the text says, `place` where: section, figure or table of the source.
+    """
+
+    text: str
+    place: str
+    low: float
+    high: float
+    value: float | None = None
+
+    def deviation(self, ours: float) -> float | None:
+        """Share by which `ours` misses the text's value, or the nearer end of its range; None without any."""
+        if self.value is None and self.low <= ours <= self.high:
+            return None
+        said = self.value if self.value is not None else (self.low if ours < self.low else self.high)
+        return None if said == 0 else (ours - said) / said
+
+
+def about(value: float, text: str, place: str) -> Claim:
+    """The text gives one number."""
+    ends = sorted((value * (1 - AGREEMENT), value * (1 + AGREEMENT)))
+    return Claim(text, place, ends[0], ends[1], value)
+
+
+def between(low: float, high: float, text: str, place: str) -> Claim:
+    """The text gives two ends."""
+    return Claim(text, place, low, high)
+
+
+def above(low: float, text: str, place: str) -> Claim:
+    """The text says: more than this."""
+    return Claim(text, place, low, math.inf)
+
+
+def below(high: float, text: str, place: str) -> Claim:
+    """The text says: less than this."""
+    return Claim(text, place, -math.inf, high)
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """`values` of shape (n,)."""
+
+    values: NDArray[np.float64]
+
+    @property
+    def mean(self) -> float:
+        """Their mean."""
+        return float(np.mean(self.values))
+
+    @property
+    def deviation(self) -> float:
+        """Their standard deviation."""
+        return float(np.std(self.values, ddof=1))
+
+    @property
+    def error(self) -> float:
+        """Standard error of their mean, as if they were independent."""
+        return self.deviation / float(np.sqrt(len(self.values)))
+
+    @property
+    def relative_deviation(self) -> float:
+        """Standard deviation over mean."""
+        return self.deviation / self.mean
+
+
+def ratio(over: Sample, under: Sample) -> tuple[float, float]:
+    """Ratio of two means, and its standard error (first order)."""
+    value = over.mean / under.mean
+    return value, abs(value) * float(np.hypot(over.error / over.mean, under.error / under.mean))
 
 
 class Verdict(Enum):
@@ -52,6 +142,31 @@ class Statement:
         """Share by which ours misses the text, None where there is no number to miss."""
         return self.claim.deviation(self.ours)
 
+    @property
+    def ours_words(self) -> str:
+        """The result with its unit, and the standard deviation of what it is the mean of, else its error."""
+        spread = self.deviation or self.error
+        if not spread or spread < _FAINT * abs(self.ours):
+            return number(float(f"{self.ours:.3g}"), self.unit)
+        decimals = max(0, _DIGITS - 1 - math.floor(math.log10(spread)))
+        return f"{self.ours:.{decimals}f} ± {spread:.{decimals}f} {self.unit}".rstrip()
+
+    @property
+    def gap_words(self) -> str:
+        """How far ours is from the text, in percent; a dash where the text has no number that it misses."""
+        if self.gap is None:
+            return DASH
+        return change(self.gap, 0 if abs(self.gap) >= _COARSE else 1).replace(" ", "\u00a0")
+
+    @property
+    def verdict_words(self) -> str:
+        """The verdict, and by how much the two differ."""
+        if self.verdict is Verdict.OPEN:
+            return "open: within our scatter"
+        if self.verdict is Verdict.DIFFERS:
+            return f"differs by {self.gap_words}"
+        return str(self.verdict.value)
+
 
 def of_sample(
     subject: str, claim: Claim, sample: Sample, unit: str = "", remark: str = "", what_if: bool = False
@@ -60,6 +175,14 @@ def of_sample(
     return Statement(subject, claim, sample.mean, unit, sample.deviation, sample.error, remark, what_if)
 
 
-def of_ratio(subject: str, claim: Claim, ratio: tuple[float, float], remark: str = "") -> Statement:
+def of_ratio(
+    subject: str, claim: Claim, ratio: tuple[float, float], remark: str = "", what_if: bool = False
+) -> Statement:
     """A ratio and its standard error against a claim."""
-    return Statement(subject, claim, ratio[0], error=ratio[1], remark=remark)
+    return Statement(subject, claim, ratio[0], error=ratio[1], remark=remark, what_if=what_if)
+
+
+def tally(statements: Iterable[Statement]) -> dict[Verdict, int]:
+    """How many statements came out in each way; what ifs do not count."""
+    counted = [statement.verdict for statement in statements if not statement.what_if]
+    return {verdict: counted.count(verdict) for verdict in Verdict}

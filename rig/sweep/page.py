@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import Axis, numbers_of
-from rig.report.content import Figure, Part, Sentence, Table
-from rig.report.page import page
-from rig.report.plot import PlotGrid
+from rig.pages.content import Part, Sentence, Table
+from rig.pages.page import page
+from rig.pages.plots import BLUE, Plots, Style
 from rig.rigs import RIGS
 from rig.sweep.results import A_CYCLE, HELD, PEAK_MEAN, PEAK_SD, impacts_recorded
 from rig.sweep.state import PointState, SweepState, write_whole
@@ -25,6 +25,7 @@ _CAPTION: Final = (
     "Bars: standard deviation of the peaks. Hollow: on the way back; the drive came there through all values "
     "before, without a rest."
 )
+_ENDED: Final = "Points that have ended"
 _NO_IMPACTS: Final = "No record of this sweep says how many impacts it holds."
 
 
@@ -33,8 +34,8 @@ def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     done = state.ended("done")
     subtitle = [sweep.rig.replace("_", " "), f"{len(done)} of {len(sweep.points)} points done"]
     sections: list[tuple[str, list[Part]]] = [
-        ("Impacts over the swept value", _figures(sweep, state)),
-        ("Points", [_table(sweep, state)]),
+        ("Impacts over the swept value", [_figure(sweep, state)]),
+        ("Points", [Table(headings_of(sweep), list(rows_of(sweep, state)), _ENDED, words=True)]),
     ]
     write_whole(folder / PAGE, page(sweep.name, subtitle, sections).encode())
     return folder / PAGE
@@ -56,43 +57,39 @@ def headings_of(sweep: Sweep) -> list[str]:
 
 
 def _held(ended: PointState) -> str:
-    said = (f"{ended.figures[name]:.7g} {_unit(name)}" for name in HELD if name in ended.figures)
+    """With the unit, which stands in brackets in the figure's name."""
+    said = (
+        f"{ended.figures[name]:.7g} {name.partition('[')[2].rstrip(']')}"
+        for name in HELD
+        if name in ended.figures
+    )
     return next(said, "")
 
 
-def _unit(name: str) -> str:
-    return name.partition("[")[2].rstrip("]")
-
-
-def _table(sweep: Sweep, state: SweepState) -> Table:
-    return Table(headings_of(sweep), list(rows_of(sweep, state)), "Points that have ended", words=True)
-
-
-def _figures(sweep: Sweep, state: SweepState) -> list[Part]:
-    if not any(A_CYCLE in ended.figures for ended in state.points.values()):
-        return [Sentence(_NO_IMPACTS)]
-    return [_figure(sweep, state)]
-
-
-def _figure(sweep: Sweep, state: SweepState) -> Figure:
+def _figure(sweep: Sweep, state: SweepState) -> Part:
     """A row for each setting of the other axes, with the last one that takes several values along x."""
+    if not any(A_CYCLE in ended.figures for ended in state.points.values()):
+        return Sentence(_NO_IMPACTS)
     swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
     contacts = RIGS[sweep.rig].contacts
     unit = RIGS[sweep.rig].channel_unit(contacts[0]) if contacts else "m/s2"
     columns = (("impacts a cycle", A_CYCLE, ""), (f"mean peak of the impacts, {unit}", PEAK_MEAN, PEAK_SD))
     rows = _rows(sweep, swept)
-    grid = PlotGrid(rows=len(rows), columns=len(columns), row_px=_ROW_PX)
+    grid = Plots(rows=len(rows), columns=len(columns), row_px=_ROW_PX)
     for row, (setting, points) in enumerate(rows.items()):
         ended = [state.points.get(point.number) for point in points]
         figures = [{} if each is None else each.figures for each in ended]
+        symbols = ["circle-open" if back else "circle" for back in _back(swept, len(points))]
+        style = Style(BLUE, 1, "lines+markers", symbol=symbols, size=6)
+        texts = [f"point {point.number}" for point in points]
         for column, (title, *names) in enumerate(columns):
             cell = len(columns) * row + column
-            grid.axes(cell, f"{title}  {setting}".rstrip(), _x_axis(swept), {"rangemode": "tozero"})
-            values, deviations = (np.array([each.get(name, nan) for each in figures]) for name in names)
-            labels = [f"point {point.number}" for point in points]
-            grid.points(
-                cell, _along_x(swept, len(points)), values, deviations, labels, _back(swept, len(points))
-            )
+            label, ticks = _x_axis(swept)
+            upward = {"rangemode": "tozero"}
+            grid.axes(cell, f"{title}  {setting}".rstrip(), label, x_axis=ticks, y_axis=upward)
+            values, deviations = ([each.get(name, nan) for each in figures] for name in names)
+            x = _along_x(swept, len(points))
+            grid.line(cell, "measured", x, values, style, deviations=deviations, texts=texts)
     return grid.figure("sweep", _CAPTION)
 
 
@@ -117,9 +114,10 @@ def _back(swept: Axis, count: int) -> list[bool]:
     return [swept.both_ways and 2 * (index % whole) >= whole for index in range(count)]
 
 
-def _x_axis(swept: Axis) -> dict[str, Any]:
+def _x_axis(swept: Axis) -> tuple[str, dict[str, Any]]:
+    """Label and further keys of Plotly's: values that are no numbers stand side by side."""
     known = numbers_of(swept)
     if known is not None:
-        return {"title": {"text": f"{swept.key}, {known[1]}".rstrip(", ")}}
-    ticks = {"tickvals": list(range(len(swept.values))), "ticktext": [str(each) for each in swept.values]}
-    return {"title": {"text": swept.key}, **ticks}
+        return f"{swept.key}, {known[1]}".rstrip(", "), {}
+    names = [str(each) for each in swept.values]
+    return swept.key, {"tickvals": list(range(len(names))), "ticktext": names}

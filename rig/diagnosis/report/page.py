@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
-from plotly.offline import get_plotlyjs
-
-from rig.diagnosis.report.reported import Reported, RunFacts
-from rig.diagnosis.report.sections import SECTIONS
+from rig.diagnosis.report import basis, before_and_after, causes, gap_map, latent_force, verdict
+from rig.diagnosis.report.case import Case, RunFacts
+from rig.pages.content import Section
+from rig.pages.page import page
 from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.latent_force import LatentForce
+
+SECTIONS: Sequence[Section[Case]] = (
+    Section("Verdict", verdict.parts),
+    Section("Causes", causes.ranking),
+    Section("Gap map", gap_map.parts),
+    Section("Latent force", latent_force.parts),
+    Section("Before and after", before_and_after.parts),
+    Section("Parameters", causes.parameters),
+    Section("Not told apart", causes.not_told_apart),
+    Section("Next experiment", basis.next_experiment),
+    Section("Basis", basis.basis),
+)
+"""Heading and content of each section; one without content is left out."""
 
 
 def write_report(
@@ -26,30 +37,8 @@ def write_report(
 ) -> None:
     """Write the report of a diagnosis as HTML; raises OSError where `path` cannot be written.
 
-    `diagnosis` is what its file holds (interface.md), `remarks` say what was lost of the recordings,
-    `forces` what the joints' forces lack.
+    The rest is what a `Case` holds.
     """
-    page = render(Reported(findings, diagnosis, runs, remarks, forces, path.parent))
-    path.write_text(page, encoding="utf-8")
-
-
-def render(reported: Reported) -> str:
-    """Return the page."""
-    return _template().render(
-        title="Diagnosis",
-        subtitle=" · ".join(run.name for run in reported.runs),
-        sections=[(section.heading, parts) for section in SECTIONS if (parts := section.parts(reported))],
-        plotly=get_plotlyjs(),
-    )
-
-
-@functools.cache
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rig", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("diagnosis/report/page.html.j2")
+    case = Case(findings, diagnosis, runs, remarks, forces, path.parent)
+    sections = [(section.heading, section.parts(case)) for section in SECTIONS]
+    path.write_text(page("Diagnosis", [run.name for run in runs], sections), encoding="utf-8")

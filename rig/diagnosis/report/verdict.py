@@ -1,73 +1,89 @@
-"""The verdict in two sentences."""
+"""What one reads in a minute: the verdict in two sentences, the numbers that matter, what was lost."""
 
 from __future__ import annotations
 
-from rig.diagnosis.report import gaps
-from rig.diagnosis.report.reported import Reported
-from rig.diagnosis.report.words import (
-    estimate,
-    floors,
-    listed,
-    parameter_words,
-    percent,
-    plain,
-    span,
-    what_and_where,
-)
+from rig.diagnosis.report.case import Case
+from rig.diagnosis.report.words import floors, parameter_words, plain, what_and_where
+from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence
+from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Gap, Judged
 
+_UNIT = (
+    "A gap of 1.0 is as far as a healthy rig of the same scenario lies from the twin, with its tolerances, "
+    "its noise and the same amount of data. It compares distributions over the cycles, never waveforms."
+)
 _SURE, _LIKELY = 0.9, 0.6
 _LEFT_OPEN = 1.5
 """A gap that is left from which on the repaired twin is not the rig."""
 
 
-def sentences(reported: Reported) -> tuple[str, str]:
+_LEFT = (
+    "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
+    "(their intervals are wider by as much); more --budget may find a nearer one."
+)
+
+
+def parts(case: Case) -> list[Part]:
+    """Two sentences, the numbers that matter, and what was lost of the recordings."""
+    lost = [Sentence(remark, warning=True) for remark in case.remarks]
+    return [Lead(sentences(case)), *lost, BigNumbers(_numbers(case)), Sentence(_UNIT)]
+
+
+def _numbers(case: Case) -> list[BigNumber]:
+    found, gap = case.findings, case.findings.gap
+    sure = {"effect": found.effect, "none": found.none, "unknown": found.unknown}[case.verdict]
+    numbers = [
+        BigNumber("Verdict", case.verdict, f"probability {probability(sure)}"),
+        BigNumber("Gap before", floors(gap.before), "nominal twin; 1.0 = healthy"),
+    ]
+    if case.repaired:
+        within = listed([plain(cause.name) for cause in found.selected])
+        shrink, remark = DASH, "no gap to shrink"
+        if gap.shrink is not None:
+            shrink, remark = f"{100 * gap.shrink:.0f} %", interval(gap)
+        numbers.append(BigNumber("Gap after", floors(gap.after), f"with {within}"))
+        numbers.append(BigNumber("Shrink", shrink, remark))
+    horizon = case.diagnosis.get("horizon_s")
+    if horizon is not None:
+        numbers.append(BigNumber("Horizon", estimate(horizon, "s"), "no waveform holds longer"))
+    return numbers
+
+
+def sentences(case: Case) -> tuple[str, str]:
     """What, where, how sure; then how far the gap shrinks, where the rest lies, or what could have hidden."""
-    return {"effect": _effect, "none": _none, "unknown": _unknown}[reported.verdict](reported)
+    return {"effect": _effect, "none": _none, "unknown": _unknown}[case.verdict](case)
 
 
-def _effect(reported: Reported) -> tuple[str, str]:
-    selected = _selected(reported)
+def _effect(case: Case) -> tuple[str, str]:
+    selected = case.selected
     if not selected:
-        return "An effect of the catalogue is behind the gap, but none stands out.", _where(reported)
+        return "An effect of the catalogue is behind the gap, but none stands out.", _where(case)
     likely = selected[0].probability
     comes = "comes" if likely >= _SURE else "probably comes" if likely >= _LIKELY else "may come"
-    what = _pair(selected) if len(selected) > 1 else _single(reported, selected[0])
-    return f"The gap {comes} from {what}.", _shrinks(reported, len(selected))
-
-
-def _selected(reported: Reported) -> list[Judged]:
-    """What the repaired twin has in, most probable first."""
-    names = {cause.name for cause in reported.findings.selected}
-    return [each for each in reported.judged if each.cause.name in names]
-
-
-def _single(reported: Reported, one: Judged) -> str:
-    sure = f"{what_and_where(one.cause)} (probability {percent(one.probability)})"
-    others = [reported.judged_of(name) for name in one.indistinguishable_from]
-    alike = [f"{what_and_where(each.cause)} ({percent(each.probability)})" for each in others if each]
-    if not alike:
-        return f"{sure}{_main(one)}"
-    return f"{listed([sure, *alike], 'or from')}, which these sensors and settings cannot tell apart"
-
-
-def _main(one: Judged) -> str:
-    if not one.cause.parameters:
-        return ""
-    parameter = one.cause.parameters[0]
-    return f": {parameter_words(parameter)} {estimate(one.parameters[parameter.name], parameter.unit)}"
-
-
-def _pair(selected: list[Judged]) -> str:
+    if len(selected) == 1:
+        return f"The gap {comes} from {_single(case, selected[0])}.", _shrinks(case, 1)
     causes = listed([what_and_where(each.cause) for each in selected])
-    first = selected[0]
-    larger = f"{plain(first.cause.name)} is the larger (probability {percent(first.probability)})"
-    return f"{causes} together; {larger}"
+    larger = f"{plain(selected[0].cause.name)} is the larger (probability {probability(likely)})"
+    return f"The gap {comes} from {causes} together; {larger}.", _shrinks(case, len(selected))
 
 
-def _shrinks(reported: Reported, count: int) -> str:
-    gap = reported.findings.gap
-    if not reported.repaired:
+def _single(case: Case, one: Judged) -> str:
+    sure = f"{what_and_where(one.cause)} (probability {probability(one.probability)})"
+    others = [case.judged_of(name) for name in one.indistinguishable_from]
+    alike = [f"{what_and_where(each.cause)} ({probability(each.probability)})" for each in others if each]
+    if alike:
+        return f"{listed([sure, *alike], 'or from')}, which these sensors and settings cannot tell apart"
+    if not one.cause.parameters:
+        return sure
+    parameter = one.cause.parameters[0]
+    found, unit = one.parameters[parameter.name], parameter.unit
+    value = f"{parameter_words(parameter)} {estimate(found.value, unit)}"
+    return f"{sure}: {value}, 95 % interval {span(found.low, found.high, unit)}"
+
+
+def _shrinks(case: Case, count: int) -> str:
+    gap = case.findings.gap
+    if not case.repaired:
         return (
             f"The gap is {floors(gap.before)}, where 1.0 is a healthy rig; how far it shrinks is not known, "
             "for there was no time to simulate the repaired twin: give it more --budget, or an idle machine."
@@ -86,12 +102,6 @@ def _shrinks(reported: Reported, count: int) -> str:
     return told if gap.after is None or gap.after < _LEFT_OPEN else f"{told} {_LEFT}"
 
 
-_LEFT = (
-    "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
-    "(their intervals are wider by as much); more --budget may find a nearer one."
-)
-
-
 def interval(gap: Gap) -> str:
     """The shrink's interval in words; nothing where it has none, or none to be seen."""
     if gap.shrink_ci95 is None:
@@ -100,51 +110,47 @@ def interval(gap: Gap) -> str:
     return "" if low == high else f"95 % interval {low} to {high} %"
 
 
-def _none(reported: Reported) -> tuple[str, str]:
-    gap = reported.findings.gap
-    runs = "run" if len(gaps.runs(reported)) == 1 else "runs"
+def _none(case: Case) -> tuple[str, str]:
+    gap = case.findings.gap
+    runs = "run" if len(case.run_numbers) == 1 else "runs"
     first = (
-        f"Nothing is missing: the twin explains the {runs} (probability {percent(reported.findings.none)}), "
+        f"Nothing is missing: the twin explains the {runs} (probability {probability(case.findings.none)}), "
         f"with a gap of {floors(gap.before)} where 1.0 is a healthy rig."
     )
-    if not reported.judged:
+    if not case.judged:
         return first, "No effect of the catalogue was tried."
-    hardest = reported.judged[0]
+    hardest = case.judged[0]
     second = (
-        f"Of the catalogue's {len(reported.judged)} effects, {what_and_where(hardest.cause)} is the hardest "
-        f"to rule out ({percent(hardest.probability)})"
+        f"Of the catalogue's {len(case.judged)} effects, {what_and_where(hardest.cause)} is the hardest "
+        f"to rule out ({probability(hardest.probability)})"
     )
-    return first, f"{second}{_could_hide(hardest)}."
+    if hardest.cause.parameters:
+        parameter = hardest.cause.parameters[0]
+        found = hardest.parameters[parameter.name]
+        hidden = span(found.low, found.high, parameter.unit)
+        second += f"; it could hide with {parameter_words(parameter)} from {hidden}"
+    return first, f"{second}."
 
 
-def _could_hide(one: Judged) -> str:
-    if not one.cause.parameters:
-        return ""
-    parameter = one.cause.parameters[0]
-    found = one.parameters[parameter.name]
-    hidden = span(found.low, found.high, parameter.unit)
-    return f"; it could hide with {parameter_words(parameter)} from {hidden}"
-
-
-def _unknown(reported: Reported) -> tuple[str, str]:
+def _unknown(case: Case) -> tuple[str, str]:
     first = (
         "Something that no effect of the catalogue explains is in the rig "
-        f"(probability {percent(reported.findings.unknown)})"
+        f"(probability {probability(case.findings.unknown)})"
     )
-    if reported.judged:
-        nearest = reported.judged[0]
-        first += f"; the nearest, {what_and_where(nearest.cause)}, has {percent(nearest.probability)}"
-    return f"{first}.", _where(reported)
+    if case.judged:
+        nearest = case.judged[0]
+        first += f"; the nearest, {what_and_where(nearest.cause)}, has {probability(nearest.probability)}"
+    return f"{first}.", _where(case)
 
 
-def _where(reported: Reported) -> str:
-    channel, run, size = gaps.largest_channels(reported)[0]
-    band = gaps.largest_span(reported, channel, run, lambda cell: cell.band)
-    phase = gaps.largest_span(reported, channel, run, lambda cell: cell.phase)
+def _where(case: Case) -> str:
+    channel, run, size = case.largest_channels()[0]
+    band = case.largest_span(channel, run, lambda cell: cell.band)
+    phase = case.largest_span(channel, run, lambda cell: cell.phase)
     spots = [f"at {band[0]:.0f} to {band[1]:.0f} Hz"] if band else []
     spots += [f"from {phase[0]:.2f} to {phase[1]:.2f} of the cycle"] if phase else []
     most = f", most {listed(spots)}" if spots else ", much the same all over it"
     return (
-        f"The gap is {floors(reported.findings.gap.before)}, where 1.0 is a healthy rig, "
+        f"The gap is {floors(case.findings.gap.before)}, where 1.0 is a healthy rig, "
         f"and largest in {channel} ({floors(size)}){most}."
     )

@@ -5,22 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.impacts import HalfCycles
-from rig.report.content import Part, Sentence, Table
-from rig.report.plot import PlotGrid
-from rig.report.record import LOWER, ORIGINS, UPPER, RunRecord
-from rig.report.sections.numbers import difference, number
+from rig.pages.content import Part, Sentence, Table
+from rig.pages.plots import Plots
+from rig.pages.words import difference, number
+from rig.report.record import ORIGINS, RunRecord
 from rig.report.summary import half_cycles_of
 
 _ROW_PX = 230
 _MOST_BINS = 40
 _CROWD = 3
 """So many histograms hide each other: then only the measured one is filled."""
-_FORCE_AXIS = {"title": {"text": "peak force, N"}}
+_FORCE = "peak force, N"
 _EXPLANATION = (
     "A half cycle is all contact on one side before any on the other; a contact counts once its force passes "
     "a tenth of the largest in the run. 'First' is the peak of its first contact, 'max' its largest force."
 )
+
+_HEADINGS = (
+    "peak", "half cycles", "mean", "standard deviation", "smallest", "largest", "mean against measured",
+)  # fmt: skip
 
 Peaks = dict[str, NDArray[np.float64]]
 
@@ -30,7 +33,7 @@ def parts(run: RunRecord) -> list[Part]:
 
     Nothing for a rig that has no such pair of stops.
     """
-    if run.kind is not None and not {UPPER, LOWER} <= set(run.kind.contacts):
+    if run.roles.stops is None:
         return []
     found = {run.whose(origin): half_cycles_of(run, origin) for origin in ORIGINS}
     if all(cycles is None for cycles in found.values()):
@@ -42,61 +45,40 @@ def parts(run: RunRecord) -> list[Part]:
         "first": {whose: each.first_n for whose, each in cycles.items()},
         "max": {whose: each.max_n for whose, each in cycles.items()},
     }
-    grid = PlotGrid(rows=2, columns=2, row_px=_ROW_PX)
+    plots = Plots(rows=2, columns=2, row_px=_ROW_PX)
+    rows = []
     for column, (name, peaks) in enumerate(kinds.items()):
-        _histogram(grid, column, name, peaks)
-        _distribution(grid, 2 + column, name, peaks, share_x_with=column)
-    return [Sentence(_EXPLANATION), _table(kinds, cycles), grid.figure("peaks")]
+        _draw(plots, column, name, peaks)
+        measured = peaks.get("measured")
+        for whose, values in peaks.items():
+            deviation = float(np.std(values, ddof=1)) if len(values) > 1 else None
+            numbers = (float(values.mean()), deviation, float(values.min()), float(values.max()))
+            against = ""
+            if measured is not None and whose != "measured":
+                against = difference(numbers[0], float(measured.mean()))
+            told = [number(each, "N") for each in numbers]
+            rows.append([f"{name}, {whose}", str(len(values)), *told, against])
+    return [
+        Sentence(_EXPLANATION),
+        Table(_HEADINGS, rows, "Peak force of each half cycle"),
+        plots.figure("peaks"),
+    ]
 
 
-def _histogram(grid: PlotGrid, cell: int, name: str, peaks: Peaks) -> None:
-    grid.axes(
-        cell, f"{name}: half cycles per bin", {"title": {"text": "peak force, N"}}, {"rangemode": "tozero"}
-    )
+def _draw(plots: Plots, column: int, name: str, peaks: Peaks) -> None:
+    """A histogram above the distribution function, both over one force axis."""
+    upper, lower = column, column + 2
+    plots.axes(upper, f"{name}: half cycles per bin", _FORCE, y_axis={"rangemode": "tozero"})
+    title = f"{name}: share of half cycles up to this force"
+    plots.axes(lower, title, _FORCE, y_axis={"range": [0, 1.02]}, share_x_with=upper)
     together = np.concatenate(list(peaks.values()))
     edges = np.histogram_bin_edges(together, bins=min(max(len(together) // 8, 5), _MOST_BINS))
     for whose, values in peaks.items():
         counts, _ = np.histogram(values, bins=edges)
         if whose == "measured" or len(peaks) < _CROWD:
-            grid.bars(cell, whose, (edges[:-1] + edges[1:]) / 2, counts.astype(np.float64))
+            plots.bars(upper, whose, (edges[:-1] + edges[1:]) / 2, counts)
         else:
-            outline = np.concatenate(([0], counts, [0])).astype(np.float64)
-            grid.line(cell, whose, np.append(edges[0], edges), outline, f"peaks {name}", shape="hv")
-
-
-def _distribution(grid: PlotGrid, cell: int, name: str, peaks: Peaks, share_x_with: int) -> None:
-    title = f"{name}: share of half cycles up to this force"
-    grid.axes(cell, title, _FORCE_AXIS, {"range": [0, 1.02]}, share_x_with)
-    for whose, values in peaks.items():
-        ordered = np.sort(values)
-        shares = np.arange(1, len(ordered) + 1) / len(ordered)
-        grid.line(cell, whose, ordered, shares, f"peaks {name}", shape="hv")
-
-
-def _table(kinds: dict[str, Peaks], cycles: dict[str, HalfCycles]) -> Table:
-    rows = []
-    for name, peaks in kinds.items():
-        for whose, values in peaks.items():
-            deviation = float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
-            against = None if whose == "measured" else peaks.get("measured")
-            rows.append(
-                [
-                    f"{name}, {whose}",
-                    str(len(cycles[whose])),
-                    number(float(values.mean()), "N"),
-                    number(deviation, "N"),
-                    number(float(values.min()), "N"),
-                    number(float(values.max()), "N"),
-                    "" if against is None else difference(float(values.mean()), float(against.mean())),
-                ]
-            )
-    headings = (
-        "peak",
-        "half cycles",
-        "mean",
-        "standard deviation",
-        "smallest",
-        "largest",
-        "mean against measured",
-    )
-    return Table(headings, rows, "Peak force of each half cycle")
+            outline = [0, *counts, 0]
+            plots.line(upper, whose, [edges[0], *edges], outline, subject=f"peaks {name}", shape="hv")
+        shares = np.arange(1, len(values) + 1) / len(values)
+        plots.line(lower, whose, np.sort(values), shares, subject=f"peaks {name}", shape="hv")

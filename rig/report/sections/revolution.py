@@ -10,15 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.log.reader import Origin
-from daq.signals.envelope import envelope
-from daq.signals.synchronous import CycleAverage, SynchronousAverage
-from rig.report.content import Part, Sentence
-from rig.report.plot import PlotGrid, points_each
+from daq.signals.synchronous import CycleAverage
+from rig.pages.content import Part, Sentence
+from rig.pages.plots import Plots, points_each
+from rig.report.crank_figures import beside_turns, in_pieces, turns_of
 from rig.report.record import ORIGINS, RunRecord, Trace
-from rig.report.sections.cut import cut
-from rig.report.sections.left_out import left_out
-from rig.report.turning import beside_turns, in_pieces, turns_of
+from rig.report.sections.remarks import cut, left_out
 
 _ROW_PX = 150
 _COLUMNS = 2
@@ -28,11 +25,11 @@ _LEAP = 0.5
 """Turns from sample to sample beyond which an angle cannot be told from another."""
 
 _REMARK = (
-    "The motion chatters: no single blow of one revolution has to meet the twin's. What stays in the mean of "
-    "all revolutions (at every 0.25°, what is faster filtered out) may be compared as it stands; the fewer "
-    "they are, the more of their scatter is left in it."
+    "The motion chatters: no single impact of one revolution has to meet the twin's. What stays in the mean "
+    "of all revolutions (at every 0.25°, what is faster filtered out) may be compared as it stands; the "
+    "fewer they are, the more of their scatter is left in it."
 )
-_ANGLE = {"title": {"text": "crank angle, °"}, "range": [0, 360], "tickvals": list(range(0, 361, 45))}
+_DEGREES = {"range": [0, 360], "tickvals": list(range(0, 361, 45))}
 _CAPTION = "Drag to zoom, double-click to go back. The crank angle axes move together."
 
 
@@ -52,76 +49,62 @@ class _Revolution(NamedTuple):
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """A row of two plots for each channel that vibrates; nothing for a rig without a crank."""
-    if run.crank is None:
+    """A row of two plots for each channel that vibrates; nothing for a rig without a shaft."""
+    if not run.roles.turns:
         return []
-    channels = [name for name in run.channels if name not in run.crank.plain]
-    turns = _turns(run)
+    channels = run.roles.vibration
+    every = {origin: turns_of(run, origin) for origin in ORIGINS}
+    turns = {origin: way for origin, way in every.items() if way is not None and _whole(way) is not None}
     if not turns:
-        return [
-            Sentence("No whole revolution with a known crank angle in this run."),
-            *left_out(run, channels),
-        ]
+        none = Sentence("No whole revolution with a known crank angle in this run.")
+        return [none, *left_out(run, channels)]
     traces = {origin: beside_turns(run, origin, channels) for origin in turns}
     names = [name for name in channels if any(name in each for each in traces.values())]
     if not names:
         return [*left_out(run, channels)]
-    grid = PlotGrid(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
+    plots = Plots(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
     for row, name in enumerate(names):
         for column, what in enumerate(("one revolution", "mean of all revolutions")):
             title = f"{name} [{run.channels[name].unit or '-'}], {what}"
-            grid.axes(_COLUMNS * row + column, title, _ANGLE, {}, share_x_with=0)
-    found = {run.whose(origin): _revolutions(traces[origin], way) for origin, way in turns.items()}
+            plots.axes(_COLUMNS * row + column, title, "crank angle, °", x_axis=_DEGREES, share_x_with=0)
     points = points_each(len(run.traces) * _COLUMNS)
-    for whose, revolutions in found.items():
-        _draw(grid, whose, names, revolutions, points)
+    told = []
+    for origin, way in turns.items():
+        whose, revolutions = run.whose(origin), _revolutions(traces[origin], way)
+        for name, each in revolutions.items():
+            for cell, line in enumerate((each.one, each.mean), _COLUMNS * names.index(name)):
+                plots.outline(cell, whose, line.degrees, line.values, subject=name, points=points)
+        counts = [each.cycles for each in revolutions.values()] or [0]
+        least, most = min(counts), max(counts)  # channels with holes may have fewer
+        told.append(f"{least} to {most} {whose}" if most > least else f"{most} {whose}")
     return [
         Sentence(_REMARK),
         *cut(run),
-        Sentence(f"Revolutions in the mean: {_counts(found)}."),
+        Sentence(f"Revolutions in the mean: {', '.join(told)}."),
         *left_out(run, channels),
-        grid.figure("revolution", _CAPTION),
+        plots.figure("revolution", _CAPTION),
     ]
 
 
-def _counts(found: dict[str, dict[str, _Revolution]]) -> str:
-    """How many revolutions each origin has a mean of; channels with holes may have fewer."""
-    told = []
-    for whose, revolutions in found.items():
-        counts = [each.cycles for each in revolutions.values()] or [0]
-        least, most = min(counts), max(counts)
-        told.append(f"{least} to {most} {whose}" if most > least else f"{most} {whose}")
-    return ", ".join(told)
-
-
-def _draw(
-    grid: PlotGrid, whose: str, names: list[str], revolutions: dict[str, _Revolution], points: int
-) -> None:
-    for name, each in revolutions.items():
-        for column, line in enumerate((each.one, each.mean)):
-            chosen = envelope(line.values, points)
-            degrees = line.degrees[chosen.indices]
-            grid.line(_COLUMNS * names.index(name) + column, whose, degrees, chosen.values, name)
-
-
-def _turns(run: RunRecord) -> dict[Origin, NDArray[np.float64]]:
-    """Turns of the origins in which the crank turns once at least."""
-    found = {origin: turns_of(run, origin) for origin in ORIGINS}
-    return {
-        origin: turns for origin, turns in found.items() if turns is not None and _whole(turns) is not None
-    }
-
-
 def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, _Revolution]:
-    """One revolution and the mean of all, by channel."""
+    """One revolution and the mean of all, by channel.
+
+    The one is from the middle of the run, away from the start's transients.
+    """
     whole = _whole(turns)
     if whole is None or not traces:
         return {}
-    means = _mean(list(traces.values()), turns)
-    return {
-        name: _Revolution(_one(trace, turns, whole), mean, count)
-        for (name, trace), (mean, count) in zip(traces.items(), means, strict=True)
-    }
+    known = np.flatnonzero(np.isfinite(turns))
+    middle = floor(float(turns[known[len(known) // 2]]))
+    chosen = min(max(middle, whole[0]), whole[1] - 1)
+    inside = np.flatnonzero((turns >= chosen) & (turns <= chosen + 1))
+    found = {}
+    for (name, trace), (mean, count) in zip(
+        traces.items(), _means(list(traces.values()), turns), strict=True
+    ):
+        at = inside[inside < len(trace.values)]
+        found[name] = _Revolution(_Line(360.0 * (turns[at] - chosen), trace.values[at]), mean, count)
+    return found
 
 
 def _whole(turns: NDArray[np.float64]) -> tuple[int, int] | None:
@@ -133,45 +116,26 @@ def _whole(turns: NDArray[np.float64]) -> tuple[int, int] | None:
     return (first, end) if end > first else None
 
 
-def _one(trace: Trace, turns: NDArray[np.float64], whole: tuple[int, int]) -> _Line:
-    """The revolution in the middle of the run, away from the start's transients."""
+def _means(traces: list[Trace], turns: NDArray[np.float64]) -> list[tuple[_Line, int]]:
+    """Mean revolution of each trace, NaN without any, and of how many it is.
+
+    Where the angle leaps behind a hole, more than half a turn from the last that was known, counting begins
+    anew; the mean is over the cycles of all such stretches.
+    """
     known = np.flatnonzero(np.isfinite(turns))
-    middle = floor(float(turns[known[len(known) // 2]]))
-    chosen = min(max(middle, whole[0]), whole[1] - 1)
-    inside = np.flatnonzero((turns >= chosen) & (turns <= chosen + 1))
-    inside = inside[inside < len(trace.values)]
-    return _Line(360.0 * (turns[inside] - chosen), trace.values[inside])
-
-
-def _mean(traces: list[Trace], turns: NDArray[np.float64]) -> list[tuple[_Line, int]]:
-    """Mean revolutions, and of how many; where the angle leaps behind a hole, counting begins anew."""
-    found = []
-    for first, end in pairwise((0, *_leaps(turns), len(turns))):
+    leaps = known[1:][np.abs(np.diff(turns[known])) > _LEAP]
+    total, cycles = np.zeros((len(traces), _POINTS)), np.zeros((len(traces), 1))
+    for first, end in pairwise((0, *map(int, leaps), len(turns))):
         if _whole(turns[first:end]) is None:
             continue
         average = CycleAverage(_POINTS)
         stretch = [replace(trace, values=trace.values[first:end]) for trace in traces]
         for values, way in in_pieces(stretch, turns[first:end]):
             average.add(values, way)
-        found.append(average.result())
-    mean, cycles = _together(found, len(traces))
-    degrees = 360.0 * np.arange(_POINTS) / _POINTS
-    return [(_Line(degrees, row), int(count)) for row, count in zip(mean, cycles, strict=True)]
-
-
-def _leaps(turns: NDArray[np.float64]) -> list[int]:
-    """The samples at which the angle is more than half a turn from the last that was known."""
-    known = np.flatnonzero(np.isfinite(turns))
-    return [int(at) for at in known[1:][np.abs(np.diff(turns[known])) > _LEAP]]
-
-
-def _together(
-    averages: list[SynchronousAverage], channels: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean over the cycles of all averages, shape (channels, points), NaN without one; and how many."""
-    total, cycles = np.zeros((channels, _POINTS)), np.zeros((channels, 1))
-    for each in averages:
+        each = average.result()
         if each.cycles.ndim:  # else nothing was added to it
             total += np.where(each.cycles[:, None] > 0, each.mean * each.cycles[:, None], 0.0)
             cycles += each.cycles[:, None]
-    return np.divide(total, cycles, out=np.full_like(total, np.nan), where=cycles > 0), cycles[:, 0]
+    mean = np.divide(total, cycles, out=np.full_like(total, np.nan), where=cycles > 0)
+    degrees = 360.0 * np.arange(_POINTS) / _POINTS
+    return [(_Line(degrees, row), int(count)) for row, count in zip(mean, cycles[:, 0], strict=True)]

@@ -6,13 +6,11 @@ from math import isfinite, nan
 
 import numpy as np
 
-from daq.signals.envelope import envelope
-from rig.report.content import Part, Sentence, Table
-from rig.report.plot import PlotGrid, points_each
+from rig.pages.content import Part, Sentence, Table
+from rig.pages.plots import Plots, points_each
+from rig.pages.words import DASH, difference, number
+from rig.report.crank_figures import counted_by, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Trace
-from rig.report.sections.numbers import DASH, difference, number
-from rig.report.speed import set_rpm, speed_figures, speeds
-from rig.report.turning import counted_by
 
 _ROW_PX = 240
 _LEAST_BAND = 0.01
@@ -31,8 +29,8 @@ _IN_STEP = "The twin is held at the mean speed that was measured; only its rippl
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """Numbers and lines of every speed; nothing for a rig without a crank."""
-    if run.crank is None:
+    """Numbers and lines of every speed; nothing for a rig without a shaft."""
+    if not run.roles.turns:
         return []
     found = speeds(run)
     if not found:
@@ -69,7 +67,7 @@ def _ripple(value: float, unit: str) -> str:
 
 
 def _figure(run: RunRecord, found: dict[str, Trace]) -> Part:
-    grid = PlotGrid(rows=1, columns=1, row_px=_ROW_PX)
+    grid = Plots(rows=1, columns=1, row_px=_ROW_PX)
     set_to = set_rpm(run)
     shown = [speed.values[np.isfinite(speed.values)] for speed in found.values()]
     levels = np.concatenate(shown if set_to is None else [*shown, np.array([set_to])])
@@ -78,11 +76,12 @@ def _figure(run: RunRecord, found: dict[str, Trace]) -> Part:
     low = min(float(levels.min()), middle - band)
     high = max(float(levels.max()), middle + band)
     room = 0.05 * (high - low)
-    grid.axes(0, "rpm", {"title": {"text": "s"}}, {"range": [low - room, high + room]})
+    grid.axes(0, "rpm", "s", y_axis={"range": [low - room, high + room]})
     end_s = max(len(speed.values) / speed.sample_rate for speed in found.values())
     if set_to is not None:
-        grid.line(0, "set", np.array([0.0, end_s]), np.full(2, set_to), "set")
+        grid.line(0, "set", [0.0, end_s], [set_to, set_to], subject="set")
     for whose, speed in found.items():
-        chosen = envelope(speed.values, points_each(len(found)))
-        grid.line(0, whose, (chosen.indices + 0.5) / speed.sample_rate, chosen.values, "crank.speed")
+        times = (np.arange(len(speed.values)) + 0.5) / speed.sample_rate
+        points = points_each(len(found))
+        grid.outline(0, whose, times, speed.values, subject="crank.speed", points=points)
     return grid.figure("speed", _CAPTION)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from rig.report.blows import Blows, blows
-from rig.report.content import BigNumber, BigNumbers, Part, Sentence, Table
-from rig.report.mean_cycle import GROWS
-from rig.report.record import RunRecord
-from rig.report.sections.comparison import parts as comparison
-from rig.report.sections.numbers import DASH, counted, difference, number, spread
-from rig.report.speed import set_rpm, speed_figures, speeds
-from rig.report.summary import ChannelSummary, HalfCycleStatistics, RunSummary, TraceSummary, summary_of
+from collections.abc import Mapping
 
+import numpy as np
+
+from rig.pages.content import BigNumber, BigNumbers, Part, Sentence, Table
+from rig.pages.plots import Plots
+from rig.pages.words import DASH, counted, difference, number, spread
+from rig.report.closeness import closeness, overall
+from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
+from rig.report.record import RunRecord
+from rig.report.summary import RunSummary, TraceSummary, summary_of
+
+_ROW_PX = 44
+_CAPTION = (
+    "Level difference between the autospectra of twin and measurement, rms over the bands within 40 dB of "
+    "the channel's strongest. Shorter is closer. The blue bar is the difference between the measurement's "
+    "own halves: no twin can come much closer, and a healthy rig's twin stays somewhat further off."
+)
 _NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 
@@ -22,10 +31,42 @@ def parts(run: RunRecord) -> list[Part]:
         _data_state(summary),
         *_peak_numbers(summary),
         *_speed_numbers(run),
-        *_blow_numbers(run),
+        *_impact_numbers(run),
     ]
-    table = _table_of_three(summary) if run.repaired else _channel_table(summary)
-    return [*comparison(run), BigNumbers(numbers), *_warnings(summary), table]
+    return [*_comparison(run), BigNumbers(numbers), *_warnings(summary), _channel_table(run, summary)]
+
+
+def _comparison(run: RunRecord) -> list[Part]:
+    """How far either twin lies from the measurement, in all and for each channel; empty without the two."""
+    channels = closeness(run)
+    if not channels:
+        return []
+    total = overall(channels)
+    numbers = BigNumbers(
+        [
+            BigNumber("Nominal twin lies off by", f"{total.nominal_db:.1f} dB", "autospectra, all channels"),
+            BigNumber("Repaired twin lies off by", f"{total.repaired_db:.1f} dB", "with the effects in it"),
+            BigNumber("The run's halves differ by", f"{total.halves_db:.1f} dB", "what chatter alone does"),
+        ]
+    )
+    # bars from left to right, the channels from top to bottom in the order of the run
+    grid = Plots(rows=1, columns=1, row_px=_ROW_PX * len(channels) + 10)
+    names = {"tickvals": list(range(len(channels))), "ticktext": [each.channel for each in channels]}
+    grid.axes(
+        0,
+        "Distance to the measurement",
+        "dB",
+        x_axis={"rangemode": "tozero"},
+        y_axis={**names, "autorange": "reversed"},
+    )
+    rows = np.arange(len(channels), dtype=np.float64)
+    for whose, lengths in (
+        ("measured", [each.halves_db for each in channels]),
+        ("nominal", [each.nominal_db for each in channels]),
+        ("repaired", [each.repaired_db for each in channels]),
+    ):
+        grid.lying_bars(0, whose, rows, lengths)
+    return [numbers, grid.figure("comparison", _CAPTION)]
 
 
 def _data_state(summary: RunSummary) -> BigNumber:
@@ -37,12 +78,40 @@ def _data_state(summary: RunSummary) -> BigNumber:
 
 
 def _peak_numbers(summary: RunSummary) -> list[BigNumber]:
+    """*First* and *max* of the half cycles, where there are any."""
     measured, predicted, nominal = summary.measured_peaks, summary.predicted_peaks, summary.nominal_peaks
-    return [
-        BigNumber(f"Peak force, {name}", _mean(measured, name), _remark(measured, predicted, nominal, name))
-        for name in ("first", "max")
-        if measured or predicted
-    ]
+    if not (measured or predicted):
+        return []
+    twins = {"predicted": predicted} if nominal is None else {"nominal": nominal, "repaired": predicted}
+    by_whose = {"measured": measured, **twins}
+    first = {
+        whose: (each.first_mean_n, each.first_sd_n) if each else None for whose, each in by_whose.items()
+    }
+    largest = {whose: (each.max_mean_n, each.max_sd_n) if each else None for whose, each in by_whose.items()}
+    return [_peaks("Peak force, first", "N", first), _peaks("Peak force, max", "N", largest)]
+
+
+def _impact_numbers(run: RunRecord) -> list[BigNumber]:
+    """One for each group of channels on which there are impacts."""
+    numbers = []
+    for group, by_whose in impacts_by_group(run).items():
+        if any(len(each.peak) for each in by_whose.values()):
+            unit = next(iter(by_whose.values())).unit
+            peaks = {whose: (each.mean, each.deviation) for whose, each in by_whose.items()}
+            numbers.append(_peaks(f"Peak of an impact, {group}", unit, peaks))
+    return numbers
+
+
+def _peaks(label: str, unit: str, peaks: Mapping[str, tuple[float, float] | None]) -> BigNumber:
+    """Mean and deviation of peaks as measured; as a remark those of each twin, and how far off it is."""
+    measured = peaks.get("measured")
+    remarks = []
+    for whose, pair in peaks.items():
+        if whose == "measured":
+            continue
+        against = f": {difference(pair[0], measured[0])}" if pair and measured else ""
+        remarks.append(f"{whose} {spread(*pair, unit)}{against}" if pair else "no prediction")
+    return BigNumber(label, spread(*measured, unit) if measured else DASH, "; ".join(remarks))
 
 
 def _speed_numbers(run: RunRecord) -> list[BigNumber]:
@@ -55,60 +124,6 @@ def _speed_numbers(run: RunRecord) -> list[BigNumber]:
     remarks += [] if measured is None else [f"ripple {measured.ripple:.2f} rpm"]
     remarks += [f"{whose} {each.mean:.2f} rpm" for whose, each in found.items()]
     return [BigNumber("Crank speed", f"{measured.mean:.2f} rpm" if measured else DASH, "; ".join(remarks))]
-
-
-def _blow_numbers(run: RunRecord) -> list[BigNumber]:
-    """One for each group of channels on which there are impacts."""
-    return [
-        _blow_number(group, by_whose)
-        for group, by_whose in blows(run).items()
-        if any(len(each.peak) for each in by_whose.values())
-    ]
-
-
-def _blow_number(group: str, by_whose: dict[str, Blows]) -> BigNumber:
-    measured = by_whose.get("measured")
-    remarks = []
-    for whose, each in by_whose.items():
-        if whose == "measured":
-            continue
-        against = f": {difference(each.mean, measured.mean)}" if measured else ""
-        remarks.append(f"{whose} {spread(each.mean, each.deviation, each.unit)}{against}")
-    text = spread(measured.mean, measured.deviation, measured.unit) if measured else DASH
-    return BigNumber(f"Peak of an impact, {group}", text, "; ".join(remarks))
-
-
-def _remark(
-    measured: HalfCycleStatistics | None,
-    predicted: HalfCycleStatistics | None,
-    nominal: HalfCycleStatistics | None,
-    name: str,
-) -> str:
-    if nominal is None:
-        return _against(measured, predicted, name, "predicted")
-    twins = _against(measured, nominal, name, "nominal"), _against(measured, predicted, name, "repaired")
-    return "; ".join(twins)
-
-
-def _mean(peaks: HalfCycleStatistics | None, name: str) -> str:
-    return DASH if peaks is None else spread(*_pair(peaks, name), "N")
-
-
-def _against(
-    measured: HalfCycleStatistics | None, predicted: HalfCycleStatistics | None, name: str, whose: str
-) -> str:
-    if predicted is None:
-        return "no prediction"
-    text = f"{whose} {spread(*_pair(predicted, name), 'N')}"
-    if measured is None:
-        return text
-    return f"{text}: {difference(_pair(predicted, name)[0], _pair(measured, name)[0])}"
-
-
-def _pair(peaks: HalfCycleStatistics, name: str) -> tuple[float, float]:
-    if name == "first":
-        return peaks.first_mean_n, peaks.first_sd_n
-    return peaks.max_mean_n, peaks.max_sd_n
 
 
 def _warnings(summary: RunSummary) -> list[Sentence]:
@@ -125,63 +140,33 @@ def _warnings(summary: RunSummary) -> list[Sentence]:
     return [Sentence(text, warning=True) for text in found]
 
 
-def _channel_table(summary: RunSummary) -> Table:
+def _channel_table(run: RunRecord, summary: RunSummary) -> Table:
+    """Rms and peak of each channel, measured and predicted; beside a repaired twin the nominal one's too."""
+    predicted = ("nominal", "repaired") if run.repaired else ("rms predicted", "difference")
+    peaks = ("nominal", "repaired") if run.repaired else ("peak predicted",)
     headings = (
-        "channel", "unit", "rms measured", "rms predicted", "difference", "peak measured", "peak predicted",
-        "overloaded blocks", "missing samples",
+        "channel", "unit", "rms measured", *predicted, "peak measured", *peaks, "overloaded blocks",
+        "missing samples",
     )  # fmt: skip
-    return Table(headings, [_channel_row(channel) for channel in summary.channels], "Channels")
+    rows = []
+    for channel in summary.channels:
+        measured, twins = channel.measured, [channel.predicted]
+        if run.repaired:
+            twins = [channel.nominal, channel.predicted]
+            against = [_rms_against(twin, measured) for twin in twins]
+        else:
+            apart = difference(twins[0].rms, measured.rms) if twins[0] and measured else DASH
+            against = [_value(twins[0], "rms"), apart]
+        peaks_of = [_value(each, "peak") for each in (measured, *twins)]
+        figures = [_value(measured, "rms"), *against, *peaks_of]
+        if channel.name in run.roles.unwrapped:  # these only tell how long the run was
+            figures = [DASH] * len(figures)
+        lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
+        rows.append([channel.name, channel.unit or DASH, *figures, *map(str, lost)])
+    return Table(headings, rows, "Channels")
 
 
-def _channel_row(channel: ChannelSummary) -> list[str]:
-    measured, predicted = channel.measured, channel.predicted
-    figures = [
-        _value(measured, "rms"),
-        _value(predicted, "rms"),
-        difference(predicted.rms, measured.rms) if measured and predicted else DASH,
-        _value(measured, "peak"),
-        _value(predicted, "peak"),
-    ]
-    return [
-        channel.name,
-        channel.unit or DASH,
-        *_unless_it_grows(channel, figures),
-        str(measured.overloaded_blocks) if measured else DASH,
-        str(measured.missing) if measured else DASH,
-    ]
-
-
-def _unless_it_grows(channel: ChannelSummary, figures: list[str]) -> list[str]:
-    """Rms and peak of an angle that is unwrapped only tell how long the run was."""
-    return [DASH] * len(figures) if channel.name.endswith(GROWS) else figures
-
-
-def _table_of_three(summary: RunSummary) -> Table:
-    headings = (
-        "channel", "unit", "rms measured", "nominal", "repaired", "peak measured", "nominal", "repaired",
-        "overloaded blocks", "missing samples",
-    )  # fmt: skip
-    return Table(headings, [_row_of_three(channel) for channel in summary.channels], "Channels")
-
-
-def _row_of_three(channel: ChannelSummary) -> list[str]:
-    measured = channel.measured
-    figures = [
-        _value(measured, "rms"),
-        _value_against(channel.nominal, measured),
-        _value_against(channel.predicted, measured),
-        *(_value(each, "peak") for each in (measured, channel.nominal, channel.predicted)),
-    ]
-    return [
-        channel.name,
-        channel.unit or DASH,
-        *_unless_it_grows(channel, figures),
-        str(measured.overloaded_blocks) if measured else DASH,
-        str(measured.missing) if measured else DASH,
-    ]
-
-
-def _value_against(twin: TraceSummary | None, measured: TraceSummary | None) -> str:
+def _rms_against(twin: TraceSummary | None, measured: TraceSummary | None) -> str:
     if twin is None or measured is None:
         return _value(twin, "rms")
     return f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)

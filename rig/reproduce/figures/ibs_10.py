@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.report import content
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
 from rig.reproduce.beam_runs import (
     WHAT_IF_AMPLITUDE_N,
     beam,
@@ -16,13 +17,9 @@ from rig.reproduce.beam_runs import (
     what_if_beam,
     whole_half_cycles,
 )
-from rig.reproduce.chart import OURS, SECOND_LINE, TEXT, Chart
-from rig.reproduce.chart import WHAT_IF as WHAT_IF_STYLE
-from rig.reproduce.claim import about, above, below
 from rig.reproduce.explanations import FREQUENCY, WHAT_IF
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample
-from rig.reproduce.statement import Statement, of_sample
+from rig.reproduce.figure import OURS, SECOND_LINE, TEXT, WHAT_IF_STYLE, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import Sample, Statement, about, above, below, of_sample
 from sim_twin.parts.modal import lowest_modes
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 
@@ -73,35 +70,21 @@ def ensemble(rig: ImpactBeam, frequency: float, amplitude: float = 9.0) -> Sampl
     return Sample(cycles.first_n[cycles.side > 0][:_PEAKS])
 
 
-def _around_20(effort: Effort) -> Array:
-    full, few = 19.0 + 0.1 * np.arange(_FREQUENCIES), np.array([19.0, 19.5, 20.0, 20.5, 21.0])
-    return effort.of(full, few)
-
-
-def _around_5(effort: Effort) -> Array:
-    return np.linspace(4.74, 5.26, effort.of(_FREQUENCIES, _FEW))
-
-
-def _band(frequencies: Array) -> Band:
-    return Band(frequencies, [ensemble(beam(_CLEARANCE_MM), f) for f in frequencies])
-
-
-def _shaken(frequencies: Array) -> Band:
-    rig = what_if_beam(_CLEARANCE_MM)
-    return Band(frequencies, [ensemble(rig, f, WHAT_IF_AMPLITUDE_N) for f in frequencies])
-
-
-def _long(frequencies: Array, cycles: int) -> Band:
-    return Band(frequencies, [first_peaks(beam(_CLEARANCE_MM), f, cycles / f) for f in frequencies])
-
-
 def _compute(effort: Effort) -> Outcome:
-    fast, slow = _band(_around_20(effort)), _band(_around_5(effort))
-    shaken = {20: _shaken(fast.frequencies), 5: _shaken(slow.frequencies)}
+    few = np.array([19.0, 19.5, 20.0, 20.5, 21.0])
+    around = {
+        20: effort.of(19.0 + 0.1 * np.arange(_FREQUENCIES), few),
+        5: np.linspace(4.74, 5.26, effort.of(_FREQUENCIES, _FEW)),
+    }
     cycles = effort.of(150, 20)
-    longer = {20: _long(fast.frequencies, cycles), 5: _long(slow.frequencies, cycles)}
-    statements = [*_at_20(fast, longer[20], shaken[20]), *_at_5(slow, fast), _free_free()]
-    return Outcome(statements, [_chart(fast, slow, shaken, longer, cycles)])
+    rig, shaker = beam(_CLEARANCE_MM), what_if_beam(_CLEARANCE_MM)
+    bands = {at: Band(f, [ensemble(rig, each) for each in f]) for at, f in around.items()}
+    shaken = {
+        at: Band(f, [ensemble(shaker, each, WHAT_IF_AMPLITUDE_N) for each in f]) for at, f in around.items()
+    }
+    longer = {at: Band(f, [first_peaks(rig, each, cycles / each) for each in f]) for at, f in around.items()}
+    statements = [*_at_20(bands[20], longer[20], shaken[20]), *_at_5(bands[5], bands[20]), _free_free()]
+    return Outcome(statements, [_chart(bands, shaken, longer, cycles)])
 
 
 def _at_20(fast: Band, longer: Band, shaken: Band) -> list[Statement]:
@@ -193,29 +176,22 @@ def _scatter(ensemble: Sample) -> tuple[float, str, None, float]:
     return share, "%", None, share / float(np.sqrt(2 * (len(ensemble.values) - 1)))
 
 
-def _chart(
-    fast: Band, slow: Band, shaken: dict[int, Band], longer: dict[int, Band], cycles: int
-) -> content.Figure:
-    chart = Chart(rows=1, columns=2, row_px=330)
-    for cell, (around, band) in enumerate(((20, fast), (5, slow))):
-        chart.axes(
-            cell,
-            f"around {around} Hz",
-            "drive frequency, Hz",
-            "peak force, N",
-            y_axis={"rangemode": "tozero"},
-        )
+def _chart(bands: dict[int, Band], shaken: dict[int, Band], longer: dict[int, Band], cycles: int) -> Figure:
+    chart = Plots(rows=1, columns=2, row_px=330, legend=True)
+    for cell, (around, band) in enumerate(bands.items()):
+        upward = {"rangemode": "tozero"}
+        chart.axes(cell, f"around {around} Hz", "drive frequency, Hz", "peak force, N", y_axis=upward)
         f = band.frequencies
-        chart.scattered(cell, "ours, 15 peaks", f, band.means, band.deviations, OURS)
-        chart.series(cell, f"ours, mean of {2 * cycles} peaks", f, longer[around].means, SECOND_LINE)
-        chart.scattered(cell, "what if", f, shaken[around].means, shaken[around].deviations, WHAT_IF_STYLE)
-    said = list(_TEXT.items())
-    means = [mean for _, (mean, _) in said]
-    bars = [mean * share for _, (mean, share) in said]
-    chart.scattered(0, "text (measured)", [f for f, _ in said], means, bars, TEXT)
+        chart.line(cell, "ours, 15 peaks", f, band.means, OURS, deviations=band.deviations)
+        chart.line(cell, f"ours, mean of {2 * cycles} peaks", f, longer[around].means, SECOND_LINE)
+        what_if = shaken[around]
+        chart.line(cell, "what if", f, what_if.means, WHAT_IF_STYLE, deviations=what_if.deviations)
+    means = [mean for mean, _ in _TEXT.values()]
+    bars = [mean * share for mean, share in _TEXT.values()]
+    chart.line(0, "text (measured)", list(_TEXT), means, TEXT, deviations=bars)
     return chart.figure(
         "ibs-10", "Steel beam, ±0.127 mm. Bars: ± one standard deviation of the 15 peaks at each frequency."
     )
 
 
-FIGURE = Figure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)
+FIGURE = PaperFigure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)

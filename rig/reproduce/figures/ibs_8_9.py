@@ -7,15 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from rig.report import content
-from rig.reproduce.beam_runs import WHAT_IF_AMPLITUDE_N, beam, first_peaks, what_if_beam
-from rig.reproduce.chart import OURS, SECOND, TEXT, Chart
-from rig.reproduce.chart import WHAT_IF as WHAT_IF_STYLE
-from rig.reproduce.claim import about, above, below
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
+from rig.reproduce.beam_runs import WHAT_IF_AMPLITUDE_N, Material, beam, first_peaks, what_if_beam
 from rig.reproduce.explanations import LEVEL, WHAT_IF
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample, ratio
-from rig.reproduce.statement import Statement, of_ratio, of_sample
+from rig.reproduce.figure import OURS, SECOND, TEXT, WHAT_IF_STYLE, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import Sample, Statement, about, above, below, of_ratio, of_sample, ratio
 
 _CLEARANCES_MM = (0.0635, 0.127, 0.1905, 0.254, 0.3175, 0.381, 0.4445, 0.508)
 _FEW_MM = (0.127, 0.254, 0.508)
@@ -26,23 +23,20 @@ _AT_5_HZ = ((0.127, 34.0), (0.254, 49.4), (0.508, 64.9), (0.508, 67.0))
 Curve = dict[float, Sample]
 
 
-def _steel(frequency: float, clearances: Sequence[float], duration: float) -> Curve:
-    return {g: first_peaks(beam(g), frequency, duration) for g in clearances}
-
-
-def _aluminium(frequency: float, clearances: Sequence[float], duration: float) -> Curve:
-    return {g: first_peaks(beam(g, "aluminium"), frequency, duration) for g in clearances}
-
-
-def _shaken(frequency: float, clearances: Sequence[float], duration: float) -> Curve:
-    return {g: first_peaks(what_if_beam(g), frequency, duration, WHAT_IF_AMPLITUDE_N) for g in clearances}
+def _curve(
+    frequency: float, clearances: Sequence[float], duration: float, material: Material = "steel"
+) -> Curve:
+    return {g: first_peaks(beam(g, material), frequency, duration) for g in clearances}
 
 
 def _compute_8(effort: Effort) -> Outcome:
     clearances, duration = effort.of(_CLEARANCES_MM, _FEW_MM), effort.of(20.0, 2.0)
-    steel, aluminium = _steel(5.0, clearances, duration), _aluminium(5.0, clearances, duration)
-    shaken = _shaken(5.0, clearances, effort.of(5.0, 2.0))
+    steel, aluminium = _curve(5.0, clearances, duration), _curve(5.0, clearances, duration, "aluminium")
+    shaken = {
+        g: first_peaks(what_if_beam(g), 5.0, effort.of(5.0, 2.0), WHAT_IF_AMPLITUDE_N) for g in clearances
+    }
     place = "3D, Fig. 8"
+    rise = about(67.0 / 34.0, "34 N to 67 N: 1.97", place)
     top = about(67.0, "about 67 N (model; the measured force is even higher)", place)
     statements = [
         of_sample("initial peak, 5 Hz, ±0.508 mm", top, steel[_LARGEST], "N", LEVEL),
@@ -54,16 +48,12 @@ def _compute_8(effort: Effort) -> Outcome:
         ),
         of_ratio(
             "rise of the peak from ±0.127 to ±0.508 mm",
-            about(67.0 / 34.0, "34 N to 67 N: 1.97", place),
+            rise,
             ratio(steel[_LARGEST], steel[_SMALLEST]),
             "Known: without a shaker's mass and damping the approach speed grows as clearance^2/3.",
         ),
-        Statement(
-            "the same, what if",
-            about(67.0 / 34.0, "34 N to 67 N: 1.97", place),
-            *_pair(ratio(shaken[_LARGEST], shaken[_SMALLEST])),
-            remark=WHAT_IF,
-            what_if=True,
+        of_ratio(
+            "the same, what if", rise, ratio(shaken[_LARGEST], shaken[_SMALLEST]), WHAT_IF, what_if=True
         ),
         *_trends(steel, aluminium, place),
     ]
@@ -73,8 +63,8 @@ def _compute_8(effort: Effort) -> Outcome:
 
 def _compute_9(effort: Effort) -> Outcome:
     clearances, duration = effort.of(_CLEARANCES_MM, _FEW_MM), effort.of(10.0, 1.0)
-    steel, aluminium = _steel(20.0, clearances, duration), _aluminium(20.0, clearances, duration)
-    slow = _steel(5.0, _FEW_MM, effort.of(20.0, 2.0))
+    steel, aluminium = (_curve(20.0, clearances, duration, each) for each in ("steel", "aluminium"))
+    slow = _curve(5.0, _FEW_MM, effort.of(20.0, 2.0))
     place = "3D, Fig. 9"
     weakest = min((ratio(steel[g], slow[g]) for g in _FEW_MM), key=lambda pair: pair[0])
     statements = [
@@ -109,12 +99,8 @@ def _trends(steel: Curve, aluminium: Curve, place: str) -> list[Statement]:
     ]
 
 
-def _pair(value_and_error: tuple[float, float]) -> tuple[float, str, None, float]:
-    return value_and_error[0], "", None, value_and_error[1]
-
-
-def _chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, float]]) -> content.Figure:
-    chart = Chart(rows=1, columns=1, row_px=340)
+def _chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, float]]) -> Figure:
+    chart = Plots(rows=1, columns=1, row_px=340, legend=True)
     zero = {"rangemode": "tozero"}
     chart.axes(
         0, "initial peaks of half cycles", "clearance ±, mm", "peak force, N", x_axis=zero, y_axis=zero
@@ -122,12 +108,13 @@ def _chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, floa
     for (label, curve), style in zip(curves.items(), (OURS, SECOND, WHAT_IF_STYLE), strict=False):
         g = np.array(sorted(curve))
         means = [curve[each].mean for each in g]
-        chart.scattered(0, f"ours, {label}", g, means, [curve[each].deviation for each in g], style)
+        deviations = [curve[each].deviation for each in g]
+        chart.line(0, f"ours, {label}", g, means, style, deviations=deviations)
     if text:
-        chart.series(0, "text (steel)", [point[0] for point in text], [point[1] for point in text], TEXT)
-    bars = "Bars: ± one standard deviation of the half cycles."
-    return chart.figure(name, bars if text else f"{bars} The text gives no number for this figure.")
+        chart.line(0, "text (steel)", [point[0] for point in text], [point[1] for point in text], TEXT)
+    none = "" if text else " The text gives no number for this figure."
+    return chart.figure(name, f"Bars: ± one standard deviation of the half cycles.{none}")
 
 
-FIGURE_8 = Figure("ibs-8", "Peak force over clearance at 5 Hz", "3D, Fig. 8", _compute_8)
-FIGURE_9 = Figure("ibs-9", "Peak force over clearance at 20 Hz", "3D, Fig. 9", _compute_9)
+FIGURE_8 = PaperFigure("ibs-8", "Peak force over clearance at 5 Hz", "3D, Fig. 8", _compute_8)
+FIGURE_9 = PaperFigure("ibs-9", "Peak force over clearance at 20 Hz", "3D, Fig. 9", _compute_9)

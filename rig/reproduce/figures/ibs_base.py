@@ -9,14 +9,22 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.report import content
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
 from rig.reproduce.beam_runs import DRIVE_N, RATE, Forces, beam, first_peaks, forces, whole_half_cycles
-from rig.reproduce.chart import OURS, OURS_LINE, SECOND, TEXT, THIRD, Chart
-from rig.reproduce.claim import about, above, below, between
 from rig.reproduce.explanations import BASE, BASE_DAMPING, COVERS, LEVEL
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample, ratio
-from rig.reproduce.statement import Statement, of_ratio, of_sample
+from rig.reproduce.figure import OURS, OURS_LINE, SECOND, TEXT, THIRD, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import (
+    Sample,
+    Statement,
+    about,
+    above,
+    below,
+    between,
+    of_ratio,
+    of_sample,
+    ratio,
+)
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 
@@ -75,11 +83,12 @@ def _compute_12(effort: Effort) -> Outcome:
     return Outcome(statements, [_accelerations(slow, fast)])
 
 
-def _accelerations(slow: Forces, fast: Forces) -> content.Figure:
-    chart = Chart(rows=2, columns=1, row_px=200)
+def _accelerations(slow: Forces, fast: Forces) -> Figure:
+    chart = Plots(rows=2, columns=1, row_px=200, legend=True)
     for cell, (run, frequency) in enumerate(((slow, 5), (fast, 20))):
         chart.axes(cell, f"{frequency} Hz", "time, ms", "base acceleration, m/s²")
-        chart.outline(cell, "ours", 1e3 / RATE, run.base[: round(0.25 * RATE)], OURS_LINE)
+        shown = run.base[: round(0.25 * RATE)]
+        chart.outline(cell, "ours", 1e3 / RATE * np.arange(len(shown)), shown, OURS_LINE)
     return chart.figure("ibs-12", "Steel beam on the flexible base, ±0.127 mm, a quarter of a second.")
 
 
@@ -139,10 +148,8 @@ def _middle(ratios: list[tuple[float, float]]) -> tuple[float, float]:
     return float(values.mean()), float(np.sqrt(np.sum(errors**2)) / len(errors))
 
 
-def _cover_chart(
-    peaks: dict[tuple[float, str, float], Sample], clearances: Sequence[float]
-) -> content.Figure:
-    chart = Chart(rows=1, columns=2, row_px=300)
+def _cover_chart(peaks: dict[tuple[float, str, float], Sample], clearances: Sequence[float]) -> Figure:
+    chart = Plots(rows=1, columns=2, row_px=300, legend=True)
     zero = {"rangemode": "tozero"}
     for cell, frequency in enumerate((5.0, 20.0)):
         chart.axes(
@@ -151,7 +158,7 @@ def _cover_chart(
         for cover, style in zip(_COVERS, (OURS, SECOND, THIRD), strict=True):
             means = [peaks[frequency, cover, g].mean for g in clearances]
             errors = [peaks[frequency, cover, g].error for g in clearances]
-            chart.scattered(cell, f"ours, cover: {cover}", clearances, means, errors, style)
+            chart.line(cell, f"ours, cover: {cover}", clearances, means, style, deviations=errors)
     return chart.figure(
         "ibs-13",
         "Steel beam on the flexible base. Bars: standard error of the mean. The text gives no numbers.",
@@ -189,19 +196,18 @@ def _compute_table_3(effort: Effort) -> Outcome:
     return Outcome(statements, [_table_chart(rigid, flexible)])
 
 
-def _table_chart(rigid: list[Sample], flexible: list[Sample]) -> content.Figure:
-    chart = Chart(rows=1, columns=2, row_px=280)
+def _table_chart(rigid: list[Sample], flexible: list[Sample]) -> Figure:
+    chart = Plots(rows=1, columns=2, row_px=280, legend=True)
     clearances = list(_TABLE_3)
     for cell, (title, ours) in enumerate((("rigid base", rigid), ("flexible base", flexible))):
         axis = {"rangemode": "tozero"}
         chart.axes(cell, title, "clearance ±, mm", "initial peak, N", x_axis=axis, y_axis={"range": [0, 80]})
-        chart.scattered(
-            cell, "ours", clearances, [each.mean for each in ours], [each.deviation for each in ours], OURS
-        )
-        chart.series(cell, "text (model)", clearances, [_TABLE_3[g][cell] for g in clearances], TEXT)
+        means, deviations = [each.mean for each in ours], [each.deviation for each in ours]
+        chart.line(cell, "ours", clearances, means, OURS, deviations=deviations)
+        chart.line(cell, "text (model)", clearances, [_TABLE_3[g][cell] for g in clearances], TEXT)
     return chart.figure("ibs-table-3", "Steel beam, 5 Hz. Bars: ± one standard deviation of the half cycles.")
 
 
-FIGURE_12 = Figure("ibs-12", "Base acceleration at 5 and 20 Hz", "3D, Fig. 12", _compute_12)
-FIGURE_13 = Figure("ibs-13", "Peak force with covers", "3D, Fig. 13", _compute_13)
-TABLE_3 = Figure("ibs-table-3", "Peak force on rigid and flexible base", "3D, Table 3", _compute_table_3)
+FIGURE_12 = PaperFigure("ibs-12", "Base acceleration at 5 and 20 Hz", "3D, Fig. 12", _compute_12)
+FIGURE_13 = PaperFigure("ibs-13", "Peak force with covers", "3D, Fig. 13", _compute_13)
+TABLE_3 = PaperFigure("ibs-table-3", "Peak force on rigid and flexible base", "3D, Table 3", _compute_table_3)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from rig.report import content
-from rig.reproduce.chart import OURS, OURS_LINE, SECOND, SECOND_LINE, Chart
-from rig.reproduce.claim import Claim, above
+from rig.pages.content import Figure
+from rig.pages.plots import Plots
 from rig.reproduce.explanations import FRAME
-from rig.reproduce.figure import Effort, Figure, Outcome
-from rig.reproduce.sample import Sample, ratio
-from rig.reproduce.statement import Statement, of_ratio, of_sample
+from rig.reproduce.figure import OURS, OURS_LINE, SECOND, SECOND_LINE, Effort, Outcome, PaperFigure
+from rig.reproduce.statement import Claim, Sample, Statement, above, of_ratio, of_sample, ratio
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
@@ -43,10 +41,6 @@ class Turns:
     def rms(self, channel: int) -> Sample:
         """Rms of each turn."""
         return Sample(np.sqrt(np.mean(self.accelerations[channel] ** 2, axis=1)))
-
-    def largest(self, channel: int) -> Sample:
-        """Largest magnitude of each turn."""
-        return Sample(np.abs(self.accelerations[channel]).max(axis=1))
 
     def periodic_share(self, channel: int) -> float:
         """Share of the mean square that repeats from turn to turn, in percent."""
@@ -92,15 +86,13 @@ def _compute(effort: Effort) -> Outcome:
         np.array([run.periodic_share(channel) for run in runs.values() for channel in channels])
     )
     level = Sample(np.array([run.periodic_level(channel) for run in runs.values() for channel in channels]))
+    (slow, fast), (small, _, large) = _SPEEDS_RPM, _SETTINGS_MM
+    faster = [(runs[fast, setting], runs[slow, setting]) for setting in _SETTINGS_MM]
+    wider = [(runs[speed, large], runs[speed, small]) for speed in _SPEEDS_RPM]
     periodic = above(_MAINLY, "mainly periodic, with some peaks of impacts", "5, below Fig. 4")
     statements = [
-        *_per_channel(runs, "rms at 200 over rms at 150 rpm", _by_speed, "amplitudes increase with speed"),
-        *_per_channel(
-            runs,
-            "rms at 2 and 2 mm over rms at 1 and 1 mm",
-            _by_clearance,
-            "amplitudes increase with clearance",
-        ),
+        *_smallest("rms at 200 over rms at 150 rpm", "amplitudes increase with speed", faster),
+        *_smallest("rms at 2 and 2 mm over rms at 1 and 1 mm", "amplitudes increase with clearance", wider),
         of_sample(
             "share of the waveform's mean square that repeats each turn", periodic, waveform, "%", FRAME
         ),
@@ -115,36 +107,23 @@ def _compute(effort: Effort) -> Outcome:
     return Outcome(statements, [_bars(runs), _traces(runs)])
 
 
-def _per_channel(
-    runs: Runs, what: str, compare: Callable[[Runs, int], list[tuple[float, float]]], text: str
-) -> list[Statement]:
+def _smallest(what: str, text: str, pairs: Sequence[tuple[Turns, Turns]]) -> list[Statement]:
+    """Of each channel, the smallest of the ratios of rms of `pairs` of runs."""
     claim: Claim = above(1.0, text, "5, Figs. 7-10")
-    return [
-        of_ratio(
-            f"{name}: {what}, smallest",
-            claim,
-            min(compare(runs, channel), key=lambda pair: pair[0]),
-        )
-        for channel, name in enumerate(_CHANNELS)
-    ]
-
-
-def _by_speed(runs: Runs, channel: int) -> list[tuple[float, float]]:
-    slow, fast = _SPEEDS_RPM
-    return [ratio(runs[fast, g].rms(channel), runs[slow, g].rms(channel)) for g in _SETTINGS_MM]
-
-
-def _by_clearance(runs: Runs, channel: int) -> list[tuple[float, float]]:
-    small, _, large = _SETTINGS_MM
-    return [ratio(runs[speed, large].rms(channel), runs[speed, small].rms(channel)) for speed in _SPEEDS_RPM]
+    found = []
+    for channel, name in enumerate(_CHANNELS):
+        ratios = [ratio(one.rms(channel), other.rms(channel)) for one, other in pairs]
+        smallest = min(ratios, key=lambda pair: pair[0])
+        found.append(of_ratio(f"{name}: {what}, smallest", claim, smallest))
+    return found
 
 
 def _label(setting: tuple[float, float]) -> str:
     return f"{setting[0]:g} and {setting[1]:g} mm"
 
 
-def _bars(runs: Runs) -> content.Figure:
-    chart = Chart(rows=1, columns=3, row_px=240)
+def _bars(runs: Runs) -> Figure:
+    chart = Plots(rows=1, columns=3, row_px=240, legend=True)
     for cell, name in enumerate(_CHANNELS):
         ticks = {"tickvals": [0, 1, 2], "ticktext": [_label(g) for g in _SETTINGS_MM], "range": [-0.3, 2.3]}
         title = name.replace(".acceleration", "")
@@ -154,15 +133,14 @@ def _bars(runs: Runs) -> content.Figure:
         for speed, style in zip(_SPEEDS_RPM, _STYLES, strict=True):
             rms = [runs[speed, g].rms(cell) for g in _SETTINGS_MM]
             means, deviations = [each.mean for each in rms], [each.deviation for each in rms]
-            chart.scattered(cell, f"ours, {speed:g} rpm", [0.0, 1.0, 2.0], means, deviations, style)
+            chart.line(cell, f"ours, {speed:g} rpm", [0, 1, 2], means, style, deviations=deviations)
     return chart.figure(
-        "psc-rms",
-        "Bars: ± one standard deviation from turn to turn. The text gives no numbers.",
+        "psc-rms", "Bars: ± one standard deviation from turn to turn. The text gives no numbers."
     )
 
 
-def _traces(runs: Runs) -> content.Figure:
-    chart = Chart(rows=len(_CHANNELS), columns=len(_SETTINGS_MM), row_px=150)
+def _traces(runs: Runs) -> Figure:
+    chart = Plots(rows=len(_CHANNELS), columns=len(_SETTINGS_MM), row_px=150, legend=True)
     for row, name in enumerate(_CHANNELS):
         for column, setting in enumerate(_SETTINGS_MM):
             cell = row * len(_SETTINGS_MM) + column
@@ -170,8 +148,11 @@ def _traces(runs: Runs) -> content.Figure:
             chart.axes(cell, title, "crank angle, degrees", "m/s²", x_axis={"range": [0, 720], "dtick": 180})
             for speed, style in ((200.0, OURS_LINE), (150.0, SECOND_LINE)):
                 trace = runs[speed, setting].accelerations[row, :2].ravel()
-                chart.outline(cell, f"ours, {speed:g} rpm", 720 / len(trace), trace, style)
+                degrees = 720 / len(trace) * np.arange(len(trace))
+                chart.outline(cell, f"ours, {speed:g} rpm", degrees, trace, style)
     return chart.figure("psc-traces", "Two turns of each setting.")
 
 
-FIGURE = Figure("psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute)
+FIGURE = PaperFigure(
+    "psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute
+)

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from rig.commands.cli import FAILED, WRONG_USE
-from rig.diagnosis import diagnose as diagnosing
+from rig.diagnosis import diagnose_runs as diagnosing
 from rig.files.effects_file import load_effects
 from rig.files.scenario import load_scenario, parse_scenario
 from sim_twin.rigs.impact_beam.rig import MODEL

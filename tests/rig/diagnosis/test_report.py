@@ -14,14 +14,12 @@ import numpy as np
 import pytest
 
 from rig.diagnosis.report import verdict as verdicts
-from rig.diagnosis.report.content import BarTable
-from rig.diagnosis.report.page import write_report
-from rig.diagnosis.report.reported import Reported, RunFacts
-from rig.diagnosis.report.sections import SECTIONS
-from rig.diagnosis.report.sections.gap_map import parts as gap_map
-from rig.diagnosis.report.sections.latent_force import parts as latent_force
-from rig.diagnosis.report.sections.ranking import parts as ranking
-from rig.report.content import Figure, Sentence, Table
+from rig.diagnosis.report.case import Case, RunFacts
+from rig.diagnosis.report.causes import ranking
+from rig.diagnosis.report.gap_map import parts as gap_map
+from rig.diagnosis.report.latent_force import parts as latent_force
+from rig.diagnosis.report.page import SECTIONS, write_report
+from rig.pages.content import BarTable, Figure, Sentence, Table
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
@@ -94,8 +92,8 @@ def findings(none: float, effect: float, unknown: float, selected: tuple[Cause, 
     )
 
 
-def reported(found: Findings, remarks: tuple[str, ...] = ()) -> Reported:
-    return Reported(found, DIAGNOSIS, RUNS, remarks)
+def reported(found: Findings, remarks: tuple[str, ...] = ()) -> Case:
+    return Case(found, DIAGNOSIS, RUNS, remarks)
 
 
 def nothing_missing() -> Findings:
@@ -179,7 +177,7 @@ def test_a_repaired_twin_that_nobody_had_time_for_is_not_shown() -> None:
     assert "repaired twin" not in json.dumps([part.traces for part in figures(reported(found))])
 
 
-def figures(of: Reported) -> list[Figure]:
+def figures(of: Case) -> list[Figure]:
     return [part for section in SECTIONS for part in section.parts(of) if isinstance(part, Figure)]
 
 

@@ -17,19 +17,17 @@ from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
 from rig.derived.order_lines import TURNS
 from rig.derived.settings import RECORD
+from rig.pages.content import BigNumbers, Figure, Part, Sentence, Table
 from rig.report import record
-from rig.report.blows import blows
-from rig.report.content import BigNumbers, Figure, Part, Sentence, Table
+from rig.report.crank_figures import impacts_by_group, order_lines, speed_figures, speeds, turns_of
 from rig.report.page import render
 from rig.report.record import RunCollector, RunRecord, Trace, read_run
-from rig.report.sections.blows import parts as blow_parts
+from rig.report.sections.impacts import parts as impact_parts
 from rig.report.sections.orders import parts as order_parts
 from rig.report.sections.revolution import parts as revolution_parts
 from rig.report.sections.spectra import parts as spectrum_parts
 from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
-from rig.report.speed import speed_figures, speeds
-from rig.report.turning import order_lines, turns_of
 from rig.rigs import RIGS
 from rig.stream import Block
 from tests.rig.browser import needs_chromium
@@ -142,7 +140,7 @@ def test_a_crank_that_stood_is_reported(run: RunRecord, unset: bool) -> None:
     assert (row[2], row[5]) == ("0.00 rpm", "–")
     low, high = next(part for part in speed_parts(stood) if isinstance(part, Figure)).layout["yaxis"]["range"]
     assert low < 0 < high
-    assert table(blow_parts(stood)).rows[0][3] == "–"
+    assert table(impact_parts(stood)).rows[0][3] == "–"
     assert headings(stood) == CRANKS
 
 
@@ -150,8 +148,8 @@ def test_a_crank_that_turned_backwards_turned_as_often_and_is_told(run: RunRecor
     back = at_speed(showing(run, angle=encoder_rad(-turns(6.0))), -200.0)
     figures = speed_figures(back.speeds["measured"])
     assert (figures.mean, figures.revolutions) == pytest.approx((-200.0, 20.0), rel=0.01)
-    assert blows(back)["crank y"]["measured"].a_revolution == pytest.approx(1.0, rel=0.1)
-    bars = [trace for trace in traces(blow_parts(back)) if trace["type"] == "bar"]
+    assert impacts_by_group(back)["crank y"]["measured"].a_revolution == pytest.approx(1.0, rel=0.1)
+    bars = [trace for trace in traces(impact_parts(back)) if trace["type"] == "bar"]
     assert bars
     assert all(drawn_values(trace).min() >= 0 for trace in bars)
     low, high = next(part for part in speed_parts(back) if isinstance(part, Figure)).layout["yaxis"]["range"]
@@ -166,7 +164,7 @@ def test_a_crank_that_turned_backwards_turned_as_often_and_is_told(run: RunRecor
 
 def test_impacts_lie_at_the_angle_of_the_blow_one_a_revolution(run: RunRecord, spatial: RunRecord) -> None:
     for each, groups in ((run, ["crank y", "crank x", "piston y"]), (spatial, ["guide", "socket"])):
-        found = blows(each)
+        found = impacts_by_group(each)
         assert list(found) == groups
         for group in groups:
             sensors = 8 if group == "guide" else 1
@@ -181,7 +179,11 @@ def test_impacts_lie_at_the_angle_of_the_blow_one_a_revolution(run: RunRecord, s
 def test_measured_and_predicted_impacts_count_from_one_level(run: RunRecord) -> None:
     soft = [replace(each, peak=0.15 * each.peak) for each in run.impacts if each.origin == "measured"]
     softer = replace(run, impacts=[*run.impacts, *(replace(each, origin="predicted") for each in soft)])
-    assert len(blows(softer)["crank y"]["predicted"].peak) == len(blows(run)["crank y"]["predicted"].peak) > 0
+    assert (
+        len(impacts_by_group(softer)["crank y"]["predicted"].peak)
+        == len(impacts_by_group(run)["crank y"]["predicted"].peak)
+        > 0
+    )
 
 
 def test_a_twin_that_strikes_far_too_hard_hides_nothing_that_was_measured(run: RunRecord) -> None:
@@ -194,13 +196,13 @@ def test_a_twin_that_strikes_far_too_hard_hides_nothing_that_was_measured(run: R
         replace(each, peak=harder.get((each.origin, each.channel), 1.0) * each.peak) for each in run.impacts
     ]
     hard = replace(run, impacts=hits, metadata={**run.metadata, RECORD: settings})
-    found, before = blows(hard), blows(run)
+    found, before = impacts_by_group(hard), impacts_by_group(run)
     assert len(found["crank y"]["measured"].peak) == len(before["crank y"]["measured"].peak) > 0
     assert len(found["crank y"]["predicted"].peak) > 0
     # On the piston nothing is otherwise: both count from one level.
     assert found["piston y"]["predicted"].counts_from == found["piston y"]["measured"].counts_from
-    rows = {row[0]: row for row in table(blow_parts(hard)).rows}
-    assert table(blow_parts(hard)).headings[1] == "counts from"
+    rows = {row[0]: row for row in table(impact_parts(hard)).rows}
+    assert table(impact_parts(hard)).headings[1] == "counts from"
     own = 0.2 * float(np.nanmax(np.abs(run.traces["measured", ACCELERATION].values[: round(RATE)])))
     assert float(rows["crank y, measured"][1].removesuffix(" m/s2")) == pytest.approx(own, rel=1e-3)
     assert float(rows["crank y, predicted"][1].removesuffix(" m/s2")) > 5 * own
@@ -220,17 +222,17 @@ def test_sensors_of_a_group_that_count_from_several_levels_say_so(spatial: RunRe
     other = replace(
         spatial, metadata={**spatial.metadata, RECORD: {**settings, "measured": json.dumps(measured)}}
     )
-    levels = {row[0]: row[1] for row in table(blow_parts(other)).rows}
+    levels = {row[0]: row[1] for row in table(impact_parts(other)).rows}
     assert re.fullmatch(r"\d+(\.\d+)? to 99 N", levels["guide, measured"])
     assert re.fullmatch(r"\d+(\.\d+)? N", levels["socket, measured"])
 
 
 def test_impacts_are_drawn_measured_and_predicted_for_each_group(run: RunRecord) -> None:
-    drawn = [(trace["type"], trace.get("mode"), trace["name"]) for trace in traces(blow_parts(run))]
+    drawn = [(trace["type"], trace.get("mode"), trace["name"]) for trace in traces(impact_parts(run))]
     assert drawn.count(("scatter", "markers", "measured")) == 3
     assert drawn.count(("scatter", "markers", "predicted")) == 3
     assert drawn.count(("bar", None, "measured")) == 3
-    assert table(blow_parts(run)).rows[0][0] == "crank y, measured"
+    assert table(impact_parts(run)).rows[0][0] == "crank y, measured"
 
 
 def test_an_order_has_its_amplitude_though_the_speed_varies(run: RunRecord) -> None:
@@ -369,13 +371,13 @@ def test_what_a_run_does_not_have_is_said_in_a_line(tmp_path: Path) -> None:
         assert len(parts) == 1
         assert isinstance(parts[0], Sentence)
         assert text in parts[0].text
-    assert "neither encoder nor marker" in str(blow_parts(run)[-1])
+    assert "neither encoder nor marker" in str(impact_parts(run)[-1])
     assert headings(run) == CRANKS
 
 
 def test_a_log_without_what_is_derived_is_reported(tmp_path: Path) -> None:
     run = read_run(crank_run.write_log(tmp_path / "run.mcap", seconds=1.0, derive=False))
-    assert [str(part.kind) for part in (*speed_parts(run), *blow_parts(run))] == ["sentence", "sentence"]
+    assert [str(part.kind) for part in (*speed_parts(run), *impact_parts(run))] == ["sentence", "sentence"]
     assert "Fewer than 8 whole revolutions" in str(order_parts(run)[0])
     assert headings(run) == CRANKS
 
@@ -405,10 +407,10 @@ def test_what_a_replay_hands_on_is_what_a_log_holds(run: RunRecord) -> None:
 @needs_chromium
 def test_every_plot_holds_both(run: RunRecord, spatial: RunRecord, tmp_path: Path) -> None:
     for each in (run, spatial):
-        html = tmp_path / f"{each.crank and each.crank.marker}.html"
+        html = tmp_path / f"{each.roles.marker}.html"
         html.write_text(render(each), encoding="utf-8")
         drawn, complaints, fetched = opened(html)
-        for plot in ("plot-speed", "plot-blows", "plot-revolution", "plot-orders", "plot-spectra"):
+        for plot in ("plot-speed", "plot-impacts", "plot-revolution", "plot-orders", "plot-spectra"):
             names = {line["name"] for line in drawn[plot] if line["count"] > 10}
             assert {"measured", "predicted"} <= names, plot
         assert complaints == []

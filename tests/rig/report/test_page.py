@@ -8,9 +8,9 @@ from plotly.offline import get_plotlyjs
 
 from daq.channel import Channel
 from daq.log.writer import LogWriter
-from rig.report.page import write_report
+from rig.report.page import GROUP, SECTIONS, write_report
 from rig.report.record import read_run
-from rig.report.sections import SECTIONS
+from tests.fake_packages import install
 from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
 
 BEAM = {
@@ -47,7 +47,7 @@ class Tags(HTMLParser):
 
 def test_every_section_of_the_beam_is_there_in_its_order(tmp_path: Path) -> None:
     found = re.findall("<h2>(.*)</h2>", page(write_log(tmp_path / "run.mcap")))
-    assert found == [section.heading for section in SECTIONS if section.heading in BEAM]
+    assert found == [section.heading for section in SECTIONS.values() if section.heading in BEAM]
     assert len(found) == len(BEAM)
 
 
@@ -112,3 +112,40 @@ def test_a_log_that_a_crash_left_is_reported_up_to_its_last_chunk(tmp_path: Path
     path = write_log(tmp_path / "run.mcap", seconds=2.0)
     os.truncate(path, path.stat().st_size // 2)
     assert "The log was never finished" in page(path)
+
+
+ADDED = """
+from rig.pages.content import Section, Sentence
+
+def count(run):
+    return [Sentence(f"It has {len(run.channels)} channels & <b>no</b> wear.")]
+
+def fail(run):
+    raise ValueError("no such bearing")
+
+WEAR, SILENT, FAILING = Section("Wear", count), Section("Nothing", lambda run: []), Section("Bearings", fail)
+"""
+
+
+def test_another_package_adds_sections_and_what_is_wrong_with_them_costs_no_other(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    points = {
+        "wear": "rattle_wear:WEAR",
+        "silent": "rattle_wear:SILENT",
+        "bearings": "rattle_wear:FAILING",
+        "orders": "rattle_wear:WEAR",
+        "lost": "rattle_wear:LOST",
+    }
+    install(monkeypatch, tmp_path, "rattle-wear", GROUP, points, ADDED)
+    text = page(write_log(tmp_path / "run.mcap"))
+    found = re.findall("<h2>(.*)</h2>", text)
+    own = [section.heading for section in SECTIONS.values() if section.heading in BEAM]
+    at = own.index("Events and gaps")
+    assert found == [*own[:at], "Bearings", "Wear", *own[at:]]
+    assert "It has 5 channels &amp; &lt;b&gt;no&lt;/b&gt; wear." in text
+    summary = text.split("<h2>")[1]
+    whose = "of rattle-wear 1.2 is not used: "
+    assert f"{GROUP}: orders {whose}there is one of that name already" in summary
+    assert f"{GROUP}: lost {whose}it does not load" in summary
+    assert f"{GROUP}: bearings failed (ValueError: no such bearing)" in text

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from rig.reproduce.catalogue import FIGURES
-from rig.reproduce.computing import compute_all
+from rig.reproduce.catalogue import FIGURES, compute_all
 from rig.reproduce.figure import Effort
 from rig.reproduce.page import Reproduced
 

@@ -1,0 +1,106 @@
+"""Every effect of the catalogue with its probability, what it would have to be, and what looks like it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rig.diagnosis.report.case import Case
+from rig.diagnosis.report.words import floors, parameter_words, plain, plausible
+from rig.pages.content import Bar, BarTable, Part, Sentence, Table
+from rig.pages.words import DASH, estimate, probability, span
+from sim_twin.diagnosis.findings import Judged
+
+_RANKING = ("", "probability", "where", "gap with it alone", "shrink", "not told apart from")
+_HOW = (
+    "Of an effect: that it is the largest cause. Nothing missing, all effects and unknown add up to 100 %. "
+    "Gap and shrink are those of a twin with that effect alone."
+)
+_BELIEVED = 0.02
+_MOST = 6
+_COULD_HIDE = "Nothing is selected. The most probable effects, each as it would have to be if it were there"
+_ALIKE, _HARDLY = 0.75, 0.95
+_MATRIX = (
+    "Twin against twin: how many of a hundred rigs with the effect of the row, as it may be here, are not "
+    "taken for one with the effect of the column; 50 % is a coin."
+)
+
+
+def ranking(case: Case) -> list[Part]:
+    """Bars, "nothing" and "unknown" among them."""
+    found = case.findings
+    bars = []
+    for each in case.judged:
+        cause = each.cause
+        where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
+        shrink = DASH if each.shrink is None else "grows" if each.shrink < 0 else f"{100 * each.shrink:.0f} %"
+        alike = ", ".join(plain(name) for name in each.indistinguishable_from)
+        more = (where, floors(each.after), shrink, alike)
+        bars.append(Bar(plain(cause.name), each.probability, probability(each.probability), more))
+    for label, share, gap in (
+        ("nothing missing", found.none, floors(found.gap.before)),
+        ("unknown to the catalogue", found.unknown, ""),
+    ):
+        bars.append(Bar(label, share, probability(share), ("", gap, "", ""), apart=True))
+    return [BarTable(_RANKING, sorted(bars, key=lambda bar: -bar.share)), Sentence(_HOW)]
+
+
+def parameters(case: Case) -> list[Part]:
+    """Best values with intervals and the plausible range, of what is selected and of its rivals."""
+    found = case.selected
+    alike = {name for each in found for name in each.indistinguishable_from}
+    others = [each for each in case.judged if each not in found]
+    rivals = [each for each in others if each.probability >= _BELIEVED or each.cause.name in alike][:_MOST]
+    if not found:
+        rivals = rivals or others[:_MOST]
+    tables: list[Part] = []
+    if found:
+        tables.append(_table(case, found, "Selected"))
+    if rivals:
+        tables.append(_table(case, rivals, "Rivals, each as it would have to be" if found else _COULD_HIDE))
+    return tables or [Sentence("No effect of the catalogue was judged.")]
+
+
+def _table(case: Case, judged: Sequence[Judged], caption: str) -> Table:
+    written = dict(case.findings.effects)
+    headings = ["effect", "parameter", "value", "95 % interval", "plausible range", "largest cause"]
+    headings += ["in effects.json"] if any(each.cause.name in written for each in judged) else []
+    rows = []
+    for each in judged:
+        cause = each.cause
+        effect = f"{plain(cause.name)} ({cause.channel})" if cause.channel else plain(cause.name)
+        share = probability(each.probability)
+        for parameter in cause.parameters:
+            found, unit = each.parameters[parameter.name], parameter.unit
+            row = [effect, parameter_words(parameter), estimate(found.value, unit)]
+            row += [span(found.low, found.high, unit), plausible(parameter), share]
+            if len(headings) > len(row):
+                value = written.get(cause.name, {}).get(parameter.name)
+                row.append("" if value is None else estimate(float(value), unit))
+            rows.append(row)
+            effect = share = ""  # said once for all parameters of an effect
+    return Table(headings, rows, caption)
+
+
+def not_told_apart(case: Case) -> list[Part]:
+    """Sentences for the pairs that look alike, and the matrix."""
+    found = case.findings.separability
+    if not found:
+        return [Sentence("Fewer than two effects were compared, so nothing is said about what looks alike.")]
+    worst: dict[tuple[str, str], float] = {}  # of each pair, the direction in which it is told apart worse
+    for (one, other), share in found.items():
+        pair = (min(one, other), max(one, other))
+        worst[pair] = min(share, worst.get(pair, 1.0))
+    told: list[Part] = []
+    for (one, other), share in sorted(worst.items(), key=lambda each: each[1]):
+        if share < _HARDLY:
+            how = "cannot tell" if share < _ALIKE else "can hardly tell"
+            text = f"These sensors and settings {how} {plain(one)} from {plain(other)}"
+            sentence = f"{text}: right in {probability(share)} of cases."
+            told.append(Sentence(sentence, warning=share < _ALIKE))
+    told = told or [Sentence("Whatever was compared is told apart in 95 of 100 cases or more.")]
+    names = list(dict.fromkeys(one for one, _ in found))
+    rows = [
+        [plain(one), *(probability(found[one, other]) if (one, other) in found else "" for other in names)]
+        for one in names
+    ]
+    return [*told, Sentence(_MATRIX), Table(["", *map(plain, names)], rows)]

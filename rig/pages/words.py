@@ -1,0 +1,79 @@
+"""Numbers as people read them; a dash stands where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+DASH: Final = "–"
+_LARGE = 1e5
+_SHORT_TIMES = ((1e-3, 1e6, "µs"), (0.1, 1e3, "ms"))
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """What was measured or computed, with four significant digits and the unit."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    size = abs(value)
+    if 1e4 <= size < 1e7:
+        text = f"{value:.0f}"
+    else:
+        text = f"{value:.4g}" if 1e-3 <= size < 1e4 or value == 0 else f"{value:.3e}"
+    return f"{text} {unit}".rstrip()
+
+
+def estimate(value: float, unit: str = "") -> str:
+    """What was estimated, with the three digits that count and the unit; short times in ms and µs."""
+    if unit == "s":
+        for limit, factor, short in _SHORT_TIMES:
+            if 0 < abs(value) < limit:
+                return f"{factor * value:.3g} {short}"
+    shown = f"{value:.3g}" if abs(value) >= _LARGE else f"{float(f'{value:.3g}'):g}"
+    text = shown.replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
+    return f"{text} {unit}".rstrip()
+
+
+def span(low: float, high: float, unit: str) -> str:
+    """From one estimate to another; the unit is said once."""
+    first, last = estimate(low, unit), estimate(high, unit)
+    _, space, shared = last.partition(" ")
+    return f"{first.removesuffix(space + shared)} to {last}"
+
+
+def spread(mean: float, deviation: float, unit: str) -> str:
+    """Mean and standard deviation with the unit."""
+    if not math.isfinite(deviation):
+        return number(mean, unit)
+    return f"{mean:.1f} ± {deviation:.1f} {unit}"
+
+
+def change(share: float, decimals: int = 1) -> str:
+    """A share by which something is more or less, in percent with its sign; none where it rounds to 0."""
+    percent = round(100 * share, decimals)
+    sign = "+" if percent else ""
+    return f"{percent or 0.0:{sign}.{decimals}f} %".replace("-", "−")
+
+
+def difference(predicted: float, measured: float) -> str:
+    """How much the prediction lies above what was measured, in percent."""
+    if not (math.isfinite(predicted) and math.isfinite(measured)) or measured == 0:
+        return DASH
+    return change((predicted - measured) / measured)
+
+
+def probability(share: float) -> str:
+    """In percent; what rounds to certainty is not called so."""
+    if share < 0.005:
+        return "< 1 %"
+    return "> 99 %" if share >= 0.995 else f"{100 * share:.0f} %"
+
+
+def counted(count: int, what: str) -> str:
+    """Return "1 gap", "2 gaps", "no gaps"."""
+    return f"{count or 'no'} {what}{'' if count == 1 else 's'}"
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Names one after the other."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

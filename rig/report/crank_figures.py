@@ -1,0 +1,237 @@
+"""What a turning shaft shows over a whole run: its turns at every sample, its speed, orders and impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import nan, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import SampleBlock
+from daq.log.reader import Origin
+from rig.derived.order_lines import OrderLines
+from rig.derived.settings import RECORD, from_record
+from rig.derived.turns import Turns, turns_from
+from rig.report.record import ORIGINS, RunRecord, Trace
+
+_PIECE_S = 1.0
+"""Turns are followed as in a run, which keeps but the last seconds of them."""
+
+
+def counted_by(run: RunRecord, origin: Origin) -> str | None:
+    """The channel that tells the shaft's angle; None where none does."""
+    follower = _follower(run, origin)
+    return follower.channel if follower else None
+
+
+def turns_of(run: RunRecord, origin: Origin) -> NDArray[np.float64] | None:
+    """Turns at every sample of an origin, shape (n,), NaN where unknown; None where nothing tells them."""
+    follower = _follower(run, origin)
+    if follower is None:
+        return None
+    channel = follower.channel
+    trace = run.traces[origin, channel]
+    turns = np.full(len(trace.values), np.nan)
+    for first, end in _pieces(len(trace.values), trace.sample_rate):
+        known = follower.known_until
+        follower.add(SampleBlock(channel, first, 0, trace.sample_rate, trace.values[first:end]))
+        if follower.known_until > known:
+            turns[known : follower.known_until] = follower.at(np.arange(known, follower.known_until))
+    return turns
+
+
+def turned_backwards(run: RunRecord, origin: Origin) -> bool:
+    """Whether the shaft's angle fell, by half a turn in all at least; marks cannot tell."""
+    trace = run.traces.get((origin, run.roles.angle))
+    if trace is None:
+        return False
+    steps = np.diff(trace.values.astype(np.float64))
+    return float(steps[np.abs(steps) < pi].sum()) < -pi  # farther from sample to sample it leapt
+
+
+def beside_turns(run: RunRecord, origin: Origin, channels: Sequence[str]) -> dict[str, Trace]:
+    """Those of `channels` that were sampled at the rate of the shaft's turns: only these have an angle."""
+    told_by = counted_by(run, origin)
+    if told_by is None:
+        return {}
+    rate = run.traces[origin, told_by].sample_rate
+    found = {name: run.traces[origin, name] for name in channels if (origin, name) in run.traces}
+    return {name: trace for name, trace in found.items() if trace.sample_rate == rate}
+
+
+def order_lines(run: RunRecord, origin: Origin, channels: Sequence[str]) -> OrderLines | None:
+    """Orders of `channels`, all beside the turns, over a whole run; None where nothing tells the turns."""
+    turns = turns_of(run, origin)
+    if turns is None or not channels:
+        return None
+    lines = OrderLines(averaged=None)
+    for values, way in in_pieces([run.traces[origin, name] for name in channels], turns):
+        lines.add(values, way)
+    return lines
+
+
+def in_pieces(
+    traces: Sequence[Trace], turns: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float64]]]:
+    """Samples of c traces, shape (c, n), with their turns, shape (n,), a stretch after the other.
+
+    All have one sampling rate, the turns' own.
+    """
+    count = min(len(turns), *(len(trace.values) for trace in traces))
+    for first, end in _pieces(count, traces[0].sample_rate):
+        yield np.array([trace.values[first:end] for trace in traces]), turns[first:end]
+
+
+def _follower(run: RunRecord, origin: Origin) -> Turns | None:
+    names = tuple(name for whose, name in run.traces if whose == origin)
+    return turns_from(names, run.roles.angle, run.roles.marker)
+
+
+def _pieces(count: int, sample_rate: float) -> Iterator[tuple[int, int]]:
+    """First and end sample of each stretch of `count` samples."""
+    length = max(round(_PIECE_S * sample_rate), 1)
+    for first in range(0, count, length):
+        yield first, min(first + length, count)
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedFigures:
+    """In rpm, below zero where the shaft turns backwards; `ripple` is the standard deviation.
+
+    `revolutions` is how many were turned at a known speed, in all, whichever way round.
+    """
+
+    mean: float
+    ripple: float
+    lowest: float
+    highest: float
+    revolutions: float
+
+
+def speeds(run: RunRecord) -> dict[str, Trace]:
+    """Speeds in rpm by whose they are, of which at least one value is known."""
+    return {
+        run.whose(origin): run.speeds[origin]
+        for origin in ORIGINS
+        if origin in run.speeds and np.isfinite(run.speeds[origin].values).any()
+    }
+
+
+def speed_figures(speed: Trace) -> SpeedFigures:
+    """Figures of a speed of which at least one value is known."""
+    known = speed.values[np.isfinite(speed.values)].astype(np.float64)
+    mean = float(known.mean())
+    return SpeedFigures(
+        mean=mean,
+        ripple=float(np.std(known, ddof=1)) if len(known) > 1 else nan,
+        lowest=float(known.min()),
+        highest=float(known.max()),
+        revolutions=abs(mean) / 60 * len(known) / speed.sample_rate,
+    )
+
+
+def set_rpm(run: RunRecord) -> float | None:
+    """The speed that the scenario asks for; None where it says none."""
+    cycle_s = run.facts.cycle_s
+    return None if cycle_s is None else 60 / cycle_s
+
+
+_Levels = dict[tuple[str, str], float]
+"""By origin and channel, the peak from which an impact counts, in the channel's unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupImpacts:
+    """Impacts on one group of channels: shaft angles in degrees where they begin, peaks in `unit`, channels.
+
+    All of shape (n,). An angle is NaN where nothing told it. `revolutions` are those of the run, NaN where
+    they are not known. `counts_from` is the peak from which an impact counts, in `unit`, on the channel where
+    it is least and on the one where it is largest; NaN where the log does not tell.
+    """
+
+    unit: str
+    angle_deg: NDArray[np.float64]
+    peak: NDArray[np.float64]
+    channels: tuple[str, ...]
+    revolutions: float
+    counts_from: tuple[float, float]
+
+    @property
+    def a_revolution(self) -> float:
+        """How many there are a revolution."""
+        return len(self.peak) / self.revolutions if self.revolutions > 0 else nan
+
+    @property
+    def mean(self) -> float:
+        """Mean peak, NaN without an impact."""
+        return float(self.peak.mean()) if len(self.peak) else nan
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the peaks, NaN for fewer than two."""
+        return float(np.std(self.peak, ddof=1)) if len(self.peak) > 1 else nan
+
+
+def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:
+    """Impacts by group and by whose they are; only of groups and origins whose channels the run has.
+
+    All origins count from one level, the highest of those that each settled for itself: an origin whose
+    first second was softer would count more, and softer ones. Where nothing that was measured on a channel
+    reaches that, a twin that strikes far too hard must not hide it: there each origin counts from its own.
+    """
+    levels = _levels(run)
+    turned = {whose: speed_figures(speed).revolutions for whose, speed in speeds(run).items()}
+    return {
+        group: {
+            run.whose(origin): _of_group(run, origin, names, levels, turned.get(run.whose(origin), nan))
+            for origin in ORIGINS
+            if any((origin, name) in run.traces for name in names)
+        }
+        for group, names in run.roles.impacts.items()
+    }
+
+
+def _levels(run: RunRecord) -> _Levels:
+    settings = from_record(run.metadata.get(RECORD, {}))
+    own = {
+        (origin, name): levels.counts_from_n
+        for origin, each in settings.items()
+        for name, levels in each.levels.items()
+    }
+    highest: dict[str, float] = {}
+    for (_, name), level in own.items():
+        highest[name] = max(highest.get(name, 0.0), level)
+    largest: dict[str, float] = {}
+    for each in run.impacts:
+        if each.origin == "measured":
+            largest[each.channel] = max(largest.get(each.channel, 0.0), each.peak)
+    return {
+        (origin, name): highest[name]
+        if ("measured", name) not in own or largest.get(name, -1.0) >= highest[name]
+        else level
+        for (origin, name), level in own.items()
+    }
+
+
+def _of_group(
+    run: RunRecord, origin: Origin, names: tuple[str, ...], levels: _Levels, revolutions: float
+) -> GroupImpacts:
+    chosen = [
+        each
+        for each in run.impacts
+        if each.origin == origin
+        and each.channel in names
+        and each.peak >= levels.get((origin, each.channel), 0.0)
+    ]
+    turns = np.array([each.turns for each in chosen], dtype=np.float64)
+    known = [levels[origin, name] for name in names if (origin, name) in levels]
+    return GroupImpacts(
+        unit=run.channels[names[0]].unit,
+        angle_deg=360.0 * (turns % 1.0),
+        peak=np.array([each.peak for each in chosen], dtype=np.float64),
+        channels=tuple(each.channel for each in chosen),
+        revolutions=revolutions,
+        counts_from=(min(known, default=nan), max(known, default=nan)),
+    )

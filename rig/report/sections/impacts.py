@@ -1,0 +1,109 @@
+"""Impacts over the crank angle at which they begin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rig.pages.content import Figure, Part, Sentence, Table
+from rig.pages.plots import Plots
+from rig.pages.words import difference, number
+from rig.report.crank_figures import GroupImpacts, impacts_by_group
+from rig.report.record import RunRecord
+
+_ROW_PX = 230
+_COLUMNS = 2
+_BIN_DEG = 10
+_MOST_DOTS = 3_000
+_ONE_LEVEL = (
+    "measured or predicted, whichever was larger; where no measured impact reaches that level, measured and "
+    "predicted count from levels of their own."
+)
+_EXPLANATION = {
+    "N": (
+        "On a force sensor an impact is a contact with its bounces, and its peak the largest force; it "
+        f"counts from a tenth of the largest in the first second or three revolutions, {_ONE_LEVEL}"
+    ),
+    "m/s2": (
+        "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration; it "
+        f"counts from a fifth of the largest in the first second or three revolutions, {_ONE_LEVEL}"
+    ),
+}
+_CAPTION = (
+    "Left: a dot each, at the crank angle at which the impact begins. Right: how many begin in each "
+    f"{_BIN_DEG}° of a revolution. The crank angle axes move together."
+)
+
+
+def parts(run: RunRecord) -> list[Part]:
+    """Numbers, peaks and counts over the crank angle; nothing for a rig without a shaft."""
+    if not run.roles.turns:
+        return []
+    if not run.impacts:
+        return [Sentence("The log holds no impacts.")]
+    found = impacts_by_group(run)
+    every = [each for by_whose in found.values() for each in by_whose.values()]
+    units = dict.fromkeys(each.unit for each in every)
+    told = [Sentence(_EXPLANATION[unit]) for unit in units if unit in _EXPLANATION]
+    figure: Part = Sentence("Nothing told the crank angle of these impacts: neither encoder nor marker.")
+    if any(np.isfinite(each.angle_deg).any() for each in every):
+        figure = _figure(found)
+    return [*told, _table(found), figure]
+
+
+def _table(found: dict[str, dict[str, GroupImpacts]]) -> Table:
+    rows = []
+    for group, by_whose in found.items():
+        for whose, each in by_whose.items():
+            against = None if whose == "measured" else by_whose.get("measured")
+            least, most = each.counts_from  # on several channels that may not be one level
+            span = f"{number(least)} to " if most > least else ""
+            rows.append(
+                [
+                    f"{group}, {whose}",
+                    span + number(most, each.unit),
+                    str(len(each.peak)),
+                    number(each.a_revolution),
+                    number(each.mean, each.unit),
+                    number(each.deviation, each.unit),
+                    number(float(each.peak.max()) if len(each.peak) else None, each.unit),
+                    "" if against is None else difference(each.mean, against.mean),
+                ]
+            )
+    headings = (
+        "where, whose", "counts from", "impacts", "a revolution", "mean peak", "standard deviation",
+        "largest", "mean against measured",
+    )  # fmt: skip
+    return Table(headings, rows, "Peak of each impact")
+
+
+def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
+    plots = Plots(rows=len(found), columns=_COLUMNS, row_px=_ROW_PX)
+    degrees: dict[str, Any] = {"range": [0, 360], "tickvals": list(range(0, 361, 45))}
+    for row, (group, by_whose) in enumerate(found.items()):
+        left, right = _COLUMNS * row, _COLUMNS * row + 1
+        unit = next(iter(by_whose.values())).unit
+        titles = f"peak of each impact, {unit or '-'}", f"impacts a revolution in each {_BIN_DEG}°"
+        for cell, title in zip((left, right), titles, strict=True):
+            upward, title = {"rangemode": "tozero"}, f"{group}: {title}"
+            plots.axes(cell, title, "crank angle, °", x_axis=degrees, y_axis=upward, share_x_with=0)
+        for whose, each in by_whose.items():
+            placed = np.flatnonzero(np.isfinite(each.angle_deg))
+            # at most so many, evenly chosen, that the page stays small
+            chosen = placed[:: -(-len(placed) // _MOST_DOTS) or 1]
+            names = [each.channels[at] for at in chosen]
+            plots.dots(left, whose, each.angle_deg[chosen], each.peak[chosen], names)
+            if each.revolutions > 0:  # not of a crank that stands, or whose revolutions are not known
+                _count(plots, right, whose, each)
+    return plots.figure("impacts", _CAPTION)
+
+
+def _count(plots: Plots, cell: int, whose: str, each: GroupImpacts) -> None:
+    edges = np.arange(0, 361, _BIN_DEG, dtype=np.float64)
+    counted, _ = np.histogram(each.angle_deg[np.isfinite(each.angle_deg)], bins=edges)
+    counts = counted / each.revolutions
+    if whose == "measured":
+        plots.bars(cell, whose, (edges[:-1] + edges[1:]) / 2, counts)
+    else:
+        plots.line(cell, whose, edges, np.append(counts, counts[-1]), subject="impacts", shape="hv")

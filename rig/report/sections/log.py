@@ -1,0 +1,75 @@
+"""What a log holds beside its samples: events and gaps, the scenario, and where all of it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from daq.block import NS_PER_S
+from rig.pages.content import Listing, Part, Sentence, Table
+from rig.pages.words import DASH, number
+from rig.report.record import RunRecord
+
+_MOST_ROWS = 500
+
+
+def events(run: RunRecord) -> list[Part]:
+    """A table of events and the gap ledger."""
+    parts: list[Part] = [Sentence("No events in this log.")]
+    if run.events:
+        rows = [
+            [_clock(event.time_ns), event.level, event.source, event.code, event.text]
+            for event in sorted(run.events, key=lambda event: event.time_ns)
+        ]
+        parts = _ledger("events", ("time (UTC)", "level", "source", "code", "text"), rows)
+    if not run.gaps:
+        none = "No gaps: every sample between the first and the last of each channel is there."
+        return [*parts, Sentence(none)]
+    rows = [
+        [gap.channel, _clock(gap.time_ns), str(gap.first_sample), str(gap.count), gap.cause]
+        for gap in run.gaps
+    ]
+    return [
+        *parts,
+        *_ledger("gaps", ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows),
+    ]
+
+
+def _ledger(what: str, headings: Sequence[str], rows: list[list[str]]) -> list[Part]:
+    parts: list[Part] = [Table(headings, rows[:_MOST_ROWS], what.capitalize(), words=True)]
+    if len(rows) > _MOST_ROWS:
+        parts.append(Sentence(f"The first {_MOST_ROWS} of {len(rows)} {what}."))
+    return parts
+
+
+def _clock(time_ns: int) -> str:
+    try:
+        seconds = datetime.fromtimestamp(time_ns // NS_PER_S, UTC)
+    except (OverflowError, ValueError, OSError):
+        return f"{time_ns} ns"
+    return f"{seconds:%Y-%m-%d %H:%M:%S}.{time_ns % NS_PER_S // 1_000_000:03d}"
+
+
+def scenario(run: RunRecord) -> list[Part]:
+    """The scenario as it was run."""
+    return [Listing(run.scenario)] if run.scenario else [Sentence("The log holds no scenario.")]
+
+
+def provenance(run: RunRecord) -> list[Part]:
+    """The log, what its writer says of itself, and the sensors."""
+    state = "complete" if run.complete else f"not finished by its writer ({run.damage or 'no summary'})"
+    rows = [["log", run.path.name], ["log file", state], ["written by", run.library or DASH]]
+    for name, record in run.metadata.items():
+        if name != "scenario":
+            rows += [[f"{name}: {key}", value] for key, value in record.items()]
+    facts = Table(("what", "value"), rows, "Log", words=True)
+    if not run.channels:
+        return [facts, Sentence("The log holds no channel.")]
+    sensors = []
+    for name, channel in run.channels.items():
+        tally = run.tallies.get(("measured", name)) or run.tallies.get(("predicted", name))
+        scale = DASH if channel.scale is None else f"{channel.scale:g} {channel.unit}/{channel.raw_unit}"
+        words = [channel.sensor or DASH, channel.serial or DASH, scale, channel.location or DASH]
+        sensors.append([name, *words, number(tally.sample_rate if tally else None, "Hz")])
+    headings = ("channel", "sensor", "serial", "scale", "location", "sample rate")
+    return [facts, Table(headings, sensors, "Sensors", words=True)]
