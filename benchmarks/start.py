@@ -164,8 +164,7 @@ def _watched(command: Sequence[str], notes: Path) -> dict[int, Process]:
 
 
 def _name(process: psutil.Process, root: psutil.Process) -> str:
-    """What the process calls itself on its command line: the last argument."""
-    return "the command itself" if process == root else (process.cmdline() or ["gone"])[-1][:22]
+    return "the command itself" if process == root else " ".join(process.cmdline()[-1:])[:22]
 
 
 def cost_of_first_sample(scenario: Path, folder: Path) -> float:

@@ -1,14 +1,13 @@
 """Emulated instruments, each in a process of its own.
 
-A child ignores Ctrl-C, so that the parent can bring the rig to its safe state first, and ends by itself when
-the parent is gone: it holds one end of a pipe whose other end only the parent has.
+They do not hear Ctrl-C, so that the parent can bring the rig to its safe state first, and leave in good order
+when it closes their pipe, or is gone.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import sys
 import threading
 import traceback
@@ -16,10 +15,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from typing import Protocol
 
 from daq.errors import InstrumentAbsent
+from daq.process import Child
 
 START_DEADLINE_S = 60.0  # a plant may have to be compiled first
 STOP_DEADLINE_S = 5.0
@@ -51,8 +50,7 @@ class EmulatedInstrument:
 
     name: str
     addresses: tuple[str, ...]
-    process: BaseProcess
-    _lifeline: Connection = field(repr=False)
+    child: Child = field(repr=False)
 
     @property
     def address(self) -> str:
@@ -62,13 +60,12 @@ class EmulatedInstrument:
     @property
     def pid(self) -> int:
         """Its process."""
-        assert self.process.pid is not None  # noqa: S101 - it was started
-        return self.process.pid
+        assert self.child.pid is not None  # noqa: S101 - it was started
+        return self.child.pid
 
     def close(self) -> None:
         """End the process: politely, then after 5 s for good. May be called twice."""
-        self._lifeline.close()
-        _end(self.process)
+        _end(self.child)
 
     def __enter__(self) -> EmulatedInstrument:
         return self
@@ -126,29 +123,14 @@ def start(
     `make` is called in the new process, so it must be picklable, with all that is bound to it. Raises
     `InstrumentAbsent` where the emulator does not listen in time.
     """
-    context = multiprocessing.get_context("spawn")
-    child_lifeline, lifeline = context.Pipe(duplex=False)
-    report, child_report = context.Pipe(duplex=False)
-    process = context.Process(
-        target=_child, name=name, args=(child_lifeline, child_report, make), daemon=True
-    )
-    # The child inherits the blocked SIGINT, so that no Ctrl-C can reach it before it ignores it.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    child = Child(name, _serve, make, grace_s=STOP_DEADLINE_S)
+    child.start()
     try:
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        child_lifeline.close()
-        child_report.close()
-    try:
-        addresses = _await_addresses(name, report, deadline_s)
+        addresses = _await_addresses(name, child.pipe, deadline_s)
     except BaseException:
-        lifeline.close()
-        _end(process)
+        _end(child)
         raise
-    finally:
-        report.close()
-    return EmulatedInstrument(name, addresses, process, lifeline)
+    return EmulatedInstrument(name, addresses, child)
 
 
 def _await_addresses(name: str, report: Connection, deadline_s: float) -> tuple[str, ...]:
@@ -163,35 +145,30 @@ def _await_addresses(name: str, report: Connection, deadline_s: float) -> tuple[
     raise InstrumentAbsent(name, "its own process", why, "the message of its process on standard error")
 
 
-def _end(process: BaseProcess) -> None:
-    process.join(STOP_DEADLINE_S)
-    for end in (process.terminate, process.kill):
-        if process.is_alive():
-            end()
-            process.join(1.0)
+def _end(child: Child) -> None:
+    child.pipe.close()
+    child.end(STOP_DEADLINE_S, terminate_s=1.0)
 
 
-def _child(lifeline: Connection, report: Connection, make: Callable[[], Emulator]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _serve(pipe: Connection, make: Callable[[], Emulator]) -> None:
     running: list[Emulator] = []
-    threading.Thread(target=_end_with_parent, args=(lifeline, running), daemon=True).start()
+    threading.Thread(target=_end_with_pipe, args=(pipe, running), daemon=True).start()
     try:
         emulator = make()
         addresses = emulator.open()
     except Exception as error:  # top of a process: the parent is to hear of it
         traceback.print_exc(file=sys.stderr)
-        report.send(((), f"{type(error).__name__}: {error}"))
+        pipe.send(((), f"{type(error).__name__}: {error}"))
         return
     running.append(emulator)
-    report.send((addresses, ""))
-    report.close()
+    pipe.send((addresses, ""))
     emulator.serve()
     emulator.close()
 
 
-def _end_with_parent(lifeline: Connection, running: list[Emulator]) -> None:
+def _end_with_pipe(pipe: Connection, running: list[Emulator]) -> None:
     with suppress(EOFError, OSError):
-        lifeline.recv_bytes()
+        pipe.recv_bytes()
     for emulator in running:
         emulator.stop()
     # Whatever hangs, a plant or a client, must not keep the process alive.

@@ -6,9 +6,7 @@ with a word on why; whoever feeds it goes on.
 
 from __future__ import annotations
 
-import multiprocessing
 import queue
-import signal
 import sys
 import threading
 import time
@@ -21,12 +19,12 @@ from types import TracebackType
 from typing import Any, Protocol
 
 from daq.errors import RattleError
+from daq.process import Child
 
 QUEUE_ITEMS = 16_384
 """About 13 s of 64 channels, measured and predicted, in blocks of 0.1 s (4 bytes a sample: 330 MB)."""
 _BATCH = 256
 """What has piled up goes out together: a message a block would cost the acquisition more than the copy."""
-_OF_THE_TERMINAL = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
 _START_S = 120.0
 _POLL_S = 0.1
 
@@ -78,18 +76,8 @@ class WorkerProcess:
         self.error = ""
 
     def __enter__(self) -> WorkerProcess:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, far_end = context.Pipe()
-        self._process = context.Process(
-            target=_work, args=(far_end, self._task), name=self._name, daemon=True
-        )
-        # The child inherits the blocked signals: what the terminal sends to the run is not for it.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_THE_TERMINAL)
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-            far_end.close()
+        self._child = Child(self._name, _work, self._task)
+        self._child.start()
         self._threads = [
             threading.Thread(target=run, name=f"{self._name} {what}", daemon=True)
             for run, what in ((self._send_all, "sender"), (self._receive, "receiver"))
@@ -105,24 +93,21 @@ class WorkerProcess:
 
     def close(self) -> None:
         """End the process and the threads; nothing is delivered after it. A second call does nothing."""
-        if self._pipe.closed:
+        if self._child.pipe.closed:
             return
         if not self._done.is_set():
             self._end(f"the {self._name} was ended")
-        self._process.join(1.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        self._child.end(1.0)
         with suppress(queue.Full):  # then the sender has something to send, and fails at it
             self._outbox.put_nowait(None)
         for thread in self._threads:
             thread.join()
-        self._pipe.close()
+        self._child.pipe.close()
 
     @property
     def pid(self) -> int | None:
         """The process's id; None before it was started."""
-        return self._process.pid
+        return self._child.pid
 
     def wait_ready(self, check: Callable[[], None] = lambda: None) -> None:
         """Wait until the task is prepared; raises WorkerFailed, and what `check` raises meanwhile."""
@@ -165,7 +150,7 @@ class WorkerProcess:
             self.error = why
             self._done.set()
         if why:
-            self._process.terminate()
+            self._child.process.terminate()
 
     def _send_all(self) -> None:
         """In a thread of its own: a worker that reads slowly must not hold up the acquisition."""
@@ -173,7 +158,7 @@ class WorkerProcess:
             batch: list[object] = []
             while not batch or batch[-1] is not None:
                 batch = self._waiting()
-                self._pipe.send(batch)
+                self._child.pipe.send(batch)
 
     def _waiting(self) -> list[object]:
         batch = [self._outbox.get()]
@@ -184,7 +169,7 @@ class WorkerProcess:
 
     def _receive(self) -> None:
         try:
-            while not isinstance(message := self._pipe.recv(), _Done):
+            while not isinstance(message := self._child.pipe.recv(), _Done):
                 if isinstance(message, _Ready):
                     self._ready.set()
                 else:

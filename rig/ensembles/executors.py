@@ -6,7 +6,6 @@ import logging
 import multiprocessing
 import os
 import re
-import signal
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -16,9 +15,9 @@ from importlib import import_module
 from typing import Any
 
 from daq.errors import RattleError
-from rig.ensembles.worker import ready, start_worker
+from daq.process import OF_THE_TERMINAL, deaf, end_with_parent
+from rig.rigs import RIGS
 
-_OF_THE_TERMINAL = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
 _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "NUMBA")
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
 """A worker a core is all there is: threads of linear algebra would only fight, and could change last bits."""
@@ -49,11 +48,11 @@ def worker_processes(count: int) -> Iterator[Workers]:
 
     Raises WorkersAbsent if one of them dies.
     """
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), start_worker)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), end_with_parent)
     earlier = set(multiprocessing.active_children())
     try:
         with _start_conditions():
-            answers = [pool.submit(ready) for _ in range(count)]
+            answers = [pool.submit(_ready) for _ in range(count)]
         for answer in answers:
             answer.result()
         yield Workers(pool, count)
@@ -67,21 +66,25 @@ def worker_processes(count: int) -> Iterator[Workers]:
         pool.shutdown(cancel_futures=True)
 
 
+def _ready() -> bool:
+    """The first task of a worker, which loads what all others take."""
+    return all(kind.nominal().model is not None for kind in RIGS.values())
+
+
 @contextmanager
 def _start_conditions() -> Iterator[None]:
     """What processes that start now inherit: one thread each; what the terminal sends is not for them."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_THE_TERMINAL)
     os.environ.update(_ONE_THREAD)
     try:
-        yield
+        with deaf(OF_THE_TERMINAL):
+            yield
     finally:
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextmanager
@@ -117,7 +120,7 @@ def _connect(address: str) -> tuple[Any, int]:
         raise WorkersAbsent(f"no Dask scheduler answers at {address}") from error
     try:
         client.wait_for_workers(1, timeout=_ANSWER_S)
-        client.submit(ready, pure=False).result()
+        client.submit(_ready, pure=False).result()
         return client, sum(client.nthreads().values())
     except Exception as error:  # whatever a foreign process raised, it cannot work for us
         client.close()

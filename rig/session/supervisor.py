@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
-import struct
 import sys
 import time
 from collections.abc import Callable
@@ -14,6 +12,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 
 from daq.errors import InstrumentError, RattleError
+from daq.process import Child
 from drivers.protocols.actuator import Actuator
 from rig.session.signals import STOP_SIGNALS
 
@@ -21,8 +20,7 @@ SILENCE_S = 4.0
 """Longer than a card may take to answer (block and 1.5 s), so that a slow card is the run's own affair."""
 _START_S = 30.0
 _AGAIN_S = 1.0
-_DONE = b"done"
-_PATIENCE = struct.Struct("d")
+_READY, _DONE, _TRIPPED = "ready", "done", "tripped"
 _LET_GO = (
     "rattle: the run gave no sign of life for {silence:g} s and was ended, so that nothing is sent to the "
     "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
@@ -43,31 +41,22 @@ class Supervisor:
     """
 
     def __init__(self, spare: Callable[[], Actuator] | None) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, self._far_end = context.Pipe()
-        self._process = context.Process(
-            target=_supervise, args=(self._far_end, self._pipe, spare), name="supervisor", daemon=True
-        )
+        # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
+        self._child = Child("supervisor", _supervise, spare, deaf_to=STOP_SIGNALS, grace_s=None)
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
-        # The child inherits the blocked signals for good: nothing but its pipe or SIGKILL ends it.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-            self._far_end.close()
+        self._child.start()
 
     def __enter__(self) -> Supervisor:
         try:
-            ready = self._pipe.poll(_START_S) and self._pipe.recv_bytes()
+            ready = self._child.pipe.poll(_START_S) and self._child.pipe.recv() == _READY
         except (EOFError, OSError):
             ready = False
         if not ready:
             raise SupervisorTripped("the supervisor did not start; nothing moves without it")
         # A frozen supervisor must not hold up the acquisition with a full pipe.
-        os.set_blocking(self._pipe.fileno(), False)
+        os.set_blocking(self._child.pipe.fileno(), False)
         return self
 
     def __exit__(
@@ -78,12 +67,9 @@ class Supervisor:
     def close(self) -> None:
         """End the process; may be called twice."""
         with suppress(OSError):
-            self._pipe.send_bytes(_DONE)
-        self._process.join(2.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._pipe.close()
+            self._child.pipe.send(_DONE)
+        self._child.end(2.0)
+        self._child.pipe.close()
 
     def beat(self, patience_s: float = SILENCE_S) -> None:
         """Say that samples come and that the sequence looks at them; the next may take `patience_s`.
@@ -91,23 +77,22 @@ class Supervisor:
         No later beat with less patience takes back what an earlier one asked for.
         """
         with suppress(OSError):
-            self._pipe.send_bytes(_PATIENCE.pack(patience_s))
+            self._child.pipe.send(patience_s)
 
     def check(self) -> None:
         """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
-        if not self._process.is_alive():
+        if not self._child.alive:
             raise SupervisorTripped("the supervisor is gone, tripped or dead; no run goes on without it")
-        if self._pipe.poll():
+        if self._child.pipe.poll():
             raise SupervisorTripped(
                 f"the supervisor stopped the drive: the run gave no sign of life for {SILENCE_S:g} s"
             )
 
 
-def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Actuator] | None) -> None:
+def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
     run = os.getppid()
     os.setsid()  # what the terminal sends to the run must not end its safety net too
-    parents_end.close()  # inherited; while it is open here, the parent's death would not show
-    pipe.send_bytes(b"ready")
+    pipe.send(_READY)
     why = _await_silence(pipe)
     if why is None:
         return
@@ -117,7 +102,7 @@ def _supervise(pipe: Connection, parents_end: Connection, spare: Callable[[], Ac
     while not switch_off(spare):
         time.sleep(_AGAIN_S)
     with suppress(OSError):
-        pipe.send_bytes(b"tripped")
+        pipe.send(_TRIPPED)
 
 
 def _await_silence(pipe: Connection) -> str | None:
@@ -125,11 +110,10 @@ def _await_silence(pipe: Connection) -> str | None:
     until_s: float | None = None
     try:
         while pipe.poll(None if until_s is None else max(until_s - time.monotonic(), 0.0)):
-            message = pipe.recv_bytes()
+            message = pipe.recv()
             if message == _DONE:
                 return None
-            (patience_s,) = _PATIENCE.unpack(message)
-            until_s = max(until_s or 0.0, time.monotonic() + patience_s)
+            until_s = max(until_s or 0.0, time.monotonic() + message)
     except (EOFError, OSError):
         return None if until_s is None else _GONE
     return _LET_GO.format(silence=SILENCE_S)

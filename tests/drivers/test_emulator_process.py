@@ -93,7 +93,7 @@ def test_closing_ends_the_process_in_good_order_with_a_client_connected() -> Non
         card.open()
         card.start()
         emulator.close()
-        assert emulator.process.exitcode == 0
+        assert emulator.child.process.exitcode == 0
         card.close()
     assert multiprocessing.active_children() == []
 

@@ -1,0 +1,109 @@
+"""Child processes: how each is started, what of the terminal reaches it, how it ends with its parent.
+
+A child is a fresh interpreter: it imports what its entry and its arguments are made of and nothing else, and
+has neither threads nor locks of its parent. One duplex pipe joins the two; what goes over it is pickled.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+OF_THE_TERMINAL: Final = frozenset({signal.SIGINT, signal.SIGHUP, signal.SIGQUIT})
+"""What a terminal sends to all of its processes: for the one that brings the rig to its safe state, not for
+those that it needs on the way."""
+
+
+class Child:
+    """A process that calls `entry(pipe, *arguments)`; both are pickled on their way there.
+
+    It never hears the signals `deaf_to`. Once whoever started it is gone, killed or not, it has `grace_s` to
+    end by itself, and is then ended whatever it does; None: it outlives its parent.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        entry: Callable[..., None],
+        *arguments: object,
+        deaf_to: Collection[signal.Signals] = OF_THE_TERMINAL,
+        grace_s: float | None = 0.0,
+    ) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, self._far_end = context.Pipe()
+        self.process = context.Process(
+            target=_child, args=(entry, self._far_end, arguments, grace_s), name=name, daemon=True
+        )
+        self._deaf_to = deaf_to
+
+    def start(self) -> None:
+        """Start the process; returns before it has begun to import."""
+        try:
+            with deaf(self._deaf_to):
+                self.process.start()
+        finally:
+            self._far_end.close()
+
+    @property
+    def pid(self) -> int | None:
+        """None before the start."""
+        return self.process.pid
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs still, or is stopped by a signal."""
+        return self.process.is_alive()
+
+    def end(self, patience_s: float, terminate_s: float | None = None) -> None:
+        """Wait until it has ended, then terminate it and wait `terminate_s`, if given, then kill it.
+
+        The pipe stays open, for what the process said last.
+        """
+        self.process.join(patience_s)
+        if terminate_s is not None and self.process.is_alive():
+            self.process.terminate()
+            self.process.join(terminate_s)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+
+
+@contextmanager
+def deaf(signals: Collection[signal.Signals]) -> Iterator[None]:
+    """Processes that start meanwhile inherit these as blocked, for good: none can come before they care."""
+    # Python starts this one beside the first child, and unblocks SIGINT and SIGTERM after it.
+    resource_tracker.ensure_running()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def end_with_parent(grace_s: float = 0.0) -> None:
+    """End this process that long after the one that started it; for a pool's workers too."""
+    threading.Thread(target=_end_after_parent, args=(grace_s,), name="parent watch", daemon=True).start()
+
+
+def _end_after_parent(grace_s: float) -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()  # a pipe that only the parent holds: it closes however that ends
+        time.sleep(grace_s)
+        os._exit(1)
+
+
+def _child(
+    entry: Callable[..., None], pipe: Connection, arguments: tuple[Any, ...], grace_s: float | None
+) -> None:
+    if grace_s is not None:
+        end_with_parent(grace_s)
+    entry(pipe, *arguments)

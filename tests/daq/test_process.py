@@ -1,0 +1,82 @@
+"""Child processes: deaf to the terminal from the first instant, gone with their parent, whatever they do."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from multiprocessing.connection import Connection
+
+import psutil
+import pytest
+
+from daq.process import OF_THE_TERMINAL, Child
+
+GONE_S = 10.0
+PARENT = """
+import sys
+from daq.process import Child
+from tests.daq.test_process import blocked, hang
+if __name__ == "__main__":
+    first = Child("first", blocked)
+    first.start()
+    print(*first.pipe.recv())
+    ends, stays = Child("ends", hang), Child("stays", hang, grace_s=None)
+    for child in (ends, stays):
+        child.start()
+        print(child.pipe.recv(), flush=True)
+    input()
+"""
+
+
+def blocked(pipe: Connection) -> None:
+    pipe.send(sorted(int(each) for each in signal.pthread_sigmask(signal.SIG_BLOCK, ())))
+
+
+def hang(pipe: Connection) -> None:
+    pipe.send(os.getpid())
+    while True:
+        time.sleep(GONE_S)
+
+
+def echo(pipe: Connection, greeting: str) -> None:
+    pipe.send((greeting, pipe.recv()))
+
+
+def test_the_first_child_of_a_process_is_deaf_too_and_all_but_the_one_that_outlives_end_with_it() -> None:
+    with subprocess.Popen(  # noqa: S603 - our own text
+        [sys.executable, "-c", PARENT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout is not None
+        deaf_to = {int(each) for each in parent.stdout.readline().split()}
+        ends, stays = (psutil.Process(int(parent.stdout.readline())) for _ in range(2))
+        parent.kill()
+    try:
+        assert deaf_to >= OF_THE_TERMINAL
+        assert psutil.wait_procs([ends], GONE_S)[0]
+        assert stays.is_running()
+    finally:
+        stays.kill()
+
+
+def test_what_both_say_goes_through_one_pipe() -> None:
+    child = Child("echo", echo, "hello")
+    child.start()
+    child.pipe.send(b"bytes")
+    assert child.pipe.recv() == ("hello", b"bytes")
+    child.end(GONE_S)
+    child.pipe.close()
+    assert child.process.exitcode == 0
+
+
+@pytest.mark.parametrize(("terminate_s", "by"), [(GONE_S, signal.SIGTERM), (None, signal.SIGKILL)])
+def test_one_that_hangs_is_terminated_or_killed(terminate_s: float | None, by: signal.Signals) -> None:
+    child = Child("hangs", hang)
+    child.start()
+    assert child.pipe.recv() == child.pid
+    assert child.alive
+    child.end(0.0, terminate_s)
+    child.pipe.close()
+    assert child.process.exitcode == -by
