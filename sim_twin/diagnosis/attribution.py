@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from sim_twin.diagnosis.cause import Hypothesis, allowed_by, parts_of, values_of
+from sim_twin.diagnosis.cause import Hypothesis, allowed_by, drawn, parts_of, values_of
 from sim_twin.diagnosis.emulator import Emulator
+from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.posterior import Posterior, integrate
 from sim_twin.diagnosis.space import Moments, Space
 
 Array = NDArray[np.float64]
+LogLikelihood: TypeAlias = Callable[[Array], Array]
 _FREEDOM = 20.0
 _FORBIDDEN = -1e12
 _POINTS = 120
@@ -27,6 +30,8 @@ TEMPER = 3.0
 """A synthetic likelihood is too sure of itself by about this factor in its logarithm: directions are not
 quite independent, scatters are estimates, and other programs differ a little. Set where twins' own draws,
 left out of the library, were about as often right as they were believed."""
+_REGION = 0.25
+"""Of the spread over all parameters that may be: how far the surroundings of some parameters reach."""
 _INTERPLAY = 0.02
 """Share of the smaller of two responses' squares by which an unsimulated pair may differ from their sum."""
 
@@ -69,7 +74,7 @@ class Attribution:
     def _emulated(self, hypothesis: Hypothesis, values: Array) -> tuple[Array, Array]:
         return self.emulators[hypothesis](coordinates_of(hypothesis, values))
 
-    def log_likelihood(self, hypothesis: Hypothesis, measured: Array) -> Callable[[Array], Array]:
+    def log_likelihood(self, hypothesis: Hypothesis, measured: Array) -> LogLikelihood:
         """Tempered, of places in the unit cube of the hypothesis, for a measured place (directions,)."""
 
         def of(u: Array) -> Array:
@@ -94,12 +99,40 @@ class Attribution:
         return np.asarray(np.mean((measured - mean) ** 2 / (self.scatter + excess), axis=1))
 
     def posterior(
-        self, hypothesis: Hypothesis, measured: Array, rng: np.random.Generator, effort: float = 1.0
+        self,
+        hypothesis: Hypothesis,
+        measured: Array,
+        rng: np.random.Generator,
+        effort: float = 1.0,
+        about: Array | None = None,
     ) -> Posterior:
-        """Posterior of the hypothesis's parameters, and its evidence."""
+        """Posterior of the hypothesis's parameters, and its evidence; only `about` some, if given."""
         dimensions = sum(len(cause.parameters) for cause in hypothesis)
         points = int(effort * _POINTS * max(1, dimensions))
-        return integrate(self.log_likelihood(hypothesis, measured), dimensions, rng, 2 * points, points)
+        likelihood = self.log_likelihood(hypothesis, measured)
+        if about is not None:
+            likelihood = _about(hypothesis, about, likelihood, rng)
+        return integrate(likelihood, dimensions, rng, 2 * points, points)
+
+    def nearest(self, hypothesis: Hypothesis, library: Library, measured: Array) -> Array:
+        """Parameters of the simulated rig that came nearest to a measured place, (parameters,)."""
+        seen = np.array([self.place(each).mean(axis=0) for each in library.fingerprints(hypothesis)])
+        far = np.mean((seen - measured) ** 2 / (self.scatter + 1.0), axis=1)
+        return np.asarray(library.values(hypothesis)[int(np.argmin(far))])
+
+
+def _about(
+    hypothesis: Hypothesis, values: Array, likelihood: LogLikelihood, rng: np.random.Generator
+) -> LogLikelihood:
+    """A log-likelihood that falls off around some parameters, in the coordinates of their causes."""
+    centre = coordinates_of(hypothesis, values[None])
+    width = _REGION * coordinates_of(hypothesis, drawn(hypothesis, _POINTS, rng)).std(axis=0)
+
+    def of(u: Array) -> Array:
+        away = (coordinates_of(hypothesis, values_of(hypothesis, u)) - centre) / width
+        return np.asarray(likelihood(u) - 0.5 * np.sum(away**2, axis=1))
+
+    return of
 
 
 def coordinates_of(hypothesis: Hypothesis, values: Array) -> Array:

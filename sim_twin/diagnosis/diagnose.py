@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Execute, Subject
-from sim_twin.diagnosis.unexplained import unexplained
+from sim_twin.diagnosis.unexplained import Unexplained, unexplained
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -35,6 +36,8 @@ _JUDGED = 4
 _CONFIRMING = 3
 """One in so many motions of the judging goes into rigs as the best hypothesis says."""
 _NEAREST = 12
+_DOUBTED = 0.3
+"""Probability of something unknown from which on the best hypothesis is looked at a second time."""
 
 
 def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execute, seed: int) -> Findings:
@@ -47,8 +50,17 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     library = Library()
     attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
     measure = gap_measure(library.fingerprints(()), subject.layout)
-    like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
-    left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
+
+    def seen_again(best: Ranked) -> tuple[Array, Unexplained]:
+        like = _like_rigs(best, library, effort.judge // _CONFIRMING, execute, rng)
+        return like, unexplained(attribution, measure, like, measured, healthy=not best.hypothesis)
+
+    like, left = seen_again(ranked[0])
+    if ranked[0].hypothesis and left.unknown > _DOUBTED:
+        other = _where_rigs_came_nearest(ranked[0], attribution, library, measured, rng)
+        like_other, left_other = seen_again(other)
+        if left_other.unknown < left.unknown:
+            ranked, like, left = [other, *ranked[1:]], like_other, left_other
     belief = belief_of(attribution, ranked, left)
     fitted_to, judged_on = halves(measured)
     candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
@@ -84,6 +96,19 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         + sum(len(each) for each in repaired.values()),
         left=left,
     )
+
+
+def _where_rigs_came_nearest(
+    best: Ranked, attribution: Attribution, library: Library, measured: Blocks, rng: np.random.Generator
+) -> Ranked:
+    """The same hypothesis about the simulated rig that is most like the measured one.
+
+    Emulated responses can fit where no simulated rig does, and then lead away from where one does.
+    """
+    place = attribution.place(measured).mean(axis=0)
+    nearest = attribution.nearest(best.hypothesis, library, place)
+    posterior = attribution.posterior(best.hypothesis, place, rng, 2.0, about=nearest)
+    return replace(best, posterior=posterior)
 
 
 def _like_rigs(

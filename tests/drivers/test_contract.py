@@ -208,7 +208,7 @@ def test_dies_while_in_use(case: Case) -> None:
         case.arm(driver)
         case.use(driver)
         os.kill(emulator.pid, signal.SIGKILL)
-        emulator.process.join()
+        emulator.child.process.join()
         died = time.monotonic()
         with pytest.raises(DeviceLost, match=r"connection is lost|device server is gone"):
             case.use(driver)
