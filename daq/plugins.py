@@ -27,10 +27,11 @@ class Plugins(Generic[T]):
     faults: tuple[str, ...]
 
 
-def plugins(group: str, kind: type[T], taken: Collection[str] = ()) -> Plugins[T]:
+def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str = "") -> Plugins[T]:
     """Import what installed packages offer in `group`, each an instance of `kind`.
 
-    `taken` are the names that the group has already. What has a `name` is offered under it, or not used.
+    `taken` are the names that the group has already. What has a `name` is offered under it, or not used. With
+    an `owner` only what is offered as owner.name counts, under the name alone.
     Looks through all installed packages (milliseconds) and runs their code: called once for a table, by
     whoever needs it, never as a module is imported.
     """
@@ -38,24 +39,28 @@ def plugins(group: str, kind: type[T], taken: Collection[str] = ()) -> Plugins[T
 
     found: dict[str, T] = {}
     faults: list[str] = []
+    before = f"{owner}." if owner else ""
     offered = sorted(entry_points(group=group), key=lambda point: (point.name, _package(point)))
     for point in offered:
+        if not point.name.startswith(before):
+            continue
+        name = point.name.removeprefix(before)
         whose = f"{group}: {point.name} of {_package(point)} is not used"
-        if point.name in taken or point.name in found:
+        if name in taken or name in found:
             faults.append(f"{whose}: there is one of that name already")
             continue
         try:
             thing: Any = point.load()
-            called = str(getattr(thing, "name", point.name))
+            called = str(getattr(thing, "name", name))
         except Exception as error:  # another package's code may raise anything as it is imported
             faults.append(f"{whose}: it does not load ({type(error).__name__}: {error})")
             continue
         if not isinstance(thing, kind):
             faults.append(f"{whose}: {point.value} is of {type(thing).__name__}, wanted is {kind.__name__}")
-        elif called != point.name:
+        elif called != name:
             faults.append(f"{whose}: {point.value} calls itself {called}")
         else:
-            found[point.name] = thing
+            found[name] = thing
     return Plugins(found, tuple(faults))
 
 
@@ -65,13 +70,13 @@ class OpenTable(Mapping[str, T], Generic[T]):
     Other packages' code runs when all entries are asked for, or one that is none of this project's.
     """
 
-    def __init__(self, own: Mapping[str, T], group: str, kind: type[T]) -> None:
-        self._own, self._group, self._kind = own, group, kind
+    def __init__(self, own: Mapping[str, T], group: str, kind: type[T], owner: str = "") -> None:
+        self._own, self._group, self._kind, self._owner = own, group, kind, owner
 
     @cached_property
     def added(self) -> Mapping[str, T]:
         """Those of other packages; what is wrong with them goes to `UNUSED`."""
-        offered = plugins(self._group, self._kind, self._own)
+        offered = plugins(self._group, self._kind, self._own, self._owner)
         UNUSED.extend(offered.faults)
         return offered.found
 

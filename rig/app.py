@@ -12,7 +12,7 @@ from rig.card_wiring import chain_record
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.instruments import INSTRUMENTS, actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.devices import Devices
@@ -33,7 +33,7 @@ def connect(
             deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
             real = INSTRUMENTS[RIGS[bench.rig].actuator].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    devices = loaded(ACTUATORS[RIGS[bench.rig].actuator].devices)
+    devices = loaded(actuator_of(RIGS[bench.rig].actuator).devices)
     return devices(scenario, bench, emulated), notes
 
 

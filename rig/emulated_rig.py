@@ -16,7 +16,7 @@ from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.instruments import ACTUATORS
+from rig.instruments import actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
@@ -46,7 +46,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
-    rig_of = loaded(ACTUATORS[RIGS[scenario.rig].actuator].rig)
+    rig_of = loaded(actuator_of(RIGS[scenario.rig].actuator).rig)
     rig: EmulatedRig = rig_of(scenario, bench, twin, seed, run_seed)
     return rig
 
