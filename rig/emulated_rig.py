@@ -54,7 +54,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
 def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig that a generator and its shaker move."""
     from drivers.scpi.emulator.process import start_function_generator
-    from rig.twin.plant import BeamPlantFactory, resting_at
+    from rig.twin.plant import ShakenPlantFactory, resting_at
 
     drive, per_volt = scenario.drive, bench.signal_generator.force_per_volt
     if bench.emulation.rest_offset is not None:
@@ -66,7 +66,7 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
         offset_v=drive.offset / per_volt,
         started_s=SystemClock().monotonic_s(),
     )
-    plant = BeamPlantFactory(twin, per_volt, seed, run_seed, bench.emulation.healthy)
+    plant = ShakenPlantFactory(twin, per_volt, seed, run_seed, bench.emulation.healthy)
     return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None)), output)
 
 
