@@ -49,7 +49,7 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         driver,
         make_generator,
         lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
-        _card(scenario, bench, emulated),
+        card_of(scenario, bench, emulated),
     )
 
 
@@ -63,12 +63,13 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         MotorActuator(drive),
         None,
         lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
-        _card(scenario, bench, emulated),
+        card_of(scenario, bench, emulated),
         _encoder(bench, emulated),
     )
 
 
-def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
+def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
+    """The driver of the card of a bench, emulated or not, for a scenario's rate; not opened yet."""
     card = bench.daq_card
     grpc = emulated.address("daq_card", card.grpc)
     settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, card.channels)

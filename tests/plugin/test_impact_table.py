@@ -58,6 +58,13 @@ def test_its_scenario_is_checked(rattle: Rattle, tmp_path: Path) -> None:
     assert rattle("check", bench) == f"{bench}: bench, no faults\n"
 
 
+def test_its_instrument_bounds_the_drive(rattle: Rattle, tmp_path: Path) -> None:
+    strong = tmp_path / "strong.toml"
+    strong.write_text(SCENARIO.read_text().replace("15 N", "40 N"))
+    refused = "drive.amplitude = 40 N: up to 30 N (table_shaker.highest)"
+    assert f"the emulated one refuses {refused}" in rattle("check", strong)
+
+
 def test_its_effects_are_its_own_and_those_added_to_it(rattle: Rattle) -> None:
     of_table = [each["name"] for each in json.loads(rattle("effects", SCENARIO, "--json"))]
     assert of_table == ["gap", "contact_stiffness", "table_damping", "sensor_gain", "loose_mass"]
@@ -88,6 +95,7 @@ def test_it_runs_on_its_emulated_bench_and_is_replayed(rattle: Rattle, tmp_path:
     assert "Hardest blow" in page
     assert "loose_mass" not in page
     with LogReader(log) as run:
+        assert run.metadata["run"]["emulated"] == "shaker card"
         for origin in ("measured", "predicted"):
             assert set(run.channels(origin)) >= {"drive.force", "stop.force", "table.acceleration"}
             assert len(run.series(origin, "stop.force").values) == 51_200
