@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.protocols.generator import DriveSettings
 from rig.files.scenario import Scenario
-from rig.twin.plant import BeamPlant, BeamPlantFactory
+from rig.twin.plant import ShakenPlant, ShakenPlantFactory
 from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.impact_beam.at_rest import resting
 from sim_twin.rigs.impact_beam.truth import BeamTwin
@@ -20,7 +20,7 @@ from sim_twin.rigs.impact_beam.truth import BeamTwin
 class DrivenBeam:
     """A drawn plant as both the generator of a `Shaker` (volts) and the beam that centring shakes (N)."""
 
-    plant: BeamPlant
+    plant: ShakenPlant
     per_volt: float
     sample_rate: float
     name: str = "signal generator"
@@ -107,7 +107,7 @@ def drawn_beam(
     believed = twin_of(scenario)
     if rest_offset is not None:
         believed = replace(believed, rig=replace(believed.rig, rest_offset=rest_offset))
-    plant = BeamPlant(BeamPlantFactory(believed, per_volt, seed, seed + 1, healthy=True))
+    plant = ShakenPlant(ShakenPlantFactory(believed, per_volt, seed, seed + 1, healthy=True))
     beam = DrivenBeam(plant, per_volt, scenario.acquisition.sample_rate)
     beam.open()
     return beam

@@ -6,12 +6,17 @@ A package says in its `[project.entry-points."rattle.report_sections"]`, or in w
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Generic, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
+UNUSED: Final[list[str]] = []
+"""A sentence for each entry of an open table that this process passed over; the command tells them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,30 +27,70 @@ class Plugins(Generic[T]):
     faults: tuple[str, ...]
 
 
-def plugins(group: str, kind: type[T], taken: Collection[str] = ()) -> Plugins[T]:
+def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str = "") -> Plugins[T]:
     """Import what installed packages offer in `group`, each an instance of `kind`.
 
-    `taken` are the names that the group has already. Looks through all installed packages (milliseconds) and
-    runs their code: called once for a table, by whoever needs it, never as a module is imported.
+    `taken` are the names that the group has already. What has a `name` is offered under it, or not used. With
+    an `owner` only what is offered as owner.name counts, under the name alone.
+    Looks through all installed packages (milliseconds) and runs their code: called once for a table, by
+    whoever needs it, never as a module is imported.
     """
+    from importlib.metadata import entry_points  # a list of commands needs none of what it imports
+
     found: dict[str, T] = {}
     faults: list[str] = []
+    before = f"{owner}." if owner else ""
     offered = sorted(entry_points(group=group), key=lambda point: (point.name, _package(point)))
     for point in offered:
+        if not point.name.startswith(before):
+            continue
+        name = point.name.removeprefix(before)
         whose = f"{group}: {point.name} of {_package(point)} is not used"
-        if point.name in taken or point.name in found:
+        if name in taken or name in found:
             faults.append(f"{whose}: there is one of that name already")
             continue
         try:
             thing: Any = point.load()
+            called = str(getattr(thing, "name", name))
         except Exception as error:  # another package's code may raise anything as it is imported
             faults.append(f"{whose}: it does not load ({type(error).__name__}: {error})")
             continue
-        if isinstance(thing, kind):
-            found[point.name] = thing
-        else:
+        if not isinstance(thing, kind):
             faults.append(f"{whose}: {point.value} is of {type(thing).__name__}, wanted is {kind.__name__}")
+        elif called != name:
+            faults.append(f"{whose}: {point.value} calls itself {called}")
+        else:
+            found[name] = thing
     return Plugins(found, tuple(faults))
+
+
+class OpenTable(Mapping[str, T], Generic[T]):
+    """The entries of this project, then those that other packages add in a group, by name.
+
+    Other packages' code runs when all entries are asked for, or one that is none of this project's.
+    """
+
+    def __init__(self, own: Mapping[str, T], group: str, kind: type[T], owner: str = "") -> None:
+        self._own, self._group, self._kind, self._owner = own, group, kind, owner
+
+    @cached_property
+    def added(self) -> Mapping[str, T]:
+        """Those of other packages; what is wrong with them goes to `UNUSED`."""
+        offered = plugins(self._group, self._kind, self._own, self._owner)
+        UNUSED.extend(offered.faults)
+        return offered.found
+
+    def __getitem__(self, name: str) -> T:
+        return self._own[name] if name in self._own else self.added[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self.added
+
+    def __iter__(self) -> Iterator[str]:
+        yield from (*self._own, *self.added)
+
+    def __len__(self) -> int:
+        return len(self._own) + len(self.added)
 
 
 def _package(point: EntryPoint) -> str:

@@ -12,7 +12,7 @@ from rig.card_wiring import chain_record
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.instruments import INSTRUMENTS, actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.devices import Devices
@@ -33,7 +33,7 @@ def connect(
             deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
             real = INSTRUMENTS[RIGS[bench.rig].actuator].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    devices = loaded(ACTUATORS[RIGS[bench.rig].actuator].devices)
+    devices = loaded(actuator_of(RIGS[bench.rig].actuator).devices)
     return devices(scenario, bench, emulated), notes
 
 
@@ -49,7 +49,7 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         driver,
         make_generator,
         lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
-        _card(scenario, bench, emulated),
+        card_of(scenario, bench, emulated),
     )
 
 
@@ -63,12 +63,13 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         MotorActuator(drive),
         None,
         lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
-        _card(scenario, bench, emulated),
+        card_of(scenario, bench, emulated),
         _encoder(bench, emulated),
     )
 
 
-def _card(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
+def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
+    """The driver of the card of a bench, emulated or not, for a scenario's rate; not opened yet."""
     card = bench.daq_card
     grpc = emulated.address("daq_card", card.grpc)
     settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, card.channels)

@@ -16,7 +16,7 @@ from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.instruments import ACTUATORS
+from rig.instruments import actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
@@ -46,7 +46,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
-    rig_of = loaded(ACTUATORS[RIGS[scenario.rig].actuator].rig)
+    rig_of = loaded(actuator_of(RIGS[scenario.rig].actuator).rig)
     rig: EmulatedRig = rig_of(scenario, bench, twin, seed, run_seed)
     return rig
 
@@ -54,7 +54,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
 def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig that a generator and its shaker move."""
     from drivers.scpi.emulator.process import start_function_generator
-    from rig.twin.plant import BeamPlantFactory, resting_at
+    from rig.twin.plant import ShakenPlantFactory, resting_at
 
     drive, per_volt = scenario.drive, bench.signal_generator.force_per_volt
     if bench.emulation.rest_offset is not None:
@@ -66,7 +66,7 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
         offset_v=drive.offset / per_volt,
         started_s=SystemClock().monotonic_s(),
     )
-    plant = BeamPlantFactory(twin, per_volt, seed, run_seed, bench.emulation.healthy)
+    plant = ShakenPlantFactory(twin, per_volt, seed, run_seed, bench.emulation.healthy)
     return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None)), output)
 
 

@@ -1,4 +1,5 @@
-"""The instruments that a bench may have, by their tables in a bench file: a line each in the one table.
+"""The instruments that a bench may have, by their tables in a bench file: a line each in the one table, or an
+entry point of another package in the group `rattle.instruments`.
 
 What stands elsewhere is named by its place (module:name) and imported when it is used: reading a bench file
 needs no driver, and driving real instruments no emulator.
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Any, Final
 
+from daq.plugins import OpenTable
 from rig.loaded_table import loaded
 
 
@@ -56,7 +58,7 @@ class Instrument:
         return loaded(self.drivers[settings.driver])
 
 
-INSTRUMENTS: Final[Mapping[str, Instrument]] = {
+_OWN: Final = {
     "signal_generator": Instrument(
         "generator",
         "drivers.scpi.settings:GeneratorSettings",
@@ -97,6 +99,12 @@ INSTRUMENTS: Final[Mapping[str, Instrument]] = {
         emulator="rig.emulation:encoder",
     ),
 }
-ACTUATORS: Final[Mapping[str, Actuator]] = {
-    table: each.actuator for table, each in INSTRUMENTS.items() if each.actuator is not None
-}
+INSTRUMENTS: Final = OpenTable(_OWN, "rattle.instruments", Instrument)
+
+
+def actuator_of(table: str) -> Actuator:
+    """What is asked of the instrument of a table that moves a rig; LookupError for any other instrument."""
+    asked = INSTRUMENTS[table].actuator
+    if asked is None:
+        raise LookupError(f"[{table}] moves no rig")
+    return asked

@@ -29,6 +29,9 @@ class LoadedTable(Mapping[str, T], Generic[T]):
     def __getitem__(self, name: str) -> T:
         return cast(T, loaded(self._places[name]))
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)
 

@@ -32,6 +32,7 @@ _ALONE = (
     "rig/diagnosis/test_workers.py",
     "benchmarks_blind/test_three_campaigns.py",
     "own_rigs",
+    "plugin",
 )
 """They have deadlines, or take all cores by themselves."""
 _LONG = (

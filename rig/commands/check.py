@@ -23,6 +23,10 @@ def check(
         typer.Option("--bench", metavar="BENCH.toml", help="Check a scenario or sweep on this bench."),
     ] = None,
 ) -> None:
+    from rig.instruments import INSTRUMENTS
+    from rig.rigs import RIGS
+
+    len(INSTRUMENTS), len(RIGS)  # looks at what other packages add, whether the file asks for it or not
     today = datetime.datetime.now(datetime.UTC).date()
     sound = _alone(file, today) if bench_file is None else _on_bench(file, bench_file, today)
     where = "" if bench_file is None else f" on {bench_file}"

@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperCommand
 
 from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter
+from daq.plugins import UNUSED
 from rig.session.signals import Stopped
 
 COMMANDS: Final = (
@@ -143,10 +144,19 @@ def main() -> None:
     sys.exit(_guarded(app))
 
 
+def _told(app: typer.Typer) -> Any:
+    """Run; what other packages offered in vain is told before what it may have led to."""
+    try:
+        return app(standalone_mode=False)
+    finally:
+        for fault in UNUSED:
+            print(f"! {fault}", file=sys.stderr)
+
+
 def _guarded(app: typer.Typer) -> int:
     try:
         # Without standalone mode typer returns the code of a typer.Exit that a command raised.
-        return int(app(standalone_mode=False) or 0)
+        return int(_told(app) or 0)
     except tuple(kind for kind, _ in _CODES) as error:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
         return next(code for kind, code in _CODES if isinstance(error, kind))

@@ -19,7 +19,7 @@ from rig.files.encoder import read_encoder, with_emulated_defaults
 from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
-from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.instruments import INSTRUMENTS
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
@@ -230,10 +230,12 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
 
 def _note_foreign(given: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
     """Note the instruments that this rig has no use for."""
-    for name in INSTRUMENTS:
+    for name, instrument in INSTRUMENTS.items():
         if name in given and name not in (kind.actuator, "daq_card", *kind.extras):
             driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
-            faults.add(name, given[name], driven if name in ACTUATORS else f"none: the {kind.name} has none")
+            faults.add(
+                name, given[name], driven if instrument.actuator else f"none: the {kind.name} has none"
+            )
 
 
 def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -13,13 +14,18 @@ from rig.instruments import INSTRUMENTS
 
 FileKind = Literal["scenario", "bench", "sweep", "model", "log"]
 
-_KEYS: Final[Mapping[FileKind, frozenset[str]]] = {
-    "scenario": frozenset({"rig", "model", "drive", "acquisition", "limits"}),
-    "bench": frozenset({*INSTRUMENTS, "emulation"}),
-    "sweep": frozenset({"sweep", "scenario", "axes", "acquisition"}),
-    "model": frozenset({"rig", "runs", "scenarios", "tolerances"}),
-}
-"""The tables and keys at the top of each; `name` could be anybody's."""
+
+@cache
+def _keys() -> Mapping[FileKind, frozenset[str]]:
+    """The tables and keys at the top of each; `name` could be anybody's."""
+    return {
+        "scenario": frozenset({"rig", "model", "drive", "acquisition", "limits"}),
+        "bench": frozenset({*INSTRUMENTS, "emulation"}),
+        "sweep": frozenset({"sweep", "scenario", "axes", "acquisition"}),
+        "model": frozenset({"rig", "runs", "scenarios", "tolerances"}),
+    }
+
+
 _COMMANDS: Final[Mapping[FileKind, str]] = {
     "scenario": "rattle run {}",
     "bench": "rattle run SCENARIO.toml --bench {}",
@@ -31,7 +37,7 @@ _COMMANDS: Final[Mapping[FileKind, str]] = {
 
 def kind_of_tables(tables: Mapping[str, Any]) -> FileKind | None:
     """The kind that most of a TOML file's keys are of, the first of several; None where none is of any."""
-    kind = max(_KEYS, key=lambda each: _keys_in(tables, each))
+    kind = max(_keys(), key=lambda each: _keys_in(tables, each))
     return kind if _keys_in(tables, kind) else None
 
 
@@ -69,7 +75,7 @@ def _refuse_others(path: str | Path, text: str, wanted: tuple[FileKind, ...]) ->
 
 
 def _keys_in(tables: Mapping[str, Any], kind: FileKind) -> int:
-    return len(_KEYS[kind] & tables.keys()) if kind in _KEYS else 0
+    return len(_keys().get(kind, frozenset()) & tables.keys())
 
 
 def _misplaced(path: str | Path, kind: FileKind, wanted: tuple[FileKind, ...]) -> ConfigurationError:

@@ -11,7 +11,7 @@ from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.scenario import Limit, Scenario
-from rig.instruments import ACTUATORS
+from rig.instruments import actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.shaft import shaft_channel
@@ -34,7 +34,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
     range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
     `today` (emulated sensors do not age).
     """
-    actuator = ACTUATORS[RIGS[scenario.rig].actuator]
+    actuator = actuator_of(RIGS[scenario.rig].actuator)
     problems = [
         *loaded(actuator.beyond)(scenario, bench),
         *loaded(actuator.hurried)(scenario),
@@ -49,7 +49,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
 
 def check_scenario(scenario: Scenario, source: str) -> None:
     """Raise ConfigurationError with what forbids this scenario on whatever bench; `source` is its file."""
-    problems = list(loaded(ACTUATORS[RIGS[scenario.rig].actuator].hurried)(scenario))
+    problems = list(loaded(actuator_of(RIGS[scenario.rig].actuator).hurried)(scenario))
     if problems:
         raise ConfigurationError(source, problems)
 

@@ -69,7 +69,6 @@ class Scenario:
 
 
 _NAME: Final = text_field(Text("a text of one line, up to 200 characters"))
-_RIG_WORDS: Final = " or ".join(f'"{name}"' for name in RIGS)
 _KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits")
 
 
@@ -94,7 +93,7 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
     rig = table.get("rig")
     kind = RIGS[rig] if isinstance(rig, str) and rig in RIGS else None
     if kind is None:
-        faults.add_from(table, "rig", "", _RIG_WORDS)
+        faults.add_from(table, "rig", "", " or ".join(f'"{name}"' for name in RIGS))
     model: Any = None
     drive: Any = None
     if kind is not None:

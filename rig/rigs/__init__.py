@@ -1,19 +1,24 @@
-"""The rigs: a module each, and a line in the one table."""
+"""The rigs: a module each, and a line in the one table; or an entry point in the group `rattle.rigs`."""
 
 from __future__ import annotations
 
 import functools
 
+from daq.plugins import OpenTable
 from rig.loaded_table import LoadedTable
 from rig.rigs.kind import RigKind
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, RigChannel
 
-RIGS = LoadedTable[RigKind](
-    {
-        "impact_beam": "rig.rigs.impact_beam:KIND",
-        "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
-        "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
-    }
+RIGS = OpenTable(
+    LoadedTable[RigKind](
+        {
+            "impact_beam": "rig.rigs.impact_beam:KIND",
+            "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
+            "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
+        }
+    ),
+    "rattle.rigs",
+    RigKind,
 )
 
 

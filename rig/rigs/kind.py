@@ -40,7 +40,7 @@ class RigKind:
     `by_hand` are the keys that a person changes between two points of a sweep, each with what to do.
     `variations` are settings for a next experiment, as factors of scenario keys. `equipped(rig, channels)` is
     the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class;
-    empty without one.
+    empty without one. `package` is where the bench of a run without a file lies, named for the rig (.toml).
     """
 
     parameters: type[Any]
@@ -55,6 +55,7 @@ class RigKind:
     checks: tuple[Check, ...] = ()
     extras: tuple[str, ...] = ()
     equipped: Callable[[Any, tuple[str, ...]], Any] = field(default=_as_it_is)
+    package: str = "rig.rigs"
 
     @property
     def name(self) -> str:
@@ -64,7 +65,7 @@ class RigKind:
     @cached_property
     def bench(self) -> str:
         """The text of the bench that a run has without a file."""
-        return resources.files("rig.rigs").joinpath(f"{self.name}.toml").read_text(encoding="utf-8")
+        return resources.files(self.package).joinpath(f"{self.name}.toml").read_text(encoding="utf-8")
 
     @cached_property
     def model(self) -> Mapping[str, Setting]:

@@ -15,7 +15,7 @@ from rig.files.pairing import SOFT_START_FROM_S, check_pair, check_scenario
 from rig.files.scenario import Limit
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
-from rig.instruments import ACTUATORS
+from rig.instruments import actuator_of
 from rig.rigs import RIGS
 from rig.session.centring.probe import check_centring
 from rig.session.centring.probe import plan_of as centring_plan
@@ -199,7 +199,7 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
-    actuator, asked = ACTUATORS[kind.actuator], max(point.scenario.drive.peak for point in sweep.points)
+    actuator, asked = actuator_of(kind.actuator), max(point.scenario.drive.peak for point in sweep.points)
     allowed = f"{actuator.highest_of(bench.actuator):g} {actuator.unit}"
     said = f"{asked * actuator.per_si:g} of {allowed} ({kind.actuator}.{actuator.highest})"
     yield f"guard      drive at most {said}"

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
 from sim_twin.ranges import require
-from sim_twin.rigs.impact_beam.model import SineDrive
-from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.stream import TwinStream
+from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
     from sim_twin.rigs.impact_beam.truth import BeamTwin
 
-_UNIT_DRIVE = SineDrive(1.0, 1.0)
 _RESTS_WITHIN = 0.9
 """Of the clearance, which varies by 2 % from run to run."""
 
@@ -36,7 +34,7 @@ def resting_at(believed: BeamTwin, place: float | str, seed: int) -> BeamTwin:
 
 
 @dataclass(frozen=True, slots=True)
-class BeamPlantFactory:
+class ShakenPlantFactory:
     """Makes the plant in the emulator's process.
 
     `believed` is the operator's twin with the hidden effects in; `healthy` draws the rig from `seed`, and
@@ -44,7 +42,7 @@ class BeamPlantFactory:
     `force_per_volt` in N/V is what generator, amplifier and shaker nominally make of a volt.
     """
 
-    believed: BeamTwin
+    believed: AnyTwin
     force_per_volt: float
     seed: int
     run_seed: int
@@ -52,22 +50,21 @@ class BeamPlantFactory:
 
     def __call__(self) -> Plant[DriveSettings]:
         """Draw the rig and compile its simulation."""
-        plant = BeamPlant(self)
+        plant = ShakenPlant(self)
         plant.start(51_200.0)
         plant.advance(64)
         return plant
 
 
-class BeamPlant:
-    """An impact beam that hears the generator's volts and gives what its sensors really show."""
+class ShakenPlant:
+    """A shaken rig that hears the generator's volts and gives what its sensors really show."""
 
-    def __init__(self, factory: BeamPlantFactory) -> None:
+    def __init__(self, factory: ShakenPlantFactory) -> None:
         rig_draw = np.random.default_rng([factory.seed, 0])
         self._noise = np.random.default_rng([factory.seed, 1, factory.run_seed])
         believed = factory.believed
-        harmonics = {"second": believed.drive.second, "third": believed.drive.third}
-        unit = replace(believed, drive=replace(_UNIT_DRIVE, **harmonics))
-        self._twin = MODEL.draw_healthy(unit, rig_draw, self._noise) if factory.healthy else unit
+        unit = replace(believed, drive=replace(believed.drive, amplitude=1.0, frequency=1.0, offset=0.0))
+        self._twin = unit.model.draw_healthy(unit, rig_draw, self._noise) if factory.healthy else unit
         self._force_per_volt = factory.force_per_volt
         self._stream: TwinStream | None = None
 
@@ -77,13 +74,13 @@ class BeamPlant:
         return self._twin.channels
 
     @property
-    def really(self) -> BeamTwin:
+    def really(self) -> AnyTwin:
         """The rig as it was drawn; its drive is what a newton and a hertz of the bench's really are."""
         return self._twin
 
     def start(self, sample_rate: float) -> None:
         """Start at rest with the drive off."""
-        self._stream = MODEL.stream(self._twin, sample_rate, self._noise, drive_changes=True)
+        self._stream = self._twin.model.stream(self._twin, sample_rate, self._noise, drive_changes=True)
 
     def drive(self, output: DriveSettings, at_sample: float) -> None:
         """Follow the generator from `at_sample` on."""

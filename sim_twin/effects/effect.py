@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.plugins import OpenTable
 from sim_twin.twin import AnyTwin
 
 ParameterValues: TypeAlias = Mapping[str, float | str]
@@ -100,9 +101,9 @@ class Effect:
 Catalogue: TypeAlias = Mapping[str, Effect]
 
 
-def catalogue_of(effects: Iterable[Effect]) -> Catalogue:
-    """The effects of a rig by name."""
-    return {effect.name: effect for effect in effects}
+def catalogue_of(rig: str, effects: Iterable[Effect]) -> Catalogue:
+    """The effects of a rig by name, and those that other packages add to it in the group `rattle.effects`."""
+    return OpenTable({effect.name: effect for effect in effects}, "rattle.effects", Effect, owner=rig)
 
 
 def apply_effects(

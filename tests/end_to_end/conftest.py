@@ -15,7 +15,7 @@ import pytest
 
 from drivers.emulator_process import EmulatedInstrument
 from rig.twin.alignment import Alignment
-from rig.twin.plant import BeamPlantFactory
+from rig.twin.plant import ShakenPlantFactory
 from rig.twin.prediction import AlignedTwin
 from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
@@ -33,7 +33,7 @@ def compiled() -> None:
     """Fill the compiler's cache once, before anybody waits with a deadline: a minute in a fresh clone."""
     rig = nominal()
     twin = Twin(rig, SineDrive(9.0, 20.0), nominal_sensors(rig))
-    BeamPlantFactory(twin, 3.6, seed=1, run_seed=1, healthy=True)().advance(512)
+    ShakenPlantFactory(twin, 3.6, seed=1, run_seed=1, healthy=True)().advance(512)
     AlignedTwin(twin, Alignment(20.0, 0.0), 51_200.0, settle_s=0.0).advance(512)
 
 

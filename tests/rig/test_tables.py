@@ -6,7 +6,7 @@ import pytest
 
 from daq.quantity import Quantity, settings_of
 from rig.files.quantity import si_factor
-from rig.instruments import ACTUATORS, INSTRUMENTS
+from rig.instruments import INSTRUMENTS, actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 
@@ -18,7 +18,7 @@ def test_a_rig_is_what_the_table_calls_it(name: str) -> None:
     assert kind.nominal().model.parameters is kind.parameters
     assert loaded(kind.picture).rig == name
     assert set(kind.set_up) | set(kind.by_hand) <= set(kind.model)
-    assert kind.actuator in ACTUATORS
+    assert actuator_of(kind.actuator).highest
     assert set(kind.extras) <= set(INSTRUMENTS)
 
 
@@ -38,7 +38,7 @@ def test_every_place_of_an_instrument_is_there(table: str) -> None:
     if instrument.emulator:
         assert callable(loaded(instrument.emulator))
     if instrument.actuator is not None:
-        actuator = instrument.actuator
-        places = (actuator.beyond, actuator.hurried, actuator.rig, actuator.devices)
+        asked = instrument.actuator
+        places = (asked.beyond, asked.hurried, asked.rig, asked.devices)
         assert all(callable(loaded(place)) for place in places)
-        assert hasattr(loaded(instrument.settings), actuator.highest)
+        assert hasattr(loaded(instrument.settings), asked.highest)

@@ -151,4 +151,4 @@ _EFFECTS = (
     sensor_bandwidth((*_FORCES, *_ACCELERATIONS)),
     time_skew(_SENSED),
 )
-EFFECTS = catalogue_of(_EFFECTS)
+EFFECTS = catalogue_of(ImpactBeam.kind, _EFFECTS)

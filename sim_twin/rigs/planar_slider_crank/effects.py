@@ -10,7 +10,7 @@ from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogu
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_gain, time_skew
 from sim_twin.rigs.crank_drive import fluctuation_coordinates
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, MARKER
-from sim_twin.rigs.planar_slider_crank.model import RodBending
+from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, RodBending
 
 if TYPE_CHECKING:
     from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
@@ -56,6 +56,7 @@ _ANY_PHASE = (-6.283185307179587, 6.283185307179587)
 _CLEARANCE = _one("scale", "", (0.3, 0.8), (1.25, 2.5))
 
 EFFECTS = catalogue_of(
+    PlanarSliderCrank.kind,
     (
         Effect("joint1_clearance", "joint 1", _CLEARANCE, partial(_scale, attribute="clearance_1")),
         Effect("joint2_clearance", "joint 2", _CLEARANCE, partial(_scale, attribute="clearance_2")),
@@ -114,5 +115,5 @@ EFFECTS = catalogue_of(
         sensor_gain(ACCELERATIONS),
         sensor_bandwidth(ACCELERATIONS),
         time_skew((*ACCELERATIONS, MARKER)),
-    )
+    ),
 )

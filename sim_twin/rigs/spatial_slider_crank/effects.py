@@ -11,7 +11,7 @@ from sim_twin.effects.effect import Effect, Parameter, ParameterValues, catalogu
 from sim_twin.effects.sensing import sensor_bandwidth, sensor_droop, sensor_gain, time_skew
 from sim_twin.rigs.crank_drive import fluctuation_coordinates
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER
-from sim_twin.rigs.spatial_slider_crank.model import BaseMass
+from sim_twin.rigs.spatial_slider_crank.model import BaseMass, SpatialSliderCrank
 
 if TYPE_CHECKING:
     from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
@@ -62,6 +62,7 @@ _STIFFNESS = _one("scale", "", (0.2, 0.7), (1.4, 5.0))
 _DAMPING = _one("scale", "", (3.0, 20.0))
 
 EFFECTS = catalogue_of(
+    SpatialSliderCrank.kind,
     (
         Effect(
             "base_flexibility",
@@ -96,5 +97,5 @@ EFFECTS = catalogue_of(
         sensor_droop(FORCES),
         sensor_bandwidth(FORCES),
         time_skew((*FORCES, MARKER)),
-    )
+    ),
 )
