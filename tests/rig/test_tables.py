@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import rerun  # noqa: F401 - it keeps what it opens when it is first imported, which is no test's leak
 
 from daq.quantity import Quantity, settings_of
 from rig.files.quantity import si_factor
