@@ -71,26 +71,26 @@ class OpenTable(Mapping[str, T], Generic[T]):
     """
 
     def __init__(self, own: Mapping[str, T], group: str, kind: type[T], owner: str = "") -> None:
-        self._own, self._group, self._kind, self._owner = own, group, kind, owner
+        self.own, self._group, self._kind, self.owner = own, group, kind, owner
 
     @cached_property
     def added(self) -> Mapping[str, T]:
         """Those of other packages; what is wrong with them goes to `UNUSED`."""
-        offered = plugins(self._group, self._kind, self._own, self._owner)
+        offered = plugins(self._group, self._kind, self.own, self.owner)
         UNUSED.extend(offered.faults)
         return offered.found
 
     def __getitem__(self, name: str) -> T:
-        return self._own[name] if name in self._own else self.added[name]
+        return self.own[name] if name in self.own else self.added[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._own or name in self.added
+        return name in self.own or name in self.added
 
     def __iter__(self) -> Iterator[str]:
-        yield from (*self._own, *self.added)
+        yield from (*self.own, *self.added)
 
     def __len__(self) -> int:
-        return len(self._own) + len(self.added)
+        return len(self.own) + len(self.added)
 
 
 def _package(point: EntryPoint) -> str:

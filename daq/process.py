@@ -76,13 +76,18 @@ class Child:
             self.process.join()
 
 
+_OF_A_HANG_UP = {signal.SIGHUP, signal.SIGQUIT}
+"""What would end Python's resource tracker, which by itself is deaf to SIGINT and SIGTERM only."""
+
+
 @contextmanager
 def deaf(signals: Collection[signal.Signals]) -> Iterator[None]:
     """Processes that start meanwhile inherit these as blocked, for good: none can come before they care."""
-    # Python starts this one beside the first child, and unblocks SIGINT and SIGTERM after it.
-    resource_tracker.ensure_running()
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_HANG_UP)
     try:
+        # Python starts this one beside the first child, and unblocks SIGINT and SIGTERM after it.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, signals)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)

@@ -22,8 +22,7 @@ class ScpiGenerator:
         self.config = config
         self.name, self.address = config.name, config.resource
         self.identity = ""
-        # VISA is loaded where a generator is made: the supervisor, which may have to make one for a run that
-        # died, stays small until then.
+        # VISA is loaded where a generator is made: who only names one, in a bench file, does without.
         from drivers.scpi.link import ScpiLink
 
         self._link = ScpiLink(config.name, config.resource, config.timeout_s)

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import cast
 
 import pyvisa
+import pyvisa_py  # noqa: F401 - what "@py" stands for, loaded with this module and not when a drive is to stop
 from pyvisa.constants import StatusCode
 from pyvisa.resources import MessageBasedResource
 

@@ -55,7 +55,8 @@ def nominal_of(scenario: Scenario) -> Nominal:
 
 def reference_of(channels: tuple[str, ...]) -> str | None:
     """The channel that counts the cycles: the encoder rather than a marker, the drive where nothing turns."""
-    by_role = {role_of(name): name for name in channels if name != ENCODER_ANGLE.name}
+    # of two with one role the first counts
+    by_role = {role_of(name): name for name in reversed(channels) if name != ENCODER_ANGLE.name}
     return next((by_role[role] for role in (Role.ANGLE, Role.MARKER, Role.DRIVE) if role in by_role), None)
 
 

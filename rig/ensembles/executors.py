@@ -67,8 +67,8 @@ def worker_processes(count: int) -> Iterator[Workers]:
 
 
 def _ready() -> bool:
-    """The first task of a worker, which loads what all others take."""
-    return all(kind.nominal().model is not None for kind in RIGS.values())
+    """The first task of a worker, which loads what all others take; not what other packages added."""
+    return all(kind.nominal().model is not None for kind in RIGS.own.values())
 
 
 @contextmanager

@@ -92,6 +92,8 @@ class Supervisor:
 def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
     run = os.getppid()
     os.setsid()  # what the terminal sends to the run must not end its safety net too
+    if spare is not None:
+        spare()  # so that all that its driver needs is loaded while everything is still well
     pipe.send(_READY)
     why = _await_silence(pipe)
     if why is None:
@@ -99,8 +101,12 @@ def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
     if spare is None:
         _let_go(run, why)
         return
-    while not switch_off(spare):
-        time.sleep(_AGAIN_S)
+    done = False
+    while not done:
+        with suppress(Exception):  # whatever it was: nobody else is left to try again
+            done = switch_off(spare)
+        if not done:
+            time.sleep(_AGAIN_S)
     with suppress(OSError):
         pipe.send(_TRIPPED)
 

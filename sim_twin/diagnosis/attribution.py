@@ -32,6 +32,8 @@ quite independent, scatters are estimates, and other programs differ a little. S
 left out of the library, were about as often right as they were believed."""
 _REGION = 0.25
 """Of the spread over all parameters that may be: how far the surroundings of some parameters reach."""
+_WITHIN = 4.5
+"""Three of their widths."""
 _INTERPLAY = 0.02
 """Share of the smaller of two responses' squares by which an unsimulated pair may differ from their sum."""
 
@@ -110,9 +112,13 @@ class Attribution:
         dimensions = sum(len(cause.parameters) for cause in hypothesis)
         points = int(effort * _POINTS * max(1, dimensions))
         likelihood = self.log_likelihood(hypothesis, measured)
-        if about is not None:
-            likelihood = _about(hypothesis, about, likelihood, rng)
-        return integrate(likelihood, dimensions, rng, 2 * points, points)
+        if about is None:
+            return integrate(likelihood, dimensions, rng, 2 * points, points)
+        away = _distance_from(hypothesis, about, rng)
+        local = integrate(lambda u: likelihood(u) - away(u), dimensions, rng, 2 * points, points)
+        # the bell chose the surroundings; within them it must not make the posterior narrower
+        weights = local.weights * np.exp(np.minimum(away(local.places), _WITHIN))
+        return Posterior(local.places, weights / weights.sum(), local.log_evidence)
 
     def nearest(self, hypothesis: Hypothesis, library: Library, measured: Array) -> Array:
         """Parameters of the simulated rig that came nearest to a measured place, (parameters,)."""
@@ -121,16 +127,14 @@ class Attribution:
         return np.asarray(library.values(hypothesis)[int(np.argmin(far))])
 
 
-def _about(
-    hypothesis: Hypothesis, values: Array, likelihood: LogLikelihood, rng: np.random.Generator
-) -> LogLikelihood:
-    """A log-likelihood that falls off around some parameters, in the coordinates of their causes."""
+def _distance_from(hypothesis: Hypothesis, values: Array, rng: np.random.Generator) -> LogLikelihood:
+    """Half the squared distance of places from some parameters, in the widths of their surroundings."""
     centre = coordinates_of(hypothesis, values[None])
     width = _REGION * coordinates_of(hypothesis, drawn(hypothesis, _POINTS, rng)).std(axis=0)
 
     def of(u: Array) -> Array:
         away = (coordinates_of(hypothesis, values_of(hypothesis, u)) - centre) / width
-        return np.asarray(likelihood(u) - 0.5 * np.sum(away**2, axis=1))
+        return np.asarray(0.5 * np.sum(away**2, axis=1))
 
     return of
 

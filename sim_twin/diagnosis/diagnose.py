@@ -50,19 +50,22 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     library = Library()
     attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
     measure = gap_measure(library.fingerprints(()), subject.layout)
-
-    def seen_again(best: Ranked) -> tuple[Array, Unexplained]:
-        like = _like_rigs(best, library, effort.judge // _CONFIRMING, execute, rng)
-        return like, unexplained(attribution, measure, like, measured, healthy=not best.hypothesis)
-
-    like, left = seen_again(ranked[0])
-    if ranked[0].hypothesis and left.unknown > _DOUBTED:
-        other = _where_rigs_came_nearest(ranked[0], attribution, library, measured, rng)
-        like_other, left_other = seen_again(other)
-        if left_other.unknown < left.unknown:
-            ranked, like, left = [other, *ranked[1:]], like_other, left_other
-    belief = belief_of(attribution, ranked, left)
     fitted_to, judged_on = halves(measured)
+    confirming = effort.judge // _CONFIRMING
+
+    def left_by(best: Ranked, like: Array) -> Unexplained:
+        return unexplained(attribution, measure, like, measured, healthy=not best.hypothesis)
+
+    like = _like_rigs(ranked[0], library, confirming, execute, rng)
+    left, confirmed = left_by(ranked[0], like), len(like) if ranked[0].hypothesis else 0
+    if ranked[0].hypothesis and left.unknown > _DOUBTED:
+        other = _where_rigs_came_nearest(ranked[0], attribution, library, measured, fitted_to, rng)
+        found = rigs_with({other.hypothesis: other.best()}, confirming, execute, rng)
+        for simulated in found.values():  # none where time ran out
+            confirmed += len(simulated)
+            if left_by(other, simulated).unknown < left.unknown:
+                ranked, left = [other, *ranked[1:]], left_by(other, simulated)
+    belief = belief_of(attribution, ranked, left)
     candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
     judging = effort.judge - effort.judge // _CONFIRMING
     repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
@@ -91,24 +94,27 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         repaired=None if twins is None else twins.mean(axis=0),
         floor=measure.floor,
         held_out=len(measured) > 1,
-        simulations=library.observations
-        + (len(like) if ranked[0].hypothesis else 0)
-        + sum(len(each) for each in repaired.values()),
+        simulations=library.observations + confirmed + sum(len(each) for each in repaired.values()),
         left=left,
     )
 
 
 def _where_rigs_came_nearest(
-    best: Ranked, attribution: Attribution, library: Library, measured: Blocks, rng: np.random.Generator
+    best: Ranked,
+    attribution: Attribution,
+    library: Library,
+    measured: Blocks,
+    fitted_to: Blocks,
+    rng: np.random.Generator,
 ) -> Ranked:
     """The same hypothesis about the simulated rig that is most like the measured one.
 
     Emulated responses can fit where no simulated rig does, and then lead away from where one does.
     """
+    nearest = attribution.nearest(best.hypothesis, library, attribution.place(fitted_to).mean(axis=0))
     place = attribution.place(measured).mean(axis=0)
-    nearest = attribution.nearest(best.hypothesis, library, place)
     posterior = attribution.posterior(best.hypothesis, place, rng, 2.0, about=nearest)
-    return replace(best, posterior=posterior)
+    return replace(best, posterior=posterior, about=nearest)
 
 
 def _like_rigs(

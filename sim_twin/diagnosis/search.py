@@ -47,12 +47,16 @@ _STEP = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
-    """One hypothesis after the search: its share of belief among all, its posterior, what it leaves."""
+    """One hypothesis after the search: its share of belief among all, its posterior, what it leaves.
+
+    `about` are the parameters (parameters,) in whose surroundings the posterior was taken; None: anywhere.
+    """
 
     hypothesis: Hypothesis
     probability: float
     posterior: Posterior
     misfit: float
+    about: Array | None = None
 
     def values(self) -> Array:
         """Parameters of the posterior's places, shape (n, parameters)."""

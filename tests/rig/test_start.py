@@ -79,8 +79,9 @@ def test_the_supervisor_is_small_with_the_driver_that_it_may_need(imported: Impo
     supervisor.launch()
     with supervisor:
         supervisor.beat()
-    assert not heavy(imported())
-    assert "drivers.scpi.generator" in imported()
+    # It has loaded what a spare connection takes before anything moves; VISA brings numpy along.
+    assert {"pyvisa", "pyvisa_py"} <= imported()
+    assert heavy(imported()) <= {"numpy"}
     assert len(ours(imported())) <= 30
 
 

@@ -201,6 +201,11 @@ def what_is_touched(
     return "nothing"
 
 
+def load_contact_scan() -> None:
+    """Load and compile what looks for contacts; called before anything moves."""
+    contacts_above(_LEVELS, np.zeros(1), 1.0)
+
+
 def _is_touched(force: NDArray[np.floating], sample_rate: float, frequency: float, amplitude: float) -> bool:
     values = np.nan_to_num(np.asarray(force, dtype=np.float64))
     turns = np.arange(len(values), dtype=np.float64) * frequency / sample_rate

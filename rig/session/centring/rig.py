@@ -21,7 +21,7 @@ from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
-from rig.session.centring.probe import CentringPlan, Probe, centre_beam
+from rig.session.centring.probe import CentringPlan, Probe, centre_beam, load_contact_scan
 from rig.session.centring.search import Middle, NoCentre
 from rig.session.devices import Connect, connected
 from rig.session.drive import Shaker
@@ -59,6 +59,7 @@ def find_centre(
 
     Whatever is raised, the drive is off after it, and the log holds what there was.
     """
+    load_contact_scan()
     with ExitStack() as stack:
         stop, devices, notes = connected(stack, connect, scenario, bench, screen)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock))
