@@ -59,7 +59,7 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     like = _like_rigs(ranked[0], library, confirming, execute, rng)
     left, confirmed = left_by(ranked[0], like), len(like) if ranked[0].hypothesis else 0
     if ranked[0].hypothesis and left.unknown > _DOUBTED:
-        other = _where_rigs_came_nearest(ranked[0], attribution, library, measured, fitted_to, rng)
+        other = _where_rigs_came_nearest(ranked[0], attribution, library, measured, rng)
         found = rigs_with({other.hypothesis: other.best()}, confirming, execute, rng)
         for simulated in found.values():  # none where time ran out
             confirmed += len(simulated)
@@ -100,19 +100,14 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
 
 
 def _where_rigs_came_nearest(
-    best: Ranked,
-    attribution: Attribution,
-    library: Library,
-    measured: Blocks,
-    fitted_to: Blocks,
-    rng: np.random.Generator,
+    best: Ranked, attribution: Attribution, library: Library, measured: Blocks, rng: np.random.Generator
 ) -> Ranked:
     """The same hypothesis about the simulated rig that is most like the measured one.
 
     Emulated responses can fit where no simulated rig does, and then lead away from where one does.
     """
-    nearest = attribution.nearest(best.hypothesis, library, attribution.place(fitted_to).mean(axis=0))
     place = attribution.place(measured).mean(axis=0)
+    nearest = attribution.nearest(best.hypothesis, library, place)
     posterior = attribution.posterior(best.hypothesis, place, rng, 2.0, about=nearest)
     return replace(best, posterior=posterior, about=nearest)
 
