@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from daq.quantity import settings_of
 from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import AcquisitionSection
 from rig.session.driven_rig import DrivenRig
@@ -114,4 +114,5 @@ class Sequence:
 
 def _named(drive: Any) -> str:
     """A section [drive] in words, SI."""
-    return ", ".join(f"{key} {value:g}" for key, value in dataclasses.asdict(drive).items())
+    settings = settings_of(type(drive)).items()
+    return ", ".join(f"{key} {getattr(drive, each.name):g}" for key, each in settings)
