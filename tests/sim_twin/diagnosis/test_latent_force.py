@@ -82,7 +82,8 @@ def test_healthy_records_lack_nothing_and_a_softer_stop_does() -> None:
 
     usual, lacking = at_upper_stop(), at_upper_stop(softer)
     # In units of what 12 healthy rigs scatter by, one more lies about 1 away (0.4 to 1.3 in 30, once 2.5).
-    assert np.median([curve.size for curve in usual]) < 1.5 < np.median([curve.size for curve in lacking])
+    assert np.median([curve.size for curve in usual]) < 1.5
+    assert np.median([curve.size for curve in lacking]) > 2.0
     pressed = [np.nanmean(curve.latent[curve.edges[1:] > 1e-6]) for curve in lacking]
     assert max(pressed) < 0, "a softer stop pushes less at the same displacement"
 

@@ -64,7 +64,7 @@ def test_at_230_rpm_peaks_vary_as_in_the_source() -> None:
     low, high = np.quantile(peaks, [0.05, 0.95])
     assert low == pytest.approx(27.0, rel=0.9)
     assert high == pytest.approx(80.0, rel=0.4)
-    assert high > 1.2 * low, "or they would be regular"
+    assert high > 1.5 * low, "or they would be regular"
 
 
 def test_without_impacts_peaks_repeat() -> None:
@@ -75,7 +75,7 @@ def test_without_impacts_peaks_repeat() -> None:
 
 def test_without_friction_there_are_no_impacts_at_150_rpm() -> None:
     # 1.4 to 2.3 a turn over six starts on three processors, and none; from single starts 0.2 to 6
-    assert np.mean(impacts_a_turn(RIG, 150)) > 0.4
+    assert np.mean(impacts_a_turn(RIG, 150)) > 0.5
     assert np.mean(impacts_a_turn(replace(RIG, friction=0.0), 150)) < 0.06
 
 
