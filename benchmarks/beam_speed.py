@@ -23,7 +23,7 @@ from types import ModuleType
 import numpy as np
 
 from benchmarks.exudyn_beam import METHODS, Turned, first_peak, load_exudyn, run_exudyn, turned_beam
-from sim_twin.effects.effect import Effect
+from sim_twin.effects import Effect
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.effects import EFFECTS
 from sim_twin.rigs.impact_beam.lanes import BeamLanes

@@ -16,9 +16,10 @@ from typing import Final
 import numpy as np
 
 from benchmarks.driven_beam import drawn_beam
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, parse_scenario
-from rig.session.centring.probe import centre_beam, plan_of
+from rig.session.centring import centre_beam, plan_of
 
 BAR: Final = 0.05
 """Of the clearance."""
@@ -45,7 +46,7 @@ def centred(wanted: Scenario, share: float, seed: int) -> tuple[float, int]:
     """
     bench = embedded_bench()
     plan = plan_of(wanted, bench)
-    per_volt = bench.signal_generator.force_per_volt
+    per_volt = bench.the(GeneratorSettings).force_per_volt
     beam = drawn_beam(wanted, per_volt, seed, share * plan.clearance)
     beam.arm_sine(plan.frequency, plan.sine.least / per_volt, 0.0, triggered=False)
     beam.start()

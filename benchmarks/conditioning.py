@@ -2,8 +2,9 @@
 
 `as it stands` is the largest condition number of the matrices that a line handed over. `scaled` is that of
 the same with rows and columns brought to one size, which is what hurts: LAPACK's factorisations do not mind
-displacements in m beside velocities in m/s. Of an eigenproblem it is that of its matrix (of the mass matrix
-where there is one), of a least squares that of its columns; the digits lost are the logarithm.
+displacements in m beside velocities in m/s. An eigenproblem K x = lambda M x has two lines, K and M: its
+small eigenvalues lose what K has. A least squares has that of its columns. The logarithm bounds the digits
+that may be lost.
 
 Usage: python -m benchmarks.conditioning [LOG.mcap]
 """
@@ -23,7 +24,7 @@ import scipy.linalg
 
 _WATCHED = {
     np.linalg: ("solve", "inv", "pinv", "lstsq", "eig", "eigvals", "eigh", "eigvalsh", "svd", "qr"),
-    scipy.linalg: ("solve", "eigh", "cho_factor", "qr"),
+    scipy.linalg: ("solve", "eigh", "cho_factor", "qr", "expm"),
 }
 _LARGEST = 800
 """Rows of a matrix whose condition is still looked at; finding it takes the cube of it."""
@@ -81,24 +82,34 @@ def _watch(module: Any, name: str) -> None:
 
     @wraps(function)
     def watched(*args: Any, **kwargs: Any) -> Any:
-        _seen(
-            f"{module.__name__.split('.')[0]} {name}",
-            args[1] if name == "eigh" and len(args) > 1 else args[0],
-        )
+        of = f"{module.__name__.split('.')[0]} {name}"
+        if name == "eigh" and module is scipy.linalg and len(args) > 1:
+            _seen(f"{of}, K", args[0])
+            _seen(f"{of}, M", args[1])
+        else:
+            _seen(of, args[0])
         return function(*args, **kwargs)
 
     setattr(module, name, watched)
 
 
 def _ask(log: Path | None) -> None:
-    """Go through structures, tables and first contacts of all rigs, and a short diagnosis of `log`."""
+    """Go through structures and first contacts of all rigs, a resonance, a clock, a diagnosis of `log`."""
     from benchmarks.processors import diagnosis, first_peaks, structures
-    from sim_twin.rigs.impact_beam.at_rest import resting
+    from daq.time_base.model import robust_line
     from sim_twin.rigs.impact_beam.model import nominal
+    from sim_twin.rigs.impact_beam.structure import resting
+    from sim_twin.sensors import oscillator
 
     structures()
     first_peaks()
     resting(nominal())
+    for hertz in (0.5, 2e4):
+        omega = 2 * np.pi * hertz
+        oscillator(omega, 0.04 * omega, 1.0, (1.0, 0.0), 0.0, 51200.0)
+    x = np.linspace(0.0, 600.0, 600)
+    for steps in (1, 3):
+        robust_line(x, np.sin(x), np.arange(600) * steps // 600, np.ones(600))
     if log is not None:
         diagnosis(log, budget_s=10.0)
 

@@ -12,7 +12,7 @@ from drivers.protocols.generator import DriveSettings
 from rig.files.scenario import Scenario
 from rig.twin.plant import ShakenPlant, ShakenPlantFactory
 from rig.twin.scenario_twin import twin_of
-from sim_twin.rigs.impact_beam.at_rest import resting
+from sim_twin.rigs.impact_beam.structure import resting
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 
 

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 
 import psutil
 
-from rig.ensembles.executors import Workers, worker_processes
-from sim_twin.ensembles.figures import Figures
+from rig.ensembles import Workers, worker_processes
+from sim_twin.ensembles.figures import Figures, failures
 from sim_twin.ensembles.population import Population
-from sim_twin.ensembles.simulate import simulate
-from sim_twin.ensembles.summary import failures
-from sim_twin.ensembles.variant import Variant
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
+from sim_twin.ensembles.simulate import Variant, simulate
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import Twin
 
 RUNS, SECONDS = 1000, 2.0

@@ -22,9 +22,8 @@ import numpy as np
 from daq.signals.impacts import half_cycles
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam, SineDrive, nominal
-from sim_twin.rigs.impact_beam.rig import MODEL
+from sim_twin.rigs.impact_beam.rig import MODEL, nominal_sensors
 from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
 

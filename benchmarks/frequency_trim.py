@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.driven_beam import drawn_beam
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, parse_scenario
 from rig.session.drive import Shaker
@@ -36,7 +37,7 @@ def scenario(hertz: float) -> Scenario:
 
 def offs(wanted: Scenario, seed: int) -> tuple[float, float]:
     """What the drive is off before and after, as shares of the frequency."""
-    per_volt, hertz = embedded_bench().signal_generator.force_per_volt, wanted.drive.frequency
+    per_volt, hertz = embedded_bench().the(GeneratorSettings).force_per_volt, wanted.drive.frequency
     beam = drawn_beam(wanted, per_volt, seed)
     motion = Shaker(beam, wanted.drive, per_volt, beam.wait)
     motion.arm(soft=True)

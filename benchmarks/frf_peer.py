@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from daq.signals.frf import Frf, frf
-from daq.signals.segments import Segmenting
+from daq.signals.spectrum import Segmenting
 
 RATE = 4096
 SEGMENT = 2048

@@ -2,9 +2,10 @@
 
 OpenBLAS has kernels for many processors and numba can compile for older ones, so one machine can calculate as
 others would: `OPENBLAS_CORETYPE`, `NUMBA_CPU_NAME`, numpy's own vector code, one BLAS thread or two.
-Structures and first peaks are compared under every combination, modes relative to the largest entry of each
-row; diagnoses under three that share nothing. `--tests` runs the numerical tests under six that pair every
-kernel with two codes, and twice with the last bits of every motion moved.
+Structures and first peaks are compared under every combination: frequencies, compliances, times and forces
+entry by entry, modes relative to the largest entry of their row. Diagnoses are compared under three that
+share nothing. `--tests` runs the numerical tests under nine, every kernel with every code and threads
+alternating, and twice with the last bits of every motion moved; those marked `alone` are left out.
 
 Usage: python -m benchmarks.processors [--samples FOLDER] [--tests]
 """
@@ -17,6 +18,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -25,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Observed
+from sim_twin.diagnosis.subject import Draw, Observed
 
 BARS = {"structures": 1e-10, "first_peaks": 1e-6}
 PROBABILITY_BAR = 0.05
@@ -39,6 +41,7 @@ _NUMERICAL = ("tests/sim_twin", "tests/daq", "tests/rig")
 _NEWER_THAN = {
     "Nehalem": ("X86_V3", "X86_V4", "AVX512_ICL", "AVX512_SPR"),
     "Haswell": ("X86_V4", "AVX512_ICL", "AVX512_SPR"),
+    "SkylakeX": ("AVX512_ICL", "AVX512_SPR"),
 }
 """Vector code of numpy that a processor of that kernel does not have."""
 
@@ -61,13 +64,16 @@ class Processor:
         given["NPY_DISABLE_CPU_FEATURES"] = " ".join(
             each for each in _NEWER_THAN.get(self.kernel, ()) if _has_vector_code(each)
         )
-        return given if self.code == "host" else {**given, "NUMBA_CPU_NAME": self.code}
+        # no features of its own: numba would add those of the host to the name
+        named = {"NUMBA_CPU_NAME": self.code, "NUMBA_CPU_FEATURES": ""}
+        return given if self.code == "host" else {**given, **named}
 
 
 def _has_vector_code(feature: str) -> bool:
+    """Raise KeyError for a feature that numpy does not know: its names change from version to version."""
     from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[import-not-found]
 
-    return bool(__cpu_features__.get(feature))
+    return bool(__cpu_features__[feature])
 
 
 EVERY = [
@@ -80,19 +86,19 @@ APART = [
     Processor("SkylakeX", "host", 1),
 ]
 PAIRS = [
-    *APART,
-    Processor("Nehalem", "host", 2),
-    Processor("Haswell", "generic", 1),
-    Processor("SkylakeX", "haswell", 2),
+    Processor(kernel, code, 1 + number % 2)
+    for number, (kernel, code) in enumerate(
+        product(("Nehalem", "Haswell", "SkylakeX"), ("generic", "haswell", "host"))
+    )
 ]
+"""Three of each in a row, so that threads alternate along kernels and along codes."""
 
 
 def structures() -> dict[str, list[float]]:
     """Compliance, natural frequencies, and modes at drive, tip, pivot and sensors of beams and bases."""
-    from sim_twin.rigs.impact_beam.at_rest import resting
     from sim_twin.rigs.impact_beam.base.model import flexible_base
     from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, BaseMass, nominal
-    from sim_twin.rigs.impact_beam.structure import structure_of
+    from sim_twin.rigs.impact_beam.structure import resting, structure_of
 
     steel, shaker = nominal(), {"shaker_mass": 0.02, "shaker_stiffness": 3e3, "shaker_damping": 20.0}
     rigs = {
@@ -146,8 +152,7 @@ def first_peaks() -> dict[str, list[float]]:
 def diagnosis(log: Path, budget_s: float = 60.0, seed: int = 1) -> dict[str, Any]:
     """Verdict, selected effects and probabilities for a recorded run; nothing is cut short."""
     from rig.diagnosis.recordings import recorded
-    from sim_twin.diagnosis.diagnose import diagnose
-    from sim_twin.diagnosis.effort import effort_for
+    from sim_twin.diagnosis.diagnose import diagnose, effort_for
 
     data = recorded([log])
     effort = effort_for(data.campaign, budget_s)
@@ -171,29 +176,39 @@ def _name(cause: Cause) -> str:
 
 def _by(processors: list[Processor], *question: str) -> list[Any]:
     command = [sys.executable, "-m", "benchmarks.processors", "--answer", *question]
-    return [
-        json.loads(subprocess.run(command, env=each.environment(), check=True, stdout=subprocess.PIPE).stdout)  # noqa: S603
-        for each in processors
-    ]
+
+    def answer(processor: Processor) -> Any:
+        asked = subprocess.run(command, env=processor.environment(), check=True, stdout=subprocess.PIPE)  # noqa: S603
+        return json.loads(asked.stdout)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(answer, processors))
 
 
 def _compare(name: str, processors: list[Processor]) -> bool:
+    print(f"{name}: asking {len(processors)} processors, some seconds to a minute each", flush=True)
     answers = _by(processors, name)
     print(f"{name}: largest relative difference of {len(processors)} processors (bar {BARS[name]:.0e})")
     worst = 0.0
     for key in answers[0]:
         values = np.array([answer[key] for answer in answers])
-        # a time and a force have nothing in common, the entries of a mode have
-        scale = np.abs(values[0]) if name == "first_peaks" else max(np.abs(values[0]).max(), 1e-300)
+        # the entries of a mode have a scale in common, two frequencies or a time and a force have not
+        size = np.abs(values[0])
+        scale = np.maximum(size.max() if ": modes at " in key else size, 1e-300)
         apart = float(np.max(np.ptp(values, axis=0) / scale))
         worst = max(worst, apart)
         print(f"  {apart:8.1e}  {key}")
+    print(f"{name}: {worst:.1e} at worst, {'holds' if worst <= BARS[name] else 'DOES NOT HOLD'}", flush=True)
     return worst <= BARS[name]
+
+
+def _logs(samples: Path) -> list[Path]:
+    return sorted(samples.glob("*.mcap"))
 
 
 def _compare_diagnoses(samples: Path) -> bool:
     holds = True
-    for log in sorted(samples.glob("*.mcap")):
+    for log in _logs(samples):
         answers = _by(APART, str(log))
         same = len({(each["verdict"], tuple(each["selected"])) for each in answers}) == 1
         names = {name for each in answers for name in each["probabilities"]}
@@ -241,6 +256,8 @@ def main() -> int:
         answer = _ANSWERS[given.answer]() if given.answer in _ANSWERS else diagnosis(Path(given.answer))
         json.dump(answer, sys.stdout)
         return 0
+    if given.samples and not _logs(given.samples):
+        parser.error(f"no recorded runs (*.mcap) in {given.samples}")
     holds = [_compare("structures", EVERY), _compare("first_peaks", EVERY)]
     if given.samples:
         holds.append(_compare_diagnoses(given.samples))

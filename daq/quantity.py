@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, KeysView, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from inspect import Parameter, signature
 from types import NoneType, UnionType
@@ -121,9 +121,12 @@ class Key:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """One of a few words, each with the value that it stands for; `key` as that of a Quantity."""
+    """One of a few words, each with the value that it stands for; `key` as that of a Quantity.
 
-    values: Mapping[str, Any]
+    The keys of a table stand for themselves, those that are added to it later too.
+    """
+
+    values: Mapping[str, Any] | KeysView[str]
     key: str = ""
 
     def __str__(self) -> str:
@@ -181,15 +184,17 @@ def _settings_of(owner: Any) -> Mapping[str, Setting]:
     hints = get_type_hints(owner, include_extras=True)
     found: list[Setting] = []
     for name, default in _defaults(owner).items():
-        meaning = _metadata(hints[name], Meaning)
+        hint, meaning = hints[name], _metadata(hints[name], Meaning)
         if isinstance(meaning, Flat):
-            part = members(hints[name].__origin__)[0]
+            part = members(hint.__origin__)[0]
             found += [
                 replace(each, name=f"{name}.{each.name}", default=None, part=part)
                 for each in settings_of(part).values()
             ]
         elif meaning is not None:
-            found.append(_setting(name, hints[name], default, meaning))
+            own = getattr(meaning, "default", None)
+            key = meaning.key or name
+            found.append(Setting(name, key, hint.__origin__, default if own is None else own, meaning))
     return {each.key: each for each in sorted(found, key=lambda each: each.default is not REQUIRED)}
 
 
@@ -218,12 +223,6 @@ def _defaults(owner: Callable[..., Any]) -> dict[str, Any]:
         each.name: REQUIRED if each.default is Parameter.empty else each.default
         for each in signature(owner).parameters.values()
     }
-
-
-def _setting(name: str, hint: Any, default: Any, meaning: Any) -> Setting:
-    if isinstance(meaning, Quantity | Text) and meaning.default is not None:
-        default = meaning.default
-    return Setting(name, meaning.key or name, hint.__origin__, default, meaning)
 
 
 def _metadata(hint: Any, kind: Any) -> Any:

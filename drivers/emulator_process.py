@@ -49,7 +49,7 @@ class EmulatedInstrument:
     """An emulator that runs. `address` is where its driver finds it, `addresses` is every way to it."""
 
     name: str
-    addresses: tuple[str, ...]
+    addresses: Sequence[str]
     child: Child = field(repr=False)
 
     @property
@@ -65,7 +65,8 @@ class EmulatedInstrument:
 
     def close(self) -> None:
         """End the process: politely, then after 5 s for good. May be called twice."""
-        _end(self.child)
+        self.child.pipe.close()
+        self.child.end(STOP_DEADLINE_S, terminate_s=1.0)
 
     def __enter__(self) -> EmulatedInstrument:
         return self
@@ -125,29 +126,20 @@ def start(
     """
     child = Child(name, _serve, make, grace_s=STOP_DEADLINE_S)
     child.start()
-    try:
-        addresses = _await_addresses(name, child.pipe, deadline_s)
-    except BaseException:
-        _end(child)
-        raise
-    return EmulatedInstrument(name, addresses, child)
-
-
-def _await_addresses(name: str, report: Connection, deadline_s: float) -> tuple[str, ...]:
+    started = EmulatedInstrument(name, (), child)
     why = f"it did not start within {deadline_s:g} s"
     try:
-        if report.poll(deadline_s):
-            addresses, why = report.recv()
-            if addresses:
-                return tuple(addresses)
+        if child.pipe.poll(deadline_s):
+            started.addresses, why = child.pipe.recv()
     except EOFError:
         why = "its process ended at once"
+    except BaseException:
+        started.close()
+        raise
+    if started.addresses:
+        return started
+    started.close()
     raise InstrumentAbsent(name, "its own process", why, "the message of its process on standard error")
-
-
-def _end(child: Child) -> None:
-    child.pipe.close()
-    child.end(STOP_DEADLINE_S, terminate_s=1.0)
 
 
 def _serve(pipe: Connection, make: Callable[[], Emulator]) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 
-from drivers.ni_daq.channels import CardSettings
+from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
-from drivers.protocols.encoder import PositionEncoder
+from drivers.scpi.settings import GeneratorSettings
 from rig.card_wiring import chain_record
 from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
 from rig.files.bench import Bench
@@ -33,15 +34,17 @@ def connect(
             deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
             real = INSTRUMENTS[RIGS[bench.rig].actuator].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    devices = loaded(actuator_of(RIGS[bench.rig].actuator).devices)
-    return devices(scenario, bench, emulated), notes
+    devices: Devices = loaded(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
+    logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
+    loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
+    return replace(devices, loggers=loggers), notes
 
 
 def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     """The devices of a rig that a generator moves."""
     from rig.session.drive import Shaker
 
-    generator = bench.signal_generator
+    generator = bench.the(GeneratorSettings)
     settings = emulated.reached("signal_generator", generator)
     make_generator = partial(INSTRUMENTS["signal_generator"].driver_of(settings), settings)
     driver = make_generator()
@@ -57,29 +60,21 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     """The devices of a rig whose crank an inverter turns."""
     from rig.session.motor import Motor, MotorActuator
 
-    settings = emulated.reached("inverter", bench.inverter)
+    settings = emulated.reached("inverter", bench.the(InverterSettings))
+    encoder = None if bench.encoder is None else emulated.reached("encoder", bench.encoder)
     drive = INSTRUMENTS["inverter"].driver_of(settings)(settings)
     return Devices(
         MotorActuator(drive),
         None,
         lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
         card_of(scenario, bench, emulated),
-        _encoder(bench, emulated),
+        None if encoder is None else INSTRUMENTS["encoder"].driver_of(encoder)(encoder),
     )
 
 
 def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:
     """The driver of the card of a bench, emulated or not, for a scenario's rate; not opened yet."""
-    card = bench.daq_card
-    grpc = emulated.address("daq_card", card.grpc)
-    settings = CardSettings(grpc, scenario.acquisition.sample_rate, card.buffer, card.channels)
-    driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(card)(settings)
-    return driver
-
-
-def _encoder(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
-    if bench.encoder is None:
-        return None
-    settings = emulated.reached("encoder", bench.encoder)
-    driver: PositionEncoder = INSTRUMENTS["encoder"].driver_of(settings)(settings)
+    settings = emulated.reached("daq_card", bench.daq_card)
+    settings = replace(settings, sample_rate_hz=scenario.acquisition.sample_rate)
+    driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(settings)(settings)
     return driver

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from daq.clock import SystemClock
 from drivers.emulator_process import EmulatedInstrument, Fork
-from drivers.protocols.actuator import ActuatorOutput
+from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
+from drivers.protocols.instrument import ActuatorOutput
 from drivers.protocols.speed_drive import InverterOutput
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
@@ -56,7 +58,7 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
     from drivers.scpi.emulator.process import start_function_generator
     from rig.twin.plant import ShakenPlantFactory, resting_at
 
-    drive, per_volt = scenario.drive, bench.signal_generator.force_per_volt
+    drive, per_volt = scenario.drive, bench.the(GeneratorSettings).force_per_volt
     if bench.emulation.rest_offset is not None:
         twin = resting_at(twin, bench.emulation.rest_offset, seed)
     output = DriveSettings(
@@ -74,10 +76,10 @@ def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
     """A rig whose crank an inverter turns."""
     from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
     from rig.shaft_wiring import inverter_setup
-    from rig.twin.plant_crank import CrankPlantFactory
+    from rig.twin.plant import CrankPlantFactory
     from rig.twin.shaft import drawn_motor
 
-    inverter, healthy = bench.inverter, bench.emulation.healthy
+    inverter, healthy = bench.the(InverterSettings), bench.emulation.healthy
     motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy)
     hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
     output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())

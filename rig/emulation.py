@@ -1,4 +1,4 @@
-"""Starts the emulated instruments of a bench and says where they listen."""
+"""Starts the emulated instruments of a bench, and says where they listen and how they are reached."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any, Final, Protocol, Self, TypeVar
 
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from rig.emulated_rig import EmulatedRig, drawn_rig
-from rig.files.bench import Bench
+from rig.files.bench import Bench, tables_of
+from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
 from rig.loaded_table import loaded
@@ -28,7 +28,6 @@ class InstrumentSettings(Protocol):
 
     def at(self, address: str) -> Self:
         """The same one, at `address`."""
-        ...
 
 
 _Settings = TypeVar("_Settings", bound=InstrumentSettings)
@@ -50,10 +49,6 @@ class Emulated:
         emulator = self.instruments.get(table)
         return settings if emulator is None else settings.at(emulator.address)
 
-    def address(self, table: str, real: str | None = None) -> str | None:
-        """Where the instrument of a table listens, or its `real` address."""
-        return self.instruments[table].address if table in self.instruments else real
-
 
 NOTHING_EMULATED: Final = Emulated({}, 0, drive_follows_scenario=False)
 
@@ -73,33 +68,30 @@ class EmulatedBench:
 
     def __enter__(self) -> Emulated:
         with ExitStack() as starting:
-            emulated = self._start(starting)
+            scenario, bench = self._scenario, self._bench
+            hears, emulation = bench.actuator.emulated, bench.emulation
+            seed = secrets.randbits(32) if emulation.seed is None else emulation.seed
+            rig = drawn_rig(scenario, bench, seed, secrets.randbits(32))
+            started: dict[str, EmulatedInstrument] = {}
+            with ExitStack() as links:
+                shown = [table for table in bench.emulated if INSTRUMENTS[table].emulator]
+                hearing = [table for table in shown if not INSTRUMENTS[table].logs]
+                ways = {table: links.enter_context(DriveLink.new()) for table in hearing if hears}
+                if hears:
+                    sinks = [way.sender for way in ways.values()]
+                    started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
+                    starting.callback(started[RIGS[scenario.rig].actuator].close)
+                for table in shown:
+                    way = ways.get(table)
+                    heard = Heard(way.receiver, None) if way else Heard(None, rig.scenario_output)
+                    started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
+                    starting.callback(started[table].close)
+            emulated = Emulated(started, seed, bool(hearing) and not hears)
             self._stack = starting.pop_all()
         return emulated
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._stack.close()
-
-    def _start(self, stack: ExitStack) -> Emulated:
-        scenario, bench = self._scenario, self._bench
-        hears, emulation = bench.actuator.emulated, bench.emulation
-        seed = secrets.randbits(32) if emulation.seed is None else emulation.seed
-        rig = drawn_rig(scenario, bench, seed, secrets.randbits(32))
-        started: dict[str, EmulatedInstrument] = {}
-        with ExitStack() as links:
-            shown = [table for table in bench.emulated if INSTRUMENTS[table].emulator]
-            ways = {table: links.enter_context(DriveLink.new()) for table in shown if hears}
-            if hears:
-                sinks = [way.sender for way in ways.values()]
-                started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
-                stack.callback(started[RIGS[scenario.rig].actuator].close)
-            for table in shown:
-                heard = Heard(ways[table].receiver, None) if hears else Heard(None, rig.scenario_output)
-                started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
-                stack.callback(started[table].close)
-        return Emulated(started, seed, bool(shown) and not hears)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,3 +120,25 @@ def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> Emulated
         raise LookupError("an encoder needs a shaft")
     setup = encoder_setup(bench.encoder, seed, bench.emulation)
     return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
+
+
+_FIRST: Final = ("driver", "interface")
+
+
+def bench_reaching(bench: Bench, addresses: Mapping[str, str]) -> str:
+    """A bench file in which the emulated instruments of `bench` are real ones at these addresses, by table.
+
+    What the bench says of the others stays as it is.
+    """
+    tables = tables_of(bench)
+    reached = {}
+    for name in bench.instruments:
+        table, here = tables[name], addresses.get(name)
+        if here is not None:
+            # the place before the settings, where a reader looks for it
+            place = loaded(INSTRUMENTS[name].settings).place(here)
+            kept = {key: value for key, value in table.items() if key != "emulated"}
+            head: dict[str, Any] = {key: kept.pop(key) for key in _FIRST if key in kept}
+            table = {**head, **place, **{key: value for key, value in kept.items() if key not in place}}
+        reached[name] = table
+    return toml_of(reached)

@@ -8,7 +8,7 @@ needs no driver, and driving real instruments no emulator.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 from typing import Any, Final
 
@@ -35,7 +35,6 @@ class Actuator:
     per_si: float = 1.0
 
     def highest_of(self, settings: Any) -> float:
-        """The bound that the settings set, in the operator's unit."""
         return float(getattr(settings, self.highest)) * self.per_si
 
 
@@ -43,8 +42,11 @@ class Actuator:
 class Instrument:
     """One table of a bench; `word` names the instrument for people.
 
-    `settings` is the class that the table is read into, `drivers` make a device of them, by the key `driver`.
-    Where it shows what the rig does, `emulator(bench, rig, seed, heard)` starts an emulated one.
+    `settings` is the class that the table is read into, by `reader(table, key, faults)` where there is more
+    to it than its keys; `left_open` is what the table of an emulated one may leave open. `drivers` make a
+    device of the settings, by the key `driver`. Where it shows what the rig does,
+    `emulator(bench, rig, seed, heard)` starts an emulated one. `logs`: its driver is a
+    `drivers.protocols.instrument.Logger`, which any rig's bench may have beside the card.
     """
 
     word: str
@@ -52,9 +54,11 @@ class Instrument:
     drivers: Mapping[str, str]
     actuator: Actuator | None = None
     emulator: str = ""
+    reader: str = ""
+    left_open: Mapping[str, Any] = field(default_factory=dict)
+    logs: bool = False
 
     def driver_of(self, settings: Any) -> Any:
-        """The class of the driver that settings ask for."""
         return loaded(self.drivers[settings.driver])
 
 
@@ -88,15 +92,18 @@ _OWN: Final = {
     ),
     "daq_card": Instrument(
         "card",
-        "rig.files.bench:DaqCard",
+        "drivers.ni_daq.channels:CardSettings",
         {"nidaqmx": "drivers.ni_daq.card:NiDaqCard"},
         emulator="rig.emulation:card",
+        reader="rig.files.channels:read_card",
     ),
     "encoder": Instrument(
         "encoder",
         "drivers.canopen_cia406.settings:EncoderSettings",
         {"canopen_cia406": "drivers.canopen_cia406.encoder:CanopenEncoder"},
         emulator="rig.emulation:encoder",
+        reader="rig.files.encoder:read_encoder",
+        left_open={"interface": "socketcand", "channel": "can0", "node": 7},
     ),
 }
 INSTRUMENTS: Final = OpenTable(_OWN, "rattle.instruments", Instrument)

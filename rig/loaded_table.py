@@ -15,11 +15,6 @@ def loaded(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def place_of(named: type[Any]) -> str:
-    """Where a class stands, so that another process can load it."""
-    return f"{named.__module__}:{named.__qualname__}"
-
-
 class LoadedTable(Mapping[str, T], Generic[T]):
     """Entries by name, each given by its place; the names are known without importing anything."""
 

@@ -9,7 +9,7 @@ from daq.signals.running_figures import warm_up
 from rig.files.scenario import load_scenario
 from rig.twin.scenario_twin import twin_of
 from sim_twin.ensembles.clean_samples import clean_samples
-from sim_twin.ensembles.variant import Variant
+from sim_twin.ensembles.simulate import Variant
 from sim_twin.sensors import oversampling
 
 _SAMPLES = 64

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.canopen_cia406.objects import SCALING
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
-from drivers.mitsubishi_fr.emulator.matching import matching_setup
+from drivers.mitsubishi_fr.emulator.process import matching_setup
 from drivers.mitsubishi_fr.settings import InverterSettings
 from rig.files.bench import Emulation
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock
-from daq.log.reader import Origin
 from daq.log.records import ClockRecord, Event, Gap, Impact
+
+if TYPE_CHECKING:
+    from daq.log.reader import Origin  # the twin, which sends blocks, reads no log
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +52,42 @@ class Stream(list[Consumer]):
     def __call__(self, record: Record) -> None:
         for consume in self:
             consume(record)
+
+
+class LastSeconds:
+    """Blocks of one channel that reach back `seconds`; samples that never came are NaN."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._blocks: deque[SampleBlock] = deque()
+
+    def add(self, block: SampleBlock) -> None:
+        """Append a block and forget what is too old; a block that goes back in time starts afresh."""
+        if self._blocks and block.first_sample < self._blocks[-1].end_sample:
+            self._blocks.clear()
+        self._blocks.append(block)
+        oldest = block.end_sample - round(self._seconds * block.sample_rate)
+        while self._blocks[0].end_sample <= oldest:
+            self._blocks.popleft()
+
+    @property
+    def first_sample(self) -> int:
+        """Index of the oldest sample kept; 0 where there is none."""
+        return self._blocks[0].first_sample if self._blocks else 0
+
+    @property
+    def end_sample(self) -> int:
+        """Index after the newest sample; 0 where there is none."""
+        return self._blocks[-1].end_sample if self._blocks else 0
+
+    def between(self, first: int, end: int) -> NDArray[np.floating]:
+        """Samples `first` up to `end` (excluded), shape (end - first,); NaN where none is kept."""
+        wide = self._blocks[-1].values.dtype if self._blocks else np.float32
+        values = np.full(max(end - first, 0), np.nan, dtype=wide)
+        for block in self._blocks:
+            low, high = max(block.first_sample, first), min(block.end_sample, end)
+            if low < high:
+                values[low - first : high - first] = block.values[
+                    low - block.first_sample : high - block.first_sample
+                ]
+        return values

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any, Protocol
 
 from daq.errors import RattleError
@@ -38,11 +37,9 @@ class Task(Protocol):
 
     def prepare(self) -> None:
         """Compile, warm up: whoever waits for the worker waits for this."""
-        ...
 
     def run(self, items: Iterator[Any], send: Callable[[object], None]) -> None:
         """Work on what is handed over, until that ends; `send` gives results."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +60,7 @@ class WorkerProcess:
     """
 
     def __init__(
-        self,
-        name: str,
-        task: Task,
-        deliver: Callable[[Any], None],
-        queue_items: int = QUEUE_ITEMS,
+        self, name: str, task: Task, deliver: Callable[[Any], None], queue_items: int = QUEUE_ITEMS
     ) -> None:
         self._name, self._task = name, task
         self._deliver = deliver
@@ -86,9 +79,7 @@ class WorkerProcess:
             thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -157,15 +148,12 @@ class WorkerProcess:
         with suppress(OSError):  # the receiver says what went wrong there
             batch: list[object] = []
             while not batch or batch[-1] is not None:
-                batch = self._waiting()
-                self._child.pipe.send(batch)
+                batch = [self._outbox.get()]
+                with suppress(queue.Empty):
+                    while batch[-1] is not None and len(batch) < _BATCH:
+                        batch.append(self._outbox.get_nowait())
 
-    def _waiting(self) -> list[object]:
-        batch = [self._outbox.get()]
-        with suppress(queue.Empty):
-            while batch[-1] is not None and len(batch) < _BATCH:
-                batch.append(self._outbox.get_nowait())
-        return batch
+                self._child.pipe.send(batch)
 
     def _receive(self) -> None:
         try:
@@ -184,7 +172,6 @@ class WorkerProcess:
 
 
 def _work(pipe: Connection, task: Task) -> None:
-    """In the process."""
     try:
         task.prepare()
         pipe.send(_Ready())

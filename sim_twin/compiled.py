@@ -43,8 +43,9 @@ def _digest_of(module: str) -> str:
 def _source_of(module: str) -> str:
     *folders, name = module.split(".")[1:] or ["__init__"]
     place = files("sim_twin").joinpath(*folders)
-    package = place.joinpath(name)
-    return (package / "__init__.py" if package.is_dir() else place / f"{name}.py").read_text("utf-8")
+    # as an import would: a folder of that name may be what an older version left behind
+    alone = place / f"{name}.py"
+    return (alone if alone.is_file() else place / name / "__init__.py").read_text("utf-8")
 
 
 class _StampedByItsSources:
@@ -75,19 +76,20 @@ class InTheUsersCache(_StampedByItsSources, UserWideCacheLocator):
     """Keeps the machine code in the user's cache folder, where the sources may not be written to."""
 
 
-def _locators() -> str:
-    ours = [f"{__name__}.{kind.__name__}" for kind in (InAGivenFolder, BesideTheSource, InTheUsersCache)]
-    numbas = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator", "IPythonCacheLocator")
-    return ",".join([*ours, *numbas])
-
-
 if not getattr(config, "CACHE_LOCATOR_CLASSES", ""):
-    setattr(config, "CACHE_LOCATOR_CLASSES", _locators())  # noqa: B010 - not in its stubs
+    _ours = [f"{__name__}.{kind.__name__}" for kind in (InAGivenFolder, BesideTheSource, InTheUsersCache)]
+    _numbas = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator"
+    setattr(config, "CACHE_LOCATOR_CLASSES", ",".join([*_ours, _numbas]))  # noqa: B010 - not in its stubs
 
 
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel, to be called from Python or from other kernels."""
     return cast(Callable[P, T], njit(**_OPTIONS)(function))
+
+
+def strict(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile a kernel that rounds just as it is written. Nothing in it may allocate."""
+    return cast(Callable[P, T], njit(**{**_UNCOUNTED, "fastmath": False})(function))
 
 
 def inlined(function: Callable[P, T]) -> Callable[P, T]:
@@ -106,3 +108,21 @@ def allocation_free(function: Callable[P, T]) -> Callable[P, T]:
 def allocation_free_inlined(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a piece of such a kernel into whatever calls it."""
     return cast(Callable[P, T], njit(**_UNCOUNTED, inline="always")(function))
+
+
+# All of fast arithmetic but the promises that there is no infinity and no NaN: the integrator looks for them.
+_ARITHMETIC = {"reassoc", "contract", "arcp", "nsz", "afn"}
+_UNCHECKED: dict[str, Any] = {"fastmath": _ARITHMETIC, "_nrt": False, "error_model": "numpy"}
+
+
+def mechanical(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile a kernel without reference counting or exceptions."""
+    return cast(Callable[P, T], njit(**_UNCHECKED, cache=True)(function))
+
+
+def generic(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile a kernel that takes other kernels anew into every caller.
+
+    Not cached itself: what a rig compiles with its own functions is.
+    """
+    return cast(Callable[P, T], njit(**_UNCHECKED, forceinline=True)(function))

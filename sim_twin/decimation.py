@@ -1,11 +1,11 @@
-"""Filters finely sampled signals and keeps every n-th sample: only what is kept is computed."""
+"""Filters finely sampled signals: what keeps every n-th sample computes only those; recursive filters."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.compiled import allocation_free
+from sim_twin.compiled import allocation_free, strict
 from sim_twin.vector import LANES, fused, load, pick, spread
 
 Array = NDArray[np.float64]
@@ -38,3 +38,17 @@ def _sums(samples: Array, weights: Array, factor: int, kept: Array) -> None:
         total = (one + two) + (three + four)
         left = (pick(total, 0) + pick(total, 1)) + (pick(total, 2) + pick(total, 3))
         kept[k] = left + ((pick(total, 4) + pick(total, 5)) + (pick(total, 6) + pick(total, 7)))
+
+
+# The same bits as scipy.signal.lfilter.
+@strict
+def second_order(b: Array, a: Array, x: Array, state: Array, y: Array) -> None:
+    """Filter `x` into `y`, both (n,), by b/a of shape (3,), a[0] = 1; `state`, (2,), goes on."""
+    b0, b1, b2, a1, a2 = b[0], b[1], b[2], a[1], a[2]
+    one, two = state[0], state[1]
+    for n in range(x.size):
+        now = one + b0 * x[n]
+        one = two + x[n] * b1 - now * a1
+        two = x[n] * b2 - now * a2
+        y[n] = now
+    state[0], state[1] = one, two

@@ -1,25 +1,71 @@
-"""What healthy rigs may differ by: tolerances by name, and rigs drawn within them."""
+"""What healthy rigs may differ by: tolerances by name, rigs drawn within them, what a calibration found."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.matched import Matched, MatchedTwin
 from sim_twin.sensors import SensorChain
-from sim_twin.twin import AnyTwin, Twin
+from sim_twin.twin import AnyTwin, DriveT, Place, RigT, Twin, changed, part_of
 
 Array = NDArray[np.float64]
-Place: TypeAlias = tuple[str, ...]
-"""Attributes, keys and positions that lead from a twin to one of its numbers."""
 _GAIN, _SKEW = 0.005, 2e-6
 _LEAST_SHARE = 0.05
 """Of a number that cannot be negative; the bell curve of a damping would reach below zero."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matched:
+    """Tolerances in `names` are normal, with `mean` (n,) and `covariance` (n, n) in their own deviations.
+
+    Before anything is known, means are 0 and the covariance is the identity.
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    covariance: Array
+
+    @property
+    def deviation(self) -> Array:
+        """Of each tolerance, shape (n,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def mean_of(self, name: str) -> float:
+        """Where the tolerance `name` lies; 0 for one that was not looked at."""
+        return float(self.mean[self.names.index(name)]) if name in self.names else 0.0
+
+    def only(self, names: Sequence[str]) -> Matched:
+        """The same for those of `names` that it knows."""
+        kept = [k for k, name in enumerate(self.names) if name in names]
+        held = tuple(self.names[k] for k in kept)
+        return Matched(held, self.mean[kept], self.covariance[np.ix_(kept, kept)])
+
+    def centred(self) -> Matched:
+        """What is still open once the means are in."""
+        return replace(self, mean=np.zeros_like(self.mean))
+
+    def placed(self, names: Sequence[str], normals: Array) -> Array:
+        """Where the tolerances `names` lie for independent standard `normals` (n,); others stay there."""
+        places = normals.copy()
+        held = [names.index(name) for name in self.names if name in names]
+        here = self.only(names)
+        values, vectors = np.linalg.eigh(here.covariance)
+        # the symmetric root: what is not known is drawn as if without the covariance
+        root = np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+        places[held] = here.mean + root @ normals[held]
+        return places
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedTwin(Twin[RigT, DriveT], Generic[RigT, DriveT]):
+    """A twin that was matched to its rig; `known` is what that has left open of its tolerances."""
+
+    known: Matched = field(default_factory=lambda: Matched((), np.zeros(0), np.zeros((0, 0))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +91,10 @@ class Tolerance:
 
     def value(self, twin: AnyTwin) -> float:
         """The number in `unit` that `twin` has."""
-        return float(_found(twin, self.place))
+        number: Any = twin
+        for name in self.place:
+            number = part_of(number, name)
+        return float(number)
 
 
 def factor(
@@ -65,7 +114,7 @@ def factor(
 
 
 def shift(
-    name: str, deviation: float, unit: str, place: str, low: float = -np.inf, high: float = np.inf
+    name: str, deviation: float, unit: str, place: str | Place, low: float = -np.inf, high: float = np.inf
 ) -> Tolerance:
     """A tolerance by which the number at `place` is shifted, staying between `low` and `high`."""
     change = partial(_shifted, _place(place), low, high)
@@ -75,20 +124,12 @@ def shift(
 def of_sensors(twin: AnyTwin, gains: Mapping[str, float] | None = None) -> tuple[Tolerance, ...]:
     """Gain (0.5 %, or the channel's deviation in `gains`) and time (2 us) of every analog chain."""
     deviations = gains or {}
-    analog = [
-        name for name in twin.channels if isinstance(twin.sensors.get(name, SensorChain()), SensorChain)
-    ]
-    return tuple(each for name in analog for each in (_gain(name, deviations.get(name, _GAIN)), _time(name)))
-
-
-def _gain(channel: str, deviation: float) -> Tolerance:
-    return factor(f"{channel}.gain", deviation, "", ("sensors", channel, "gain"))
-
-
-def _time(channel: str) -> Tolerance:
-    place = ("sensors", channel, "skew")
-    change = partial(_shifted, place, -np.inf, np.inf)
-    return Tolerance(f"{channel}.time", _SKEW, "s", place, change, relative=False)
+    found: list[Tolerance] = []
+    for name in twin.channels:
+        if isinstance(twin.sensors.get(name, SensorChain()), SensorChain):
+            found.append(factor(f"{name}.gain", deviations.get(name, _GAIN), "", ("sensors", name, "gain")))
+            found.append(shift(f"{name}.time", _SKEW, "s", ("sensors", name, "skew")))
+    return tuple(found)
 
 
 def drawn(
@@ -132,40 +173,13 @@ def _place(place: str | Place) -> Place:
     return tuple(place.split(".")) if isinstance(place, str) else place
 
 
-def _found(whole: Any, place: Place) -> Any:
-    for name in place:
-        whole = _part(whole, name)
-    return whole
-
-
-def _part(whole: Any, name: str) -> Any:
-    if isinstance(whole, Mapping):
-        return whole[name]
-    return whole[int(name)] if isinstance(whole, tuple) else getattr(whole, name)
-
-
-def _changed(whole: Any, place: Place, new: Callable[[float], float]) -> Any:
-    """`whole` with the number at `place` made new; what is None there stays so."""
-    name, *rest = place
-    old = _part(whole, name)
-    if old is None:
-        return whole
-    part = _changed(old, tuple(rest), new) if rest else float(new(old))
-    if isinstance(whole, Mapping):
-        return {**whole, name: part}
-    if isinstance(whole, tuple):
-        at = int(name)
-        return (*whole[:at], part, *whole[at + 1 :])
-    return replace(whole, **{name: part})
-
-
 def _multiplied(powers: Mapping[Place, int], twin: AnyTwin, offset: float) -> AnyTwin:
     by = max(1 + offset, _LEAST_SHARE)
     for place, power in powers.items():
-        twin = _changed(twin, place, lambda old, power=power: old * by**power)  # type: ignore[misc]
+        twin = changed(twin, place, lambda old, power=power: float(old * by**power))  # type: ignore[misc]
     return twin
 
 
 def _shifted(place: Place, low: float, high: float, twin: AnyTwin, offset: float) -> AnyTwin:
-    shifted: AnyTwin = _changed(twin, place, lambda old: min(max(old + offset, low), high))
+    shifted: AnyTwin = changed(twin, place, lambda old: float(min(max(old + offset, low), high)))
     return shifted

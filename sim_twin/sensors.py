@@ -1,6 +1,7 @@
 """Measuring chains and what can be wrong with them: from the finely sampled truth to channel samples.
 
-What filters take is imported where they are made: a process that only checks a scenario needs none.
+What filters take is imported where they are made: a process that only checks a scenario needs none, and
+scipy.signal (half a second of processor time, for it loads most of scipy) only a chain with corners.
 
 Analog: true signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay,
 decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one
@@ -10,7 +11,7 @@ filter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +69,8 @@ def anti_alias_taps(factor: int, delay: float) -> Array:
     `delay` in fine samples, -0.5 to 0.5, beyond the centre tap. The number of taps is odd; taps - 1 is a
     multiple of 2 `factor`. Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5).
     """
-    from scipy import signal
-
-    count, beta = signal.kaiserord(_ATTENUATION_DB + 2, 2 * (_STOP - _PASS) / factor)
+    attenuation, width = _ATTENUATION_DB + 2, 2 * (_STOP - _PASS) / factor
+    count, beta = np.ceil((attenuation - 7.95) / 2.285 / (np.pi * width) + 1), 0.1102 * (attenuation - 8.7)
     half = factor * int(np.ceil(count / 2 / factor))
     k = np.arange(-half, half + 1) - delay
     cutoff = (_PASS + _STOP) / factor
@@ -97,8 +97,8 @@ class SensorStream:
         self._reach = half + max(0, whole)
         self._offset = self._reach - half - whole
         self._fine = np.zeros(self._reach)
-        self._low_pass = _butterworth(chain.bandwidth_corner, fine_rate)
-        self._high_pass = _high_pass(chain.droop_corner, sample_rate)
+        self._low_pass = _butterworth(2, chain.bandwidth_corner, "lowpass", fine_rate)
+        self._high_pass = _butterworth(1, chain.droop_corner, "highpass", sample_rate)
 
     def push(self, fine: Array) -> None:
         """Take the next fine samples."""
@@ -115,10 +115,9 @@ class SensorStream:
         filtered = decimated(segment, self._taps, self._factor, count)
         self._fine = self._fine[count * self._factor :]
         samples = self._chain.gain * self._high_pass(filtered)
-        return samples if self._rng is None else self._digitise(samples, self._rng)
-
-    def _digitise(self, samples: Array, rng: np.random.Generator) -> Array:
-        noisy = samples + self._chain.noise * rng.standard_normal(len(samples))
+        if self._rng is None:
+            return samples
+        noisy = samples + self._chain.noise * self._rng.standard_normal(len(samples))
         step = self._chain.full_scale / 2**23
         return np.asarray(np.round(noisy / step) * step)
 
@@ -156,45 +155,56 @@ def sensor_stream(
 
 
 class LinearFilter:
-    """A recursive filter with memory; starts at rest."""
+    """A recursive filter of up to second order with memory; starts at rest."""
 
     def __init__(self, b: Array, a: Array) -> None:
-        self._b, self._a = b, a
-        self._state = np.zeros(max(len(a), len(b)) - 1)
+        self._passes = len(a) == len(b) == 1
+        self._b, self._a = (np.pad(each / a[0], (0, 3 - len(each))) for each in (b, a))
+        self._state = np.zeros(2)
 
     def __call__(self, x: Array) -> Array:
         """Filter the next samples, shape (n,) to (n,)."""
-        if len(self._state) == 0:
+        if self._passes:
             return x
-        from scipy import signal
 
-        y, self._state = signal.lfilter(self._b, self._a, x, zi=self._state)
-        return np.asarray(y)
+        from sim_twin.decimation import second_order
+
+        y = np.empty(len(x))
+        second_order(self._b, self._a, np.ascontiguousarray(x, np.float64), self._state, y)
+        return y
+
+
+def oscillator(
+    omega: float, decay: float, B: float, C: tuple[float, float], D: float, rate: float
+) -> LinearFilter:
+    """C (x, x') + D u of x'' + `decay` x' + `omega`^2 x = B u, exact for u that is linear between samples.
+
+    By the exponential of motion, u and its slope together (Franklin, Powell and Workman, Digital Control of
+    Dynamic Systems, 3rd edition, pages 204-206).
+    """
+    from scipy.linalg import expm
+
+    together = np.zeros((4, 4))
+    together[:2, :3] = np.array([[0.0, 1.0, 0.0], [-(omega**2), -decay, B]]) * (1 / rate)
+    together[2, 3] = 1.0
+    turn, row = expm(together), np.array([C])
+    A, slope = turn[:2, :2], turn[:2, 3:]
+    column, direct = turn[:2, 2:3] - slope + A @ slope, D + (row @ slope)[0, 0]
+    denominator = np.asarray(np.poly(A), np.float64)
+    return LinearFilter(np.poly(A - column @ row) + (direct - 1) * denominator, denominator)
 
 
 def resonance(frequency: float, damping_ratio: float, rate: float) -> LinearFilter:
     """One mode, gain 1 at low frequency, exact for inputs that are linear between samples."""
-    from scipy import signal
-
     omega = 2 * np.pi * frequency
-    A = np.array([[0.0, 1.0], [-(omega**2), -2 * damping_ratio * omega]])
-    B, C, D = np.array([[0.0], [omega**2]]), np.array([[1.0, 0.0]]), np.zeros((1, 1))
-    A, B, C, D, _ = signal.cont2discrete((A, B, C, D), 1 / rate, method="foh")
-    numerator, denominator = signal.ss2tf(A, B, C, D)
-    return LinearFilter(numerator[0], denominator)
+    return oscillator(omega, 2 * damping_ratio * omega, omega**2, (1.0, 0.0), 0.0, rate)
 
 
-def _butterworth(corner: float | None, rate: float) -> LinearFilter:
+def _butterworth(
+    order: int, corner: float | None, kind: Literal["lowpass", "highpass"], rate: float
+) -> LinearFilter:
     if corner is None:
         return LinearFilter(np.ones(1), np.ones(1))
     from scipy import signal
 
-    return LinearFilter(*signal.butter(2, corner, fs=rate))
-
-
-def _high_pass(corner: float | None, rate: float) -> LinearFilter:
-    if corner is None:
-        return LinearFilter(np.ones(1), np.ones(1))
-    from scipy import signal
-
-    return LinearFilter(*signal.butter(1, corner, "highpass", fs=rate))
+    return LinearFilter(*signal.butter(order, corner, kind, fs=rate))

@@ -78,29 +78,21 @@ class TwinStream:
         Raises SimulationFailed where the motion cannot be computed any further.
         """
         self._delivered += count
-        steps = self._delivered * self._factor + self._lookahead - self._steps
-        if steps > 0:
-            self._extend(steps)
+        end = self._delivered * self._factor + self._lookahead
+        while self._steps < end:
+            while self._pending and self._pending[0][0] <= self._steps:
+                self._truth.change_drive(*self._pending.pop(0)[1:])
+            stop = min(end, self._pending[0][0]) if self._pending else end
+            fine = self._truth.advance(stop - self._steps)
+            status = self._truth.status
+            if status is not Status.COMPLETED:
+                what = f"the twin stopped after {self._steps / (self.sample_rate * self._factor):.6g} s"
+                raise SimulationFailed(what, status.advice, status)
+            for chain, row in zip(self._chains, fine, strict=True):
+                chain.push(row)
+            self._steps = stop
         return np.array([chain.pull(count) for chain in self._chains])
 
     def shape(self) -> tuple[float, Array]:
         """Time (s) of the present state, and what a picture of the rig needs of it."""
         return self._steps / (self.sample_rate * self._factor), self._truth.shape()
-
-    def _extend(self, steps: int) -> None:
-        end = self._steps + steps
-        while self._steps < end:
-            while self._pending and self._pending[0][0] <= self._steps:
-                self._truth.change_drive(*self._pending.pop(0)[1:])
-            stop = min(end, self._pending[0][0]) if self._pending else end
-            self._simulate(stop - self._steps)
-
-    def _simulate(self, steps: int) -> None:
-        fine = self._truth.advance(steps)
-        status = self._truth.status
-        if status is not Status.COMPLETED:
-            what = f"the twin stopped after {self._steps / (self.sample_rate * self._factor):.6g} s"
-            raise SimulationFailed(what, status.advice, status)
-        for chain, row in zip(self._chains, fine, strict=True):
-            chain.push(row)
-        self._steps += steps

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
 from sim_twin.sensors import Sensor
@@ -50,3 +50,27 @@ class Twin(Generic[RigT, DriveT]):
 
 
 AnyTwin: TypeAlias = Twin[Any, Any]
+Place: TypeAlias = tuple[str, ...]
+"""Attributes, keys and positions that lead from a twin to one of its numbers."""
+
+
+def part_of(whole: Any, name: str) -> Any:
+    """The part of a dataclass, mapping or tuple under one step of a place."""
+    if isinstance(whole, Mapping):
+        return whole[name]
+    return whole[int(name)] if isinstance(whole, tuple) else getattr(whole, name)
+
+
+def changed(whole: Any, place: Place, new: Callable[[Any], Any]) -> Any:
+    """`whole` with what stands at `place` made new; what is None on the way or there stays so."""
+    name, *rest = place
+    old = part_of(whole, name)
+    if old is None:
+        return whole
+    part = changed(old, tuple(rest), new) if rest else new(old)
+    if isinstance(whole, Mapping):
+        return {**whole, name: part}
+    if isinstance(whole, tuple):
+        at = int(name)
+        return (*whole[:at], part, *whole[at + 1 :])
+    return replace(whole, **{name: part})

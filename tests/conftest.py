@@ -35,13 +35,6 @@ _ALONE = (
     "plugin",
 )
 """They have deadlines, or take all cores by themselves."""
-_LONG = (
-    "benchmarks_blind/test_three_campaigns.py",
-    "own_rigs",
-    "rig/live/test_in_viewer.py",
-    "rig/live/test_cranks_in_viewer.py",
-)
-"""Only `scripts/test --all` runs them; of each kind a short one stays with the others."""
 
 
 def pytest_configure() -> None:
@@ -50,11 +43,10 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is run by itself, and what takes long."""
+    """Mark what is run by itself."""
     for item in items:
-        for places, mark in ((_ALONE, pytest.mark.alone), (_LONG, pytest.mark.long)):
-            if any(item.path.is_relative_to(_TESTS / place) for place in places):
-                item.add_marker(mark)
+        if any(item.path.is_relative_to(_TESTS / place) for place in _ALONE):
+            item.add_marker(pytest.mark.alone)
 
 
 class _Held:

@@ -8,7 +8,7 @@ own skew as closely as the marks allow, and the mounting angle that they give te
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, tau
 
@@ -152,7 +152,14 @@ def find_skew(recordings: Sequence[AtMark]) -> Skew | None:
 
     The encoder has to count the way the shaft turns. None where no mark lay within the encoder's readings.
     """
-    dwells = [dwell for at, each in enumerate(recordings) for dwell in _dwells(each, at)]
+    dwells = []
+    for at, marks in enumerate(recordings):
+        # cut where the speed changes; marks that are fewer than a dwell has were passed on a ramp
+        speed = marks.speed_rad_s
+        cuts = np.flatnonzero(np.abs(np.diff(speed)) > _STEADY * np.abs(speed[:-1])) + 1
+        for part in np.split(np.arange(len(speed)), cuts):
+            if len(part) >= _FEWEST_MARKS:
+                dwells.append(_Dwell(at, marks.time_s[part], speed[part], marks.angle_rad[part]))
     if not dwells:
         return None
     every = np.concatenate([dwell.speed_rad_s for dwell in dwells])
@@ -214,11 +221,8 @@ class _Model:
         known[self._place : self._rate] = [each.placed_s for each in recordings]
         known[self._rate : self._rate + count] = _RATE_OFF
         self._design = design
-        self._solve(angle, known)
-
-    def _solve(self, angle: Array, known: Array) -> None:
-        """Least squares with what is known beforehand; columns of nothing unknown drop out."""
-        scaled = self._design * known
+        # least squares with what is known beforehand; columns of nothing unknown drop out
+        scaled = design * known
         freedom = max(len(angle) - int(np.linalg.matrix_rank(scaled)), 1)
         # of a mark's angle about the best fit, rad
         left = angle - scaled @ (np.linalg.pinv(scaled, rcond=1e-12) @ angle)
@@ -252,15 +256,6 @@ class _Model:
         combination = np.zeros(self._design.shape[1])
         combination[list(places)] = 1.0
         return combination
-
-
-def _dwells(marks: AtMark, recording: int) -> Iterator[_Dwell]:
-    """Cut where the speed changes; marks that are fewer than a dwell has were passed on a ramp."""
-    speed = marks.speed_rad_s
-    cuts = np.flatnonzero(np.abs(np.diff(speed)) > _STEADY * np.abs(speed[:-1])) + 1
-    for part in np.split(np.arange(len(speed)), cuts):
-        if len(part) >= _FEWEST_MARKS:
-            yield _Dwell(recording, marks.time_s[part], speed[part], marks.angle_rad[part])
 
 
 def _wrapped(angle: tuple[float, float]) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from math import tau
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle.crank_cycles import MarkerCycles
+from daq.angle.cycles import MarkerCycles
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import LogError
-from daq.formats.boundary import opened
 from daq.formats.contents import (
     RATE_NAMES,
     TIME_NAMES,
@@ -21,6 +20,7 @@ from daq.formats.contents import (
     FileFormat,
     StatedRate,
     TimeAxis,
+    opened,
     time_axis,
 )
 from daq.formats.samples import Scratch, Spooled, precision

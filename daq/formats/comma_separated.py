@@ -13,25 +13,25 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import BinaryIO
 
 import pyarrow as pa
 from pyarrow import csv as arrow
 
 from daq.errors import LogError
 from daq.formats import description
-from daq.formats.boundary import opened
-from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, Warn, time_axis
+from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, Warn, opened, time_axis
 from daq.formats.description import Description
-from daq.formats.impact_table import as_csv, from_csv, impact_path
 from daq.formats.recording import Recording
 from daq.formats.samples import Samples, Scratch
 from daq.formats.tables import (
     TIME,
     TableColumns,
-    TrackTable,
+    as_csv,
     described_table,
     foreign_table,
+    from_csv,
+    impact_path,
     new_files,
     table_paths,
     tables_of,
@@ -58,27 +58,23 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
     with ExitStack() as stack:
         files = new_files(stack, paths)
         for file, table in zip(files, tables, strict=False):
-            _write_table(file, table, recording)
+            head = io.StringIO()
+            head.write(f"{_MARK}{description.encode(recording, table.tracks)}\n")
+            rows = csv.writer(head, lineterminator="\n")
+            rows.writerow([TIME, *(track.name for track in table.tracks)])
+            rows.writerow(["s", *(track.channel.unit for track in table.tracks)])
+            file.write(head.getvalue().encode())
+            kinds = [pa.float64(), *(pa.from_numpy_dtype(track.samples.dtype) for track in table.tracks)]
+            schema = pa.schema([(str(number), kind) for number, kind in enumerate(kinds)])
+            options = arrow.WriteOptions(include_header=False, quoting_style="none")
+            with arrow.CSVWriter(file, schema, write_options=options) as writer:
+                for index, columns in table.batches():
+                    seconds = pa.array(index / table.base.sample_rate)
+                    writer.write_batch(pa.record_batch([seconds, *columns], schema=schema))
         if recording.impacts:
             marked = f"{_IMPACTS_MARK}{description.encode(recording, ())}\n{as_csv(recording.impacts)}"
             files[-1].write(marked.encode())
     return paths
-
-
-def _write_table(file: IO[bytes], table: TrackTable, recording: Recording) -> None:
-    head = io.StringIO()
-    head.write(f"{_MARK}{description.encode(recording, table.tracks)}\n")
-    rows = csv.writer(head, lineterminator="\n")
-    rows.writerow([TIME, *(track.name for track in table.tracks)])
-    rows.writerow(["s", *(track.channel.unit for track in table.tracks)])
-    file.write(head.getvalue().encode())
-    kinds = [pa.float64(), *(pa.from_numpy_dtype(track.samples.dtype) for track in table.tracks)]
-    schema = pa.schema([(str(number), kind) for number, kind in enumerate(kinds)])
-    options = arrow.WriteOptions(include_header=False, quoting_style="none")
-    with arrow.CSVWriter(file, schema, write_options=options) as writer:
-        for index, columns in table.batches():
-            seconds = pa.array(index / table.base.sample_rate)
-            writer.write_batch(pa.record_batch([seconds, *columns], schema=schema))
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,7 +117,11 @@ def functions(file: BinaryIO, scratch: Scratch) -> Iterator[FoundFunction | int]
     Binary samples stay where they are in the file, samples in text go to `scratch`. Raises LogError, and
     what Python raises where a header is no header.
     """
-    while _find_separator(file):
+    while line := file.readline(_LONGEST_LINE):
+        if not line.strip():
+            continue
+        if line.rstrip() != _SEPARATOR:
+            raise LogError(f"no dataset begins at byte {file.tell() - len(line)}")
         line = file.readline(_LONGEST_LINE)
         number = _integer(line[:6], "the number of a dataset")
         if number != 58:
@@ -127,15 +131,6 @@ def functions(file: BinaryIO, scratch: Scratch) -> Iterator[FoundFunction | int]
             yield number
         else:
             yield _function(file, line.decode("ascii", "replace"), scratch)
-
-
-def _find_separator(file: BinaryIO) -> bool:
-    while line := file.readline(_LONGEST_LINE):
-        if line.rstrip() == _SEPARATOR:
-            return True
-        if line.strip():
-            raise LogError(f"no dataset begins at byte {file.tell() - len(line)}")
-    return False
 
 
 def _function(file: BinaryIO, first: str, scratch: Scratch) -> FoundFunction:

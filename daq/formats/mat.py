@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 from daq.errors import LogError, RattleError
 from daq.formats import description
 from daq.formats.arrays import Arrays, vector
-from daq.formats.boundary import new_file, opened
-from daq.formats.contents import Contents, FileFormat, Warn, described_contents
-from daq.formats.impact_table import KINDS, TABLE, columns_of, impacts_of
+from daq.formats.contents import Contents, FileFormat, Warn, described_contents, new_file, opened
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch
+from daq.formats.tables import KINDS, TABLE, columns_of, impacts_of
 
 _MOST_BYTES = (1 << 31) - (1 << 16)
 _LONGEST_NAME = 63

@@ -17,18 +17,29 @@ import pyarrow.parquet as pq
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
-from daq.formats.boundary import opened
-from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, TimeAxis, Warn, time_axis
-from daq.formats.impact_table import KINDS, columns_of, impact_path, impacts_of
+from daq.formats.contents import (
+    TIME_NAMES,
+    TIME_UNITS,
+    Contents,
+    FileFormat,
+    TimeAxis,
+    Warn,
+    opened,
+    time_axis,
+)
 from daq.formats.recording import Recording
 from daq.formats.samples import Scratch
 from daq.formats.tables import (
+    KINDS,
     SAMPLE,
     TIME,
     TableColumns,
     TrackTable,
+    columns_of,
     described_table,
     foreign_table,
+    impact_path,
+    impacts_of,
     new_files,
     table_paths,
     tables_of,
@@ -93,26 +104,24 @@ def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file, pq.ParquetFile(file) as table:
         schema = table.schema_arrow
-        if (described := (schema.metadata or {}).get(_IMPACTS_MARK)) is not None:
+        metadata = schema.metadata or {}
+        if (described := metadata.get(_IMPACTS_MARK)) is not None:
             rest = description.decode(described.decode()).rest
             return Contents((), replace(rest, impacts=impacts_of(table.read().to_pydict())))
-        mark = (schema.metadata or {}).get(_MARK)
-        return _foreign(table, scratch) if mark is None else _described(table, mark.decode(), scratch)
-
-
-def _described(table: pq.ParquetFile, text: str, scratch: Scratch) -> Contents:
-    described = description.decode(text)
-    names = [name for name in table.schema_arrow.names if name != TIME]
-    columns = TableColumns(names, scratch, may_be_empty=True)
-    _read_columns(table, names, columns)
-    found = columns.samples()
-    index = found.pop(SAMPLE)
-    if not len(index):
-        raise LogError("its table is empty")
-    first, last = (int(index.read(at, at + 1)[0]) for at in (0, len(index) - 1))
-    if last - first != len(index) - 1:
-        raise LogError("rows of its table are missing")
-    return described_table(described, found, first)
+        if _MARK not in metadata:
+            return _foreign(table, scratch)
+        own = description.decode(metadata[_MARK].decode())
+        names = [name for name in schema.names if name != TIME]
+        columns = TableColumns(names, scratch, may_be_empty=True)
+        _read_columns(table, names, columns)
+        found = columns.samples()
+        index = found.pop(SAMPLE)
+        if not len(index):
+            raise LogError("its table is empty")
+        first, last = (int(index.read(at, at + 1)[0]) for at in (0, len(index) - 1))
+        if last - first != len(index) - 1:
+            raise LogError("rows of its table are missing")
+        return described_table(own, found, first)
 
 
 def _read_columns(table: pq.ParquetFile, names: list[str], columns: TableColumns) -> None:

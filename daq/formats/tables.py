@@ -6,25 +6,71 @@ and so on.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import csv
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import IO, get_args
+from typing import IO, Any, get_args, get_type_hints
 
 import numpy as np
 import pyarrow as pa
 
 from daq.errors import LogError, RattleError
-from daq.formats.boundary import new_file
-from daq.formats.contents import Column, Contents, TimeAxis, Warn, described_contents
+from daq.formats.contents import Column, Contents, TimeAxis, Warn, described_contents, new_file
 from daq.formats.description import Description
 from daq.formats.recording import Recording, TimeBase, Track
 from daq.formats.samples import Samples, Scratch, ScratchColumn
 from daq.log.reader import Origin
+from daq.log.records import Impact
 
+TABLE = "impacts"
+"""How formats call it: a group, a variable, the end of a file's name."""
+KINDS: Mapping[str, type] = {field.name: get_type_hints(Impact)[field.name] for field in fields(Impact)}
+"""int, float or str of each column, in their order."""
 _ROWS = 1 << 16
 SAMPLE, TIME = "sample", "time"
+
+
+def columns_of(impacts: Sequence[Impact]) -> dict[str, list[Any]]:
+    """The columns, each with a value an impact."""
+    rows = [astuple(impact) for impact in impacts]
+    return {name: [row[number] for row in rows] for number, name in enumerate(KINDS)}
+
+
+def impacts_of(columns: Mapping[str, Iterable[Any]]) -> list[Impact]:
+    """The impacts of such columns; raises LogError where they are no such table."""
+    missing = [name for name in KINDS if name not in columns]
+    if missing:
+        raise LogError(f"its table of impacts has no column {', '.join(missing)}")
+    try:
+        typed = [[kind(value) for value in columns[name]] for name, kind in KINDS.items()]
+        return [Impact(*row) for row in zip(*typed, strict=True)]
+    except (ValueError, TypeError, OverflowError) as error:
+        raise LogError(f"its table of impacts is damaged ({error})") from error
+
+
+def as_csv(impacts: Sequence[Impact]) -> str:
+    """A line of names and a row an impact; floats in the fewest digits that read back as the same float."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(KINDS)
+    rows.writerows(astuple(impact) for impact in impacts)
+    return text.getvalue()
+
+
+def from_csv(text: str) -> list[Impact]:
+    """Read what `as_csv` wrote; raises LogError where it cannot be read."""
+    names, *rows = csv.reader(io.StringIO(text))
+    if any(len(row) != len(names) for row in rows):
+        raise LogError("a row of its table of impacts is cut short")
+    return impacts_of({name: [row[number] for row in rows] for number, name in enumerate(names)})
+
+
+def impact_path(path: Path) -> Path:
+    """The file of the impacts beside that of the samples."""
+    return path.with_name(f"{path.stem}.{TABLE}{path.suffix}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +86,18 @@ class TrackTable:
         """Sample indices and columns, some thousand rows at once; null where a sample is missing."""
         for start in range(self.first, self.end, _ROWS):
             stop = min(start + _ROWS, self.end)
-            yield np.arange(start, stop), [_cells(track, start, stop) for track in self.tracks]
-
-
-def _cells(track: Track, start: int, stop: int) -> pa.Array:
-    low, high = max(start, track.first_sample), min(stop, track.end_sample)
-    values = np.full(stop - start, np.nan, track.samples.dtype)
-    missing = np.ones(stop - start, np.bool_)
-    if low < high:
-        values[low - start : high - start] = track.samples.read(
-            low - track.first_sample, high - track.first_sample
-        )
-    for stretch in track.stretches:
-        missing[max(stretch.first_sample - start, 0) : max(stretch.end_sample - start, 0)] = False
-    return pa.array(values, mask=missing if missing.any() else None, from_pandas=False)
+            columns = []
+            for track in self.tracks:
+                low, high = max(start, track.first_sample), min(stop, track.end_sample)
+                values = np.full(stop - start, np.nan, track.samples.dtype)
+                missing = np.ones(stop - start, np.bool_)
+                if low < high:
+                    read = track.samples.read(low - track.first_sample, high - track.first_sample)
+                    values[low - start : high - start] = read
+                for stretch in track.stretches:
+                    missing[max(stretch.first_sample - start, 0) : max(stretch.end_sample - start, 0)] = False
+                columns.append(pa.array(values, mask=missing if missing.any() else None, from_pandas=False))
+            yield np.arange(start, stop), columns
 
 
 def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:

@@ -19,11 +19,19 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
-from daq.formats.boundary import new_file, readable
-from daq.formats.contents import Column, Contents, FileFormat, StatedRate, Warn, described_contents
-from daq.formats.impact_table import KINDS, TABLE, columns_of, impacts_of
+from daq.formats.contents import (
+    Column,
+    Contents,
+    FileFormat,
+    StatedRate,
+    Warn,
+    described_contents,
+    new_file,
+    readable,
+)
 from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch, precision
+from daq.formats.tables import KINDS, TABLE, columns_of, impacts_of
 from daq.log.reader import Origin
 
 _UNIX_EPOCH_S = 2_082_844_800
@@ -66,8 +74,11 @@ def _properties(track: Track) -> dict[str, Any]:
     waveform: dict[str, Any] = {"unit_string": track.channel.unit, "NI_ChannelName": track.channel.name}
     if track.stretches:
         first = track.stretches[0]
+        seconds, nanoseconds = divmod(first.time_ns, NS_PER_S)
+        # a thousandth of a nanosecond late, so that a reader that cuts off has the same nanosecond
+        fractions = (nanoseconds * 1000 + 1) * _FRACTIONS // (1000 * NS_PER_S)
         waveform |= {
-            "wf_start_time": _timestamp(first.time_ns),
+            "wf_start_time": TdmsTimestamp(seconds + _UNIX_EPOCH_S, fractions),
             "wf_start_offset": 0.0,
             "wf_increment": 1 / first.base.sample_rate,
             "wf_samples": len(track.samples),
@@ -75,22 +86,6 @@ def _properties(track: Track) -> dict[str, Any]:
             "first_sample": track.first_sample,
         }
     return waveform | texts
-
-
-def _timestamp(time_ns: int) -> TdmsTimestamp:
-    seconds, nanoseconds = divmod(time_ns, NS_PER_S)
-    # a thousandth of a nanosecond late, so that a reader that cuts off has the same nanosecond
-    fractions = (nanoseconds * 1000 + 1) * _FRACTIONS // (1000 * NS_PER_S)
-    return TdmsTimestamp(seconds + _UNIX_EPOCH_S, fractions)
-
-
-def _unix_ns(stamp: object) -> int | None:
-    """Time of a stamp; None where there is none: a waveform that nobody gave a start has 1904."""
-    if not isinstance(stamp, TdmsTimestamp) or stamp.seconds <= 0:
-        return None
-    seconds = int(stamp.seconds) - _UNIX_EPOCH_S
-    nanoseconds = (int(stamp.second_fractions) * NS_PER_S + _FRACTIONS // 2) // _FRACTIONS
-    return seconds * NS_PER_S + nanoseconds
 
 
 def read(path: Path, scratch: Scratch) -> Contents:
@@ -102,7 +97,20 @@ def read(path: Path, scratch: Scratch) -> Contents:
             raise LogError("its last segment is cut short")
         if not tdms.groups() and not tdms.properties:
             raise LogError("it holds nothing")
-        return _described(tdms) if _MARK in tdms.properties else _foreign(tdms)
+        if _MARK not in tdms.properties:
+            return _foreign(tdms)
+        groups = {group.name: group for group in tdms.groups()}
+        found: dict[str, Samples] = {
+            f"{name}/{channel.name}": _InTdms(channel)
+            for name, group in groups.items()
+            if name != TABLE
+            for channel in group.channels()
+        }
+        contents = described_contents(description.decode(str(tdms.properties[_MARK])), found)
+        if TABLE not in groups:
+            return contents
+        impacts = impacts_of({channel.name: channel[:] for channel in groups[TABLE].channels()})
+        return replace(contents, rest=replace(contents.rest, impacts=impacts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,20 +136,6 @@ class _InTdms:
             return values.astype(self.dtype)
 
 
-def _described(tdms: TdmsFile) -> Contents:
-    found: dict[str, Samples] = {
-        f"{group.name}/{channel.name}": _InTdms(channel)
-        for group in tdms.groups()
-        if group.name != TABLE
-        for channel in group.channels()
-    }
-    contents = described_contents(description.decode(str(tdms.properties[_MARK])), found)
-    if not any(group.name == TABLE for group in tdms.groups()):
-        return contents
-    impacts = impacts_of({channel.name: channel[:] for channel in tdms[TABLE].channels()})
-    return replace(contents, rest=replace(contents.rest, impacts=impacts))
-
-
 def _foreign(tdms: TdmsFile) -> Contents:
     groups = [group for group in tdms.groups() if group.channels()]
     several = len([group for group in groups if group.name not in get_args(Origin)]) > 1
@@ -160,14 +154,18 @@ def _column(name: str, group: str, channel: Any) -> Column:
     properties: Mapping[str, Any] = channel.properties
     increment = float(properties.get("wf_increment", 0.0))
     start_s = float(properties.get("wf_start_offset", 0.0))
-    start_ns = _unix_ns(properties.get("wf_start_time"))
+    stamp, start_ns = properties.get("wf_start_time"), None
+    # a waveform that nobody gave a start has 1904
+    if isinstance(stamp, TdmsTimestamp) and stamp.seconds > 0:
+        nanoseconds = (int(stamp.second_fractions) * NS_PER_S + _FRACTIONS // 2) // _FRACTIONS
+        start_ns = (int(stamp.seconds) - _UNIX_EPOCH_S) * NS_PER_S + nanoseconds + round(start_s * NS_PER_S)
     return Column(
         name,
         _InTdms(channel),
         next((origin for origin in get_args(Origin) if origin == group), "measured"),
         unit=str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "") or None,
         rate=StatedRate.of_increment(increment, _ULPS * float(np.spacing(increment))) if increment else None,
-        start_ns=None if start_ns is None else start_ns + round(start_s * NS_PER_S),
+        start_ns=start_ns,
         start_s=start_s,
     )
 

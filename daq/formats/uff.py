@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -19,8 +19,16 @@ from urllib.parse import parse_qsl, urlencode
 from daq.block import NS_PER_S, Flag
 from daq.channel import Channel
 from daq.errors import LogError
-from daq.formats.boundary import new_file, readable
-from daq.formats.contents import Column, Contents, FileFormat, StatedRate, described_column, time_axis
+from daq.formats.contents import (
+    Column,
+    Contents,
+    FileFormat,
+    StatedRate,
+    described_column,
+    new_file,
+    readable,
+    time_axis,
+)
 from daq.formats.dataset_58 import (
     HEADER,
     ID_WIDTH,
@@ -48,7 +56,15 @@ _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct",
 
 def write(recording: Recording, path: Path, warn: Callable[[str], None]) -> tuple[Path, ...]:
     """Write the file; warns of what it cannot hold. Raises RattleError."""
-    _warn(recording, warn)
+    warn("uff holds no events, clock records, causes of gaps, nor the scenario: import needs --scenario")
+    if recording.impacts:
+        warn(f"uff holds no impacts: {len(recording.impacts)} of /impact left out")
+    empty = [track.name for track in recording.tracks if not track.stretches]
+    if empty:
+        warn(f"uff holds no channel without samples: {', '.join(empty)} left out")
+    for track in recording.tracks:
+        if len({stretch.flags for stretch in track.stretches}) > 1:
+            warn(f"{track.name}: uff flags a whole unbroken part, not the blocks within it")
     with new_file(path) as file:
         starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
         file.write(run_header(_plain(recording.run_id, ID_WIDTH), _date(min(starts, default=0))))
@@ -81,18 +97,6 @@ def unbroken(track: Track) -> Iterator[Stretch]:
         joined = each
     if joined is not None:
         yield joined
-
-
-def _warn(recording: Recording, warn: Callable[[str], None]) -> None:
-    warn("uff holds no events, clock records, causes of gaps, nor the scenario: import needs --scenario")
-    if recording.impacts:
-        warn(f"uff holds no impacts: {len(recording.impacts)} of /impact left out")
-    empty = [track.name for track in recording.tracks if not track.stretches]
-    if empty:
-        warn(f"uff holds no channel without samples: {', '.join(empty)} left out")
-    for track in recording.tracks:
-        if len({stretch.flags for stretch in track.stretches}) > 1:
-            warn(f"{track.name}: uff flags a whole unbroken part, not the blocks within it")
 
 
 def _function(
@@ -161,8 +165,7 @@ def read(path: Path, scratch: Scratch) -> Contents:
                     notes.append(f"left out: a dataset {found}, which is no time record")
             elif found.function.kind not in _TIME_KINDS or not found.is_real:
                 notes.append(f"left out: {found.function.id_lines[0]}, which is no real function of time")
-            elif fields := _own_fields(found.function):
-                part = _part(found, fields)
+            elif (part := _part(found)) is not None:
                 parts.setdefault((part.origin, part.channel.name), []).append(part)
             else:
                 columns.append(_foreign(found))
@@ -188,14 +191,12 @@ class _Part:
     samples: Samples
 
 
-def _own_fields(function: Function) -> dict[str, str]:
-    """What rattle wrote into the ID lines; empty if another program wrote the dataset."""
-    text = "".join(function.id_lines[at] for at in (1, 3, 4))
+def _part(found: FoundFunction) -> _Part | None:
+    """What rattle wrote into the ID lines besides; None if another program wrote the dataset."""
+    text = "".join(found.function.id_lines[at] for at in (1, 3, 4))
     fields = dict(parse_qsl(text, keep_blank_values=True)) if text.startswith(f"{_MARK}=") else {}
-    return fields if fields.get(_MARK) == "1" else {}
-
-
-def _part(found: FoundFunction, fields: Mapping[str, str]) -> _Part:
+    if fields.get(_MARK) != "1":
+        return None
     channel = Channel.from_metadata(
         fields.get("name", found.function.id_lines[0]), {"unit": found.function.unit, **fields}
     )

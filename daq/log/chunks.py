@@ -24,6 +24,13 @@ MAXIMUM_CHUNK_BYTES = 64 << 20
 """A quarter of a second of 1 000 channels at 51.2 kHz, measured and predicted, fits in."""
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_AHEAD = 4
+_KEPT_BYTES = 16 << 20
+"""What a prediction lags behind its measurement: 2.4 s of 16 channels at 51.2 kHz. Who lags more opens them
+anew. With four times as much a replay takes a fifth longer, since it works in memory that is not cached."""
+_HEAD = struct.Struct("<BQQQQII")
+"""Opcode and length of the record; first and last time, size, checksum, letters of the compression's name."""
+_LENGTH = struct.Struct("<Q")
 
 
 class Place(NamedTuple):
@@ -89,15 +96,6 @@ def _content(chunk: Chunk) -> bytes:
     return data
 
 
-_AHEAD = 4
-_KEPT_BYTES = 16 << 20
-"""What a prediction lags behind its measurement: 2.4 s of 16 channels at 51.2 kHz. Who lags more opens them
-anew. With four times as much a replay takes a fifth longer, since it works in memory that is not cached."""
-_HEAD = struct.Struct("<BQQQQII")
-"""Opcode and length of the record; first and last time, size, checksum, letters of the compression's name."""
-_LENGTH = struct.Struct("<Q")
-
-
 class IndexedChunks:
     """Chunks of a file, each opened once for all passes that are close together.
 
@@ -124,7 +122,14 @@ class IndexedChunks:
 
         Those that may hold messages of these channels (None: of any) in a stretch of log time.
         """
-        wanted = [each for each in self._indexes if _may_hold(each, channel_ids, start_ns, end_ns)]
+        wanted = []
+        for each in self._indexes:
+            early = start_ns is not None and each.message_end_time < start_ns
+            late = end_ns is not None and each.message_start_time > end_ns
+            # A writer may leave out the index of messages: then any channel may be in it.
+            indexed = each.message_index_offsets
+            if channel_ids is None or not indexed or not channel_ids.isdisjoint(indexed):
+                wanted += [] if early or late else [each]
         for number, index in enumerate(wanted):
             for following in wanted[number : number + _AHEAD]:
                 self._open(following)
@@ -155,15 +160,3 @@ def _read(descriptor: int, index: ChunkIndex) -> OpenedChunk:
     data: Any = record[at + _LENGTH.size :][:length]
     compression = bytes(record[_HEAD.size : at]).decode()
     return open_chunk(Chunk(compression, data, end_ns, start_ns, crc, size))
-
-
-def _may_hold(
-    index: ChunkIndex, channel_ids: frozenset[int] | None, start_ns: int | None, end_ns: int | None
-) -> bool:
-    if start_ns is not None and index.message_end_time < start_ns:
-        return False
-    if end_ns is not None and index.message_start_time > end_ns:
-        return False
-    # A writer may leave out the index of messages: then any channel may be in it.
-    indexed = index.message_index_offsets
-    return channel_ids is None or not indexed or not channel_ids.isdisjoint(indexed)

@@ -45,6 +45,8 @@ _FOREIGN_ERRORS = (
 
 _LONGEST_SERIES = 1 << 29
 """Near three hours at 51.2 kHz; a damaged or hostile sample index must not take all memory."""
+CYCLE_PEAK, CYCLE_RMS = "cycle_peak", "cycle_rms"
+CRANK_SPEED = "crank.speed"
 
 
 def begins_as_log(path: Path) -> bool:
@@ -316,3 +318,9 @@ def _join(
         flags |= block.flags
     origin_ns = blocks[0].time_ns - round(blocks[0].first_sample * NS_PER_S / rate)
     return SampleBlock(name, first, origin_ns + round(first * NS_PER_S / rate), rate, values, flags)
+
+
+def derived_name(origin: Origin, name: str, figure: str = "") -> str:
+    """What was measured keeps its name, what was not says whose it is; `figure` is one of its cycles."""
+    whose = name if origin == "measured" else f"{origin}.{name}"
+    return f"{whose}.{figure}" if figure else whose

@@ -11,9 +11,8 @@ from mcap.writer import CompressionType, Writer
 
 from daq.block import NS_PER_S
 from daq.errors import LogError
-from daq.log.codec import decode_block
+from daq.log.codec import decode_block, embedded_schema
 from daq.log.reader import LogReader, Origin
-from daq.log.schema import embedded_schema
 from daq.log.writer import MAXIMUM_CHUNK_AGE_S
 
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))

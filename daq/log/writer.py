@@ -14,8 +14,8 @@ from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.errors import RecorderFailed
 from daq.log import codec
+from daq.log.codec import embedded_schema
 from daq.log.records import ClockRecord, Event, Gap, Impact
-from daq.log.schema import embedded_schema
 
 MAXIMUM_CHUNK_AGE_S = 0.25  # the format's: no crash costs more than what the last chunk holds
 _CHUNK_BYTES = 1 << 20

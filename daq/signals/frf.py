@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.segments import (
+from daq.signals.spectrum import (
     SegmentCutter,
     Segmenting,
     density_scale,

@@ -95,7 +95,7 @@ def contacts_above(
 
     What lasts long is no impact but a preload, a stuck sensor or an offset. The unit need not be N.
     """
-    from daq.signals.contact_scan import ContactScanner
+    from daq.signals.impact_events import ContactScanner
 
     scanner = ContactScanner(levels.released_below_n)
     rows = np.concatenate((scanner.add(force), scanner.finish()))
@@ -107,7 +107,7 @@ def impacts_in(
 ) -> Impacts:
     """Those of the contacts that a `ContactScanner` found, shape (m, 5), that are impacts by `levels`."""
     # The compiler is loaded by what scans; a run that only records needs the levels alone.
-    from daq.signals.contact_scan import END, INDEX, PEAK, START, SUM
+    from daq.signals.impact_events import END, INDEX, PEAK, START, SUM
 
     if not len(rows):
         return no_impacts()

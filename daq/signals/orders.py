@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from daq.errors import UnphysicalParameter
 from daq.signals.even_angles import EvenAngles
-from daq.signals.segments import Segmenting, usable
+from daq.signals.spectrum import Segmenting, usable
 
 _APART = 4.0
 """Bins (1 / turns of a block) that tracked orders must lie apart for the fit to part them."""

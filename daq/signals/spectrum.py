@@ -8,24 +8,117 @@ Welch 1967, doi:10.1109/TAU.1967.1161901.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
 
-from daq.signals.segments import (
-    SegmentCutter,
-    Segmenting,
-    density_scale,
-    line_frequencies,
-    usable,
-    windowed_lines,
-    without_gap,
-)
+from daq.errors import UnphysicalParameter
 
+_FEWEST_SAMPLES = 4
 RESOLUTION_HZ = 2.0
-_FEWEST_SAMPLES = 16
+_SHORTEST_RECORD = 16
+_REFERENCE_HZ = 1000.0
+_NOMINAL = np.array([1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0])
+"""Nominal midband frequencies of a decade (IEC 61260-1:2014)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segmenting:
+    """How a record is cut: `samples` a segment, the share (0 to below 1) by which they overlap, the window.
+
+    `window` is a name that scipy.signal.get_window knows (periodic form), or its weights, shape (samples,).
+    """
+
+    samples: int
+    overlap: float = 0.5
+    window: str | tuple[str, float] | NDArray[np.floating] = "hann"
+
+    def __post_init__(self) -> None:
+        if self.samples < _FEWEST_SAMPLES:
+            raise UnphysicalParameter("segments", "samples", self.samples, f"at least {_FEWEST_SAMPLES}")
+        if not 0 <= self.overlap < 1:
+            raise UnphysicalParameter("segments", "overlap", self.overlap, "0 to below 1")
+        if not isinstance(self.window, str | tuple) and len(self.window) != self.samples:
+            raise UnphysicalParameter(
+                "segments", "weights of the window", len(self.window), f"{self.samples}, one a sample"
+            )
+
+    @property
+    def step(self) -> int:
+        """Samples from the start of one segment to the start of the next."""
+        return self.samples - int(self.overlap * self.samples)
+
+    def weights(self) -> NDArray[np.float64]:
+        """The window, shape (samples,)."""
+        if isinstance(self.window, str | tuple):
+            return _named_window(self.window, self.samples)
+        return np.asarray(self.window, dtype=np.float64)
+
+
+@lru_cache(maxsize=16)
+def _named_window(name: str | tuple[str, float], samples: int) -> NDArray[np.float64]:
+    """Weights by name, read-only: a live view asks for the same ones a hundred times a second."""
+    weights = np.asarray(signal.get_window(name, samples), dtype=np.float64)
+    weights.flags.writeable = False
+    return weights
+
+
+class SegmentCutter:
+    """Cuts blocks of several channels into segments and carries what is left from block to block."""
+
+    def __init__(self, segmenting: Segmenting) -> None:
+        self._samples, self._step = segmenting.samples, segmenting.step
+        self._kept: NDArray[np.float64] | None = None
+
+    def add(self, values: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+        """Segments, shape (channels, samples), that `values`, shape (channels, n), complete."""
+        kept = values if self._kept is None else np.concatenate((self._kept, values), axis=1)
+        count = max((kept.shape[1] - self._samples) // self._step + 1, 0)
+        self._kept = kept[:, count * self._step :].copy()
+        for first in range(0, count * self._step, self._step):
+            # A copy, so that every segment lies in memory in the same way: sums are then equal to the bit.
+            yield kept[:, first : first + self._samples].copy()
+
+
+def usable(values: ArrayLike, flagged: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """A copy of `values`, shape (n,) or (channels, n), as (channels, n), NaN where it must not be used.
+
+    That is where it is not finite or `flagged`, of shape (n,) or (channels, n), is True.
+    """
+    copy = np.array(values, dtype=np.float64, ndmin=2)
+    bad = ~np.isfinite(copy)
+    copy[bad if flagged is None else bad | flagged] = np.nan
+    return copy
+
+
+def windowed_lines(segment: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Fourier lines above 0 Hz of a segment, shape (channels, samples), less its mean, times the window."""
+    centred = segment - segment.mean(axis=1, keepdims=True)
+    return np.asarray(np.fft.rfft(centred * weights, axis=1)[:, 1:])
+
+
+def line_frequencies(samples: int, sample_rate: float) -> NDArray[np.float64]:
+    """Frequencies in Hz of the lines of `windowed_lines`, shape (samples // 2,)."""
+    return np.arange(1, samples // 2 + 1, dtype=np.float64) * (sample_rate / samples)
+
+
+def density_scale(weights: NDArray[np.float64], sample_rate: float) -> NDArray[np.float64]:
+    """What turns the squares of `windowed_lines` into a one-sided density in 1/Hz, shape (samples // 2,).
+
+    A line at half the sampling rate has no mirror below zero and counts once.
+    """
+    frequency = line_frequencies(len(weights), sample_rate)
+    return np.where(frequency < sample_rate / 2, 2.0, 1.0) / (sample_rate * float(np.sum(weights**2)))
+
+
+def without_gap(segment: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which channels of a segment, shape (channels, samples), hold no NaN, shape (channels,)."""
+    return np.asarray(~np.isnan(segment).any(axis=1))
 
 
 class Autospectrum(NamedTuple):
@@ -120,9 +213,9 @@ def autospectrum(
     finite part the record: the longest finite stretch is used. Empty where that has under 16 samples.
     """
     finite = longest_finite(values)
-    if len(finite) < _FEWEST_SAMPLES:
+    if len(finite) < _SHORTEST_RECORD:
         return Autospectrum(np.empty(0), np.empty(0))
-    segment = min(len(finite), max(round(sample_rate / resolution_hz), _FEWEST_SAMPLES))
+    segment = min(len(finite), max(round(sample_rate / resolution_hz), _SHORTEST_RECORD))
     spectrum = averaged_spectrum(finite, sample_rate, Segmenting(segment))
     return Autospectrum(spectrum.frequency_hz, spectrum.density)
 
@@ -150,11 +243,6 @@ def log_bands(spectrum: Autospectrum, bands: int) -> Autospectrum:
         np.bincount(band, frequency, bands)[filled] / count[filled],
         np.bincount(band, density, bands)[filled] / count[filled],
     )
-
-
-_REFERENCE_HZ = 1000.0
-_NOMINAL = np.array([1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0])
-"""Nominal midband frequencies of a decade (IEC 61260-1:2014)."""
 
 
 class ThirdOctaves(NamedTuple):

@@ -21,7 +21,7 @@ from drivers.canopen_cia406.order import most_held
 from drivers.canopen_cia406.settings import EncoderSettings, problems
 from drivers.canopen_cia406.stream import HEARTBEATS_MISSED, PositionStream
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionStatistics
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 
 HEARTBEAT_S = 0.2
 """Three of these are longer than a busy machine stalls, and well within a second."""

@@ -211,12 +211,18 @@ class FrameOrder:
         ):
             self.duplicates += 1
             return []
-        # Its place is gone: what has been handed out cannot be taken back.
+        # Its place is gone: what has been handed out cannot be taken back. One overtaken frame is too late;
+        # a run of them means that the clock was set back.
         if self._last is not None and frame.timestamp_s < self._last.frame.timestamp_s:
-            return self._from_the_past(frame)
-        placed: list[Placed] = []
-        if self._clock_went_ahead(frame):
+            self._past.append(frame)
+            if len(self._past) <= HOLD:
+                return []
+            past, self._past = self._past, []
             placed = self._new_line()
+            for earlier in past:
+                self._hold(earlier)
+            return placed + self._place_ripe()
+        placed = self._new_line() if self._clock_went_ahead(frame) else []
         self._give_up_past()
         self._hold(frame)
         return placed + self._place_ripe()
@@ -228,17 +234,6 @@ class FrameOrder:
         while self._held:
             placed.append(self._place(self._slot()))
         return placed
-
-    def _from_the_past(self, frame: PositionFrame) -> list[Placed]:
-        """One overtaken frame is too late; a run of them means that the clock was set back."""
-        self._past.append(frame)
-        if len(self._past) <= HOLD:
-            return []
-        past, self._past = self._past, []
-        placed = self._new_line()
-        for earlier in past:
-            self._hold(earlier)
-        return placed + self._place_ripe()
 
     def _give_up_past(self) -> None:
         self.late += len(self._past)

@@ -83,15 +83,13 @@ class EncoderSettings:
 
 def problems(settings: EncoderSettings) -> list[Problem]:
     """Return everything that is wrong with the settings themselves."""
+    ms = settings.period_s * 1e3
+    whole_ms = 0.5 < ms < 65535.5 and abs(ms - round(ms)) < 1e-6
     rules = (
         ("interface", settings.interface, bool(settings.interface), "an interface of python-can"),
         ("node", settings.node, 1 <= settings.node <= 127, "1 to 127"),
-        ("period", f"{settings.period_s} s", _whole_ms(settings.period_s), "1 ms to 65535 ms in whole ms"),
+        ("period", f"{settings.period_s} s", whole_ms, "1 ms to 65535 ms in whole ms"),
         ("buffer", f"{settings.buffer_s} s", 0.1 <= settings.buffer_s <= 600.0, "0.1 s to 600 s"),
         ("timeout", f"{settings.timeout_s} s", 0.0 < settings.timeout_s <= 10.0, "up to 10 s"),
     )
     return [Problem(f"encoder.{key}", str(value), allowed) for key, value, good, allowed in rules if not good]
-
-
-def _whole_ms(period_s: float) -> bool:
-    return 0.5e-3 < period_s < 65.5355 and abs(period_s * 1e3 - round(period_s * 1e3)) < 1e-6

@@ -19,7 +19,7 @@ from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import FrameOrder, Placed, PositionFrame
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 
 HEARTBEATS_MISSED = 3
 _ATTENTIVE_S = 0.1

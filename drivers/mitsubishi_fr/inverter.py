@@ -16,7 +16,7 @@ from drivers.mitsubishi_fr.motor import Motor, Notices, OvertakenOrder
 from drivers.mitsubishi_fr.poller import Poller
 from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import MotorState
 
 ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent

@@ -14,7 +14,7 @@ from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import CHECKED, InverterSettings, Parameters
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import MotorState
 
 STEP_S = 1.0  # within it a single message has to be answered

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from daq.errors import InstrumentRefused, Problem
 from daq.quantity import Check, Key, Quantity, Text, Whole
-from drivers.loopback import misplaced
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Block, Register
+from drivers.protocols.instrument import misplaced
 
 if TYPE_CHECKING:
     from drivers.mitsubishi_fr.line import LineSettings

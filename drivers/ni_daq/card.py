@@ -19,10 +19,9 @@ from daq.channel import Channel
 from daq.clock import Clock, SystemClock, wall_less_monotonic_ns
 from daq.errors import ConfigurationError, DeviceLost, InstrumentAbsent, InstrumentRefused, RecorderFailed
 from drivers.ni_daq import session
-from drivers.ni_daq.channels import CardChannel, CardSettings
-from drivers.ni_daq.kinds import INPUTS, described
-from drivers.ni_daq.problems import problems
+from drivers.ni_daq.channels import CardChannel, CardSettings, problems
 from drivers.ni_daq.quality import QualityWatch
+from drivers.ni_daq.sensors import described, known_sensor
 from drivers.ni_daq.survey import Survey, survey
 from drivers.ni_daq.tasks import AnalogTask, CounterTask, give_back
 from drivers.protocols.card import CardReading, Finding
@@ -235,7 +234,7 @@ class NiDaqCard:
         try:
             for channel in channels:
                 with self._translated(f"declaring {channel.name} on {channel.physical} as {channel.kind}"):
-                    INPUTS[channel.input][channel.kind].add(task, channel)
+                    known_sensor(channel).declare(task, channel)
         except BaseException:
             give_back(task)
             raise

@@ -1,28 +1,33 @@
-"""What hangs on the inputs of a card: sensors, the stages behind them, and pulses on its counters."""
+"""What hangs on the inputs of a card: sensors, the stages behind them, pulses; and what of it cannot be."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from typing import Annotated, Any, ClassVar, Literal
 
+from daq.errors import Problem
 from daq.quantity import Check, Depending, Flat, Key, Quantity, Text, Whole, Words
 from drivers.ni_daq.sensing import (
     GAIN,
     INPUT_WORDS,
-    KINDS,
     MEANINGS,
     SENSING_CHECKS,
+    keys_of,
     range_of,
     sensitivity_of,
 )
+from drivers.ni_daq.sensors import SENSORS, Sensor, sensor_of
+from drivers.protocols.instrument import misplaced
 
 _INPUT = re.compile(r"[^/]+/_?(ai|ctr)[0-9]+", re.IGNORECASE)
 
 
+_ADDRESS = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
 _INPUT_TEXT = Text(
     f"an input of the card: {' or '.join(INPUT_WORDS.values())}", r"[A-Za-z0-9_.-]+/(?i:ai|_?ctr)\d{1,3}"
 )
@@ -107,7 +112,7 @@ class CardChannel:
 
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]
     physical: Annotated[str, _INPUT_TEXT]
-    kind: Annotated[str, Words({kind: kind for kind in KINDS})]
+    kind: Annotated[str, Words(SENSORS.keys())]
     sensitivity: Annotated[float, Depending(MEANINGS["sensitivity"], sensitivity_of)] = 1.0
     range: Annotated[float, Depending(MEANINGS["range"], range_of)] = math.inf
     gain: Annotated[float | None, GAIN] = None
@@ -174,16 +179,104 @@ class CardChannel:
         return {name: stage for name, stage in stages.items() if stage is not None}
 
 
+def _reachable(card: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if card["grpc"] is not None and (wrong := misplaced(card["grpc"])):
+        yield "grpc", wrong
+
+
 @dataclass(frozen=True, slots=True)
 class CardSettings:
-    """A card with its channels. `grpc` is `host:port` of a device server, None for this machine's driver.
+    """The table [daq_card] of a bench: a card with its channels.
 
-    `sample_rate_hz` is the rate asked for; `buffer_s` is how long the driver keeps samples that nobody has
-    read, in s.
+    `grpc` is `host:port` of a device server, None for this machine's driver. `buffer_s` is how long the
+    driver keeps samples that nobody has read, in s. `sample_rate_hz` is the rate asked for, by a scenario.
     """
 
-    grpc: str | None
-    sample_rate_hz: float
-    buffer_s: float
-    channels: tuple[CardChannel, ...]
+    driver: Annotated[Literal["nidaqmx"], Key()] = "nidaqmx"
+    grpc: Annotated[str | None, _ADDRESS] = None
+    emulated: Annotated[bool, Key()] = False
+    buffer_s: Annotated[float, Quantity("s", 0.5, 120, key="buffer")] = 10.0
+    channels: tuple[CardChannel, ...] = ()
+    sample_rate_hz: float = 0.0
     name: str = "DAQ card"
+    CHECKS: ClassVar = (Check(("grpc",), _reachable),)
+
+    @staticmethod
+    def place(address: str) -> Mapping[str, Any]:
+        """What the table says of one that is at `address`."""
+        return {"grpc": address}
+
+    def at(self, address: str) -> CardSettings:
+        """The same one, at `address`."""
+        return replace(self, grpc=address)
+
+
+_INPUT_WORDS = {"ai": "an analog input (.../ai0)", "ctr": "a counter (.../ctr0)"}
+_NUMBERS = {"sensitivity": "above 0", "range": "above 0", "gain": "above 0, in V/C"}
+_PULSES = "pulses_per_revolution"
+_ONLY_FOR = {
+    "gain": "a charge_amplifier",
+    "pulses": "a channel on a counter",
+    "amplifier": "a charge_amplifier",
+}
+
+
+def problems(settings: CardSettings) -> list[Problem]:
+    """Return everything that is wrong, at once."""
+    found: list[Problem] = []
+    if not settings.channels:
+        found.append(Problem("channels", "none", "at least one"))
+    elif not any(channel.input == "ai" for channel in settings.channels):
+        found.append(Problem("channels", "counters only", "an analog input too, whose clock samples them"))
+    for key in ("sample_rate_hz", "buffer_s"):
+        if not _positive(getattr(settings, key)):
+            found.append(Problem(key, repr(getattr(settings, key)), "above 0"))
+    for field in ("name", "physical"):
+        counts = Counter(getattr(channel, field) for channel in settings.channels)
+        found += [Problem(f"channels.{field}", text, "only once") for text, n in counts.items() if n > 1]
+    for channel in settings.channels:
+        found += _channel_problems(channel)
+    return found
+
+
+def _channel_problems(channel: CardChannel) -> Iterator[Problem]:
+    key = f"channels[{channel.name}]"
+    sensor = sensor_of(channel)
+    if channel.input not in _INPUT_WORDS:
+        yield Problem(f"{key}.physical", channel.physical, " or ".join(_INPUT_WORDS.values()))
+    elif sensor is None:
+        kinds = ", ".join(name for name, kind in SENSORS.items() if kind.on(channel.input) is not None)
+        yield Problem(f"{key}.kind", channel.kind, f"on {_INPUT_WORDS[channel.input]} one of {kinds}")
+    else:
+        if channel.unit not in sensor.units:
+            yield Problem(f"{key}.unit", channel.unit, f"one of {', '.join(sensor.units)}")
+        for field, value, sound, allowed in _value_rules(channel, sensor):
+            if not sound:
+                yield Problem(f"{key}.{field}", repr(value), allowed)
+
+
+def _value_rules(channel: CardChannel, sensor: Sensor) -> Iterator[tuple[str, object, bool, str]]:
+    """Field, value, whether it may be so, and what it may be."""
+    keys, pulses = keys_of(sensor), channel.pulses
+    yield "excitation_a", channel.excitation_a, _positive(channel.excitation_a), "above 0"
+    yield "pulses", pulses, pulses is not None or _PULSES not in sensor.needs, "pulses of a counter"
+    for field in [each for each in _NUMBERS if each in keys]:
+        value = getattr(channel, field)
+        yield field, value, value is not None and _positive(value), _NUMBERS[field]
+    if pulses is not None:
+        angle, turn = pulses.initial_angle, "0 to below one turn, in rad"
+        yield "pulses.per_revolution", pulses.per_revolution, pulses.per_revolution >= 1, "at least 1"
+        yield "pulses.decoding", pulses.decoding, pulses.decoding in (1, 2, 4), "1, 2 or 4"
+        yield "pulses.initial_angle", angle, 0.0 <= angle < math.tau, turn
+    for name, stage in channel.stages.items():
+        for field in ("corner_hz", "output_v", "order"):
+            value = getattr(stage, field, None)
+            yield f"{name}.{field}", value, value is None or _positive(value), "above 0"
+    takes = {"pulses" if each == _PULSES else each for each in keys}
+    for field, only_for in _ONLY_FOR.items():
+        value = getattr(channel, field)
+        yield field, value, value is None or field in takes, f"only for {only_for}"
+
+
+def _positive(value: float) -> bool:
+    return math.isfinite(value) and value > 0.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag
 from drivers.ni_daq.channels import CardChannel
-from drivers.ni_daq.kinds import ANALOG
+from drivers.ni_daq.sensors import AnalogSensor, sensor_of
 from drivers.protocols.card import Finding
 
 FULL_SCALE = 0.99999  # a 24-bit code at full scale reads a little below the range
@@ -36,11 +36,12 @@ class QualityWatch:
     """Judges block after block of all channels, shape (channels, n), at `sample_rate` Hz."""
 
     def __init__(self, channels: Sequence[CardChannel], sample_rate: float) -> None:
-        kinds = [ANALOG.get(channel.kind) if channel.input == "ai" else None for channel in channels]
+        known = [(row, sensor_of(channel)) for row, channel in enumerate(channels)]
+        analog = [(row, sensor) for row, sensor in known if isinstance(sensor, AnalogSensor)]
         self._channels, self._rate = tuple(channels), sample_rate
         self._limits = np.array([[channel.largest * FULL_SCALE] for channel in channels])
-        self._analog = [row for row, kind in enumerate(kinds) if kind is not None and kind.noisy]
-        self._coupled = [row for row, kind in enumerate(kinds) if kind is not None and kind.ac_coupled]
+        self._analog = [row for row, sensor in analog if sensor.noisy]
+        self._coupled = [row for row, sensor in analog if sensor.ac_coupled]
         self._rows = [_Row() for _ in channels]
         self._raised: set[tuple[str, str]] = set()
 

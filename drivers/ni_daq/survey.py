@@ -11,7 +11,7 @@ from nidaqmx.error_codes import DAQmxErrors
 from nidaqmx.errors import DaqError
 
 from drivers.ni_daq.channels import CardChannel
-from drivers.ni_daq.kinds import ANALOG
+from drivers.ni_daq.sensors import known_sensor
 from drivers.ni_daq.session import UNSUPPORTED
 
 _OFFERS = {"ai": "ai_physical_chans", "ctr": "ci_physical_chans"}
@@ -63,7 +63,7 @@ def read_sheet(device: Any, channel: CardChannel, new_task: Callable[[], Any]) -
         if error.error_code in UNREADABLE:
             return DataSheet(0, fault=_line(error))
         raise
-    ask = ANALOG[channel.kind].sheet
+    ask = known_sensor(channel).sheet
     if ask is None:
         return DataSheet(serial)
     try:

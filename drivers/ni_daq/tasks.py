@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S
 from drivers.ni_daq.channels import CardChannel
-from drivers.ni_daq.kinds import ANALOG, COUNTERS
+from drivers.ni_daq.sensors import CounterSensor, Decoder, known_sensor
 
 _STAMP_WAIT_S = 0.1
 """How long the stamp of the first sample may take; until it is there nothing is read."""
@@ -26,7 +26,7 @@ class AnalogTask:
 
     def __init__(self, task: Any, channels: Sequence[CardChannel], buffer_s: float) -> None:
         self._task, self._buffer_s = task, buffer_s
-        self._scales = np.array([[ANALOG[channel.kind].scale(channel) or 1.0] for channel in channels])
+        self._scales = np.array([[known_sensor(channel).scale(channel) or 1.0] for channel in channels])
         self._raw: NDArray[np.float64] = np.empty((len(channels), 0))
         self._reader = AnalogMultiChannelReader(task.in_stream)
         self._reader.verify_array_shape = False  # it would cost a call for each read
@@ -111,12 +111,12 @@ class CounterTask:
 
     def __init__(self, task: Any, channel: CardChannel) -> None:
         self._task, self.channel = task, channel
-        self._kind = COUNTERS[channel.kind]
-        self._decode = self._kind.decoder(channel)
-        self._raw: NDArray[Any] = np.empty(0, dtype=self._kind.dtype)
+        self._sensor: CounterSensor = known_sensor(channel)
+        self._decode: Decoder = self._sensor.decoder(channel)
+        self._raw: NDArray[Any] = np.empty(0, dtype=self._sensor.dtype)
         reader = CounterReader(task.in_stream)
         reader.verify_array_shape = False
-        self._read = getattr(reader, self._kind.read)
+        self._read = getattr(reader, self._sensor.read)
 
     def follow(self, clock: str, rate_hz: float, buffer_s: float) -> None:
         """Be sampled by the terminal `clock`, which runs at `rate_hz`."""
@@ -130,7 +130,7 @@ class CounterTask:
 
     def start(self) -> None:
         """Arm; counting from now on, samples with the clock's first edge."""
-        self._decode = self._kind.decoder(self.channel)
+        self._decode = self._sensor.decoder(self.channel)
         self._task.start()
 
     def stop(self) -> None:
@@ -143,7 +143,7 @@ class CounterTask:
     def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
         """Return the next samples in the channel's unit, shape (n,); n < `count` where it fell behind."""
         if len(self._raw) != count:
-            self._raw = np.empty(count, dtype=self._kind.dtype)
+            self._raw = np.empty(count, dtype=self._sensor.dtype)
         return self._decode(self._raw[: self._read(self._raw, count, timeout_s)])
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag
 from daq.channel import Channel
-from drivers.protocols.actuator import ActuatorOutput
+from drivers.protocols.instrument import ActuatorOutput
 
 Output_contra = TypeVar("Output_contra", bound=ActuatorOutput, contravariant=True)
 

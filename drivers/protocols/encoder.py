@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.block import Flag
-from drivers.protocols.instrument import Instrument
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Instrument, Notice
 
 
 @dataclass(frozen=True, slots=True)

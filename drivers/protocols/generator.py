@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.protocols.actuator import Actuator
+from drivers.protocols.instrument import Actuator
 
 
 @dataclass(frozen=True, slots=True)

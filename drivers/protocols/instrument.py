@@ -1,8 +1,25 @@
-"""What every instrument that is asked by name has in common."""
+"""What all instruments that are asked by name have in common, those that move the rig, and those that only
+measure beside the card; and that those without encryption are reached on this machine only."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from daq.channel import Channel
+
+LOOPBACK_HOSTS: Final = ("127.0.0.1", "localhost", "[::1]", "::1")
+TUNNEL: Final = "127.0.0.1 (nothing is encrypted; reach other machines by an SSH tunnel)"
+_PORTS: Final = range(1, 65536)
+
+
+def misplaced(address: str) -> str | None:
+    """What may stand in place of `host:port`; None where it is on loopback."""
+    host, _, port = address.rpartition(":")
+    if host not in LOOPBACK_HOSTS:
+        return f"{TUNNEL} and a port"
+    return None if int(port) in _PORTS else "a port from 1 to 65535"
 
 
 class Instrument(Protocol):
@@ -21,4 +38,76 @@ class Instrument(Protocol):
     @property
     def identity(self) -> str:
         """What it says it is; empty before `open`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something for the log: `level` is info, warning or error, `code` is stable, `text` is for people.
+
+    `arrival_s` is when this machine heard of it, by the monotonic clock: the run knows what time that was.
+    """
+
+    arrival_s: float
+    level: str
+    code: str
+    text: str
+
+
+class Actuator(Instrument, Protocol):
+    """An instrument that moves the rig.
+
+    Every method may raise `InstrumentRefused` (it said no, or a limit of ours forbids it), `InstrumentSilent`
+    (no answer in time) and, once open, `DeviceLost`.
+    """
+
+    def open(self) -> None:
+        """Connect and check the model; moves nothing. Raises `InstrumentAbsent` as well."""
+        ...
+
+    def close(self) -> None:
+        """Hang up. Never raises."""
+        ...
+
+    def off(self) -> None:
+        """Go to the safe state; no error where it is there or closed already."""
+        ...
+
+
+class ActuatorOutput(Protocol):
+    """What an actuator puts out, as an emulated one tells it to a plant at every change."""
+
+    @property
+    def started_s(self) -> float:
+        """Since when, in s of the monotonic clock (`SystemClock`), which all processes share."""
+        ...
+
+
+class Logger(Instrument, Protocol):
+    """An instrument that is asked now and then for what changes slowly; nothing that moves hangs on it."""
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What it measures, in the order of a reading; none may be called as a channel of the rig."""
+        ...
+
+    @property
+    def period_s(self) -> float:
+        """Time between two readings, s."""
+        ...
+
+    def open(self) -> None:
+        """Connect and check. Raises `InstrumentAbsent`, `InstrumentRefused`, `InstrumentSilent`."""
+        ...
+
+    def close(self) -> None:
+        """Hang up. Never raises."""
+        ...
+
+    def read(self) -> Sequence[float]:
+        """What its channels show now, in their units; answers within seconds, in one thread of its own.
+
+        Raises `InstrumentSilent` where no answer came in time: it is asked again. Any other `RattleError` is
+        the last that is heard of it.
+        """
         ...

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.protocols.instrument import Instrument
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Instrument, Notice
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.scpi import answers, settings
-from drivers.scpi.settings import Choice, GeneratorSettings, Number
+from drivers.scpi import settings
+from drivers.scpi.settings import Choice, GeneratorSettings, Number, error_in, model_in
 
 KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
@@ -34,7 +34,7 @@ class ScpiGenerator:
         self._link.open()
         try:
             self.identity = self._link.query("*IDN?")
-            if not KNOWN_MODELS.fullmatch(answers.model(self.identity)):
+            if not KNOWN_MODELS.fullmatch(model_in(self.identity)):
                 raise InstrumentAbsent(
                     self.name,
                     self.address,
@@ -135,7 +135,7 @@ class ScpiGenerator:
         errors: list[tuple[int, str]] = []
         for _ in range(LONGEST_ERROR_QUEUE):
             try:
-                code, message = answers.error(self._link.query("SYST:ERR?"))
+                code, message = error_in(self._link.query("SYST:ERR?"))
             except ValueError as error:
                 raise self._refused(str(error)) from error
             if code == 0:

@@ -1,19 +1,23 @@
-"""The settings of a 33220A that rattle uses: command, unit, range, and where the manual says so.
+"""The settings of a 33220A that rattle uses: command, unit, range, and where the manual says so; its answers.
 
 Sections are those of the Agilent 33220A User's Guide (33220-90002), chapter 4, "Remote Interface Reference".
+Answers are taken apart by IEEE 488.2-1992 section 8 and SCPI-1999 volume 1 section 7.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.quantity import Check, Key, Quantity, Text
-from drivers.scpi import answers
 
 _LOOPBACK = ("TCPIP::127.0.0.1::", "TCPIP0::127.0.0.1::", "TCPIP::localhost::", "ASRL")
+INFINITY = 9.9e37  # SCPI-1999 volume 1, 7.2.1.4: how infinity is written
+_NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})?")
+_ERROR = re.compile(r'([+-]?\d{1,6})\s*(?:,\s*"?([^"]{0,300}).*)?', re.DOTALL)
 
 
 def _reachable(generator: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -62,6 +66,29 @@ class GeneratorSettings:
         return self.maximum_amplitude / self.force_per_volt
 
 
+def number_in(answer: str) -> float:
+    """Return the number in an answer, 9.9E37 as infinity; ValueError for anything else, NaN included."""
+    text = answer.strip()
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"not a number: {text[:60]!r}")
+    value = float(text)
+    return math.copysign(math.inf, value) if abs(value) >= INFINITY else value
+
+
+def error_in(answer: str) -> tuple[int, str]:
+    """Return code and text of an answer to SYST:ERR?; ValueError where it is none."""
+    match = _ERROR.fullmatch(answer.strip())
+    if match is None:
+        raise ValueError(f"not an entry of an error queue: {answer.strip()[:60]!r}")
+    return int(match[1]), (match[2] or "").strip()
+
+
+def model_in(answer: str) -> str:
+    """Return the model in an answer to *IDN? (maker, model, serial, firmware); empty where there is none."""
+    fields = answer.split(",")
+    return fields[1].strip() if len(fields) >= 2 else ""
+
+
 @dataclass(frozen=True, slots=True)
 class Number:
     """A setting with a number: its command and range in `unit`, and how exactly the instrument keeps it."""
@@ -85,7 +112,7 @@ class Number:
 
     def agrees(self, value: float, answer: str) -> bool:
         """Whether the instrument kept `value`, within its resolution; ValueError for no number."""
-        return math.isclose(value, answers.number(answer), rel_tol=self.relative, abs_tol=self.absolute)
+        return math.isclose(value, number_in(answer), rel_tol=self.relative, abs_tol=self.absolute)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +130,7 @@ class Choice:
         if answer.strip().upper() == self.answer:
             return True
         try:
-            return answers.number(answer) == answers.number(self.answer)
+            return number_in(answer) == number_in(self.answer)
         except ValueError:
             return False
 

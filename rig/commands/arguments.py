@@ -26,14 +26,14 @@ def _is_log(path: Path) -> Path:
     return path
 
 
-def _are_logs(paths: list[Path]) -> list[Path]:
-    return [_is_log(path) for path in paths]
-
-
 RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.", callback=_is_log)]
 RunFiles = Annotated[
     list[Path],
-    typer.Argument(metavar="RUN.mcap...", help="Logs of runs of one rig.", callback=_are_logs),
+    typer.Argument(
+        metavar="RUN.mcap...",
+        help="Logs of runs of one rig.",
+        callback=lambda paths: [_is_log(path) for path in paths],
+    ),
 ]
 BenchFile = Annotated[
     Path | None,
@@ -43,12 +43,10 @@ EffectsFile = Annotated[
     Path | None, typer.Option("--effects", metavar="EFFECTS.json", help="Effects that the twin gets.")
 ]
 Model = Annotated[
-    Path | None,
-    typer.Option("--model", metavar="MODEL.toml", help="What rattle calibrate found of the rig."),
+    Path | None, typer.Option("--model", metavar="MODEL.toml", help="What rattle calibrate found of the rig.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print machine-readable output.")]
 Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while it goes on.")]
-
 
 RUNS = Path("runs")
 """Where logs go unless another folder is named."""

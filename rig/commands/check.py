@@ -23,20 +23,45 @@ def check(
         typer.Option("--bench", metavar="BENCH.toml", help="Check a scenario or sweep on this bench."),
     ] = None,
 ) -> None:
+    from drivers.ni_daq.sensors import SENSORS
     from rig.instruments import INSTRUMENTS
     from rig.rigs import RIGS
 
-    len(INSTRUMENTS), len(RIGS)  # looks at what other packages add, whether the file asks for it or not
+    # looks at what other packages add, whether the file asks for it or not
+    (len(INSTRUMENTS), len(RIGS), len(SENSORS))
     today = datetime.datetime.now(datetime.UTC).date()
     sound = _alone(file, today) if bench_file is None else _on_bench(file, bench_file, today)
     where = "" if bench_file is None else f" on {bench_file}"
     typer.echo(f"{file}: {type(sound).__name__.lower()}, no faults{where}")
 
 
+def load_any(path: str | Path) -> Scenario | Bench | Sweep:
+    """Read a scenario, bench or sweep file; raises ConfigurationError with every fault in it."""
+    from rig.files.bench import parse_bench
+    from rig.files.faults import read_toml
+    from rig.files.file_kind import kind_of_tables, read_file
+    from rig.files.scenario import parse_scenario
+    from rig.files.sweep import parse_sweep
+
+    text, source = read_file(path, "scenario", "bench", "sweep"), str(path)
+    folder = Path(path).resolve().parent
+    match kind_of_tables(read_toml(text, source)):
+        case "sweep":
+            return parse_sweep(text, source, folder)
+        case "scenario":
+            return parse_scenario(text, source)
+        case "bench":
+            return parse_bench(text, source, folder)
+    allowed = (
+        "a scenario (rig, [model], [drive], [acquisition]), "
+        "a bench ([signal_generator] or [inverter], [daq_card]) or a sweep ([sweep], [axes])"
+    )
+    raise ConfigurationError(source, [Problem("file", "(unknown kind)", allowed)])
+
+
 def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
     """What a file holds; what only the emulated bench forbids is told as a remark."""
     from rig.files.bench import Bench, embedded_bench
-    from rig.files.check import load_any
     from rig.files.faults import raised_by
     from rig.files.pairing import check_bench
 
@@ -54,7 +79,6 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
 def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | Sweep:
     """What a file holds that is to run on a bench; where one of the two is faulty, the other's faults too."""
     from rig.files.bench import Bench, load_bench
-    from rig.files.check import load_any
     from rig.files.faults import Gathered
     from rig.files.pairing import check_bench
 

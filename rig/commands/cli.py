@@ -26,7 +26,7 @@ COMMANDS: Final = (
     ),
     (
         "centre",
-        "rig.commands.centre:centre",
+        "rig.commands.sweep:centre",
         "Find the drive's offset that centres the beam between its stops; writes a scenario that has it.",
     ),
     (
@@ -46,12 +46,12 @@ COMMANDS: Final = (
     ),
     (
         "calibrate",
-        "rig.commands.calibrate:calibrate",
+        "rig.commands.diagnose:calibrate",
         "Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it.",
     ),
     (
         "ensemble",
-        "rig.commands.ensemble:ensemble",
+        "rig.commands.predict:ensemble",
         "Draw healthy rigs of a scenario, run each from rest, and show how their figures spread.",
     ),
     (
@@ -61,10 +61,10 @@ COMMANDS: Final = (
     ),
     (
         "overlay",
-        "rig.commands.overlay:overlay",
+        "rig.commands.logs:overlay",
         "Add the twin's prediction to a recorded run, in a new file; with effects, the nominal twin too.",
     ),
-    ("replay", "rig.commands.replay:replay", "Play a log through the same path as a live run."),
+    ("replay", "rig.commands.logs:replay", "Play a log through the same path as a live run."),
     (
         "diagnose",
         "rig.commands.diagnose:diagnose",
@@ -77,7 +77,7 @@ COMMANDS: Final = (
     ),
     (
         "effects",
-        "rig.commands.effects:effects",
+        "rig.commands.predict:effects",
         "List the effects that a scenario's twin can have, with the ranges of their parameters.",
     ),
     (
@@ -99,7 +99,7 @@ COMMANDS: Final = (
     ),
     (
         "skew",
-        "rig.commands.skew:skew",
+        "rig.commands.dwell:skew",
         "Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes.",
     ),
 )

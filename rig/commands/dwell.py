@@ -1,22 +1,26 @@
-"""`rattle dwell`: the shaft at one speed after the other, in one log."""
+"""`rattle dwell` and `rattle skew`: several speeds in one log, and how late an encoder is by them."""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import math
+from collections.abc import Iterator
+from math import tau
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from daq.errors import ConfigurationError, Problem
-from rig.commands.arguments import BenchFile, ScenarioFile, load_pair
+from daq.errors import ConfigurationError, LogError, Problem
+from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load_pair, print_json
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
+    from daq.angle.skew import RecordingSkew, Skew
     from rig.files.scenario import Scenario
-    from rig.session.dwells import DwellRequest
+
 
 _MOST = 50
 
@@ -30,9 +34,12 @@ def dwell(
     bench_file: BenchFile = None,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = Path("runs"),
 ) -> None:
+    from daq.angle.skew import fastest_rad_s
     from daq.clock import SystemClock
+    from daq.quantity import Quantity
     from rig.app import connect
     from rig.files.pairing import check_pair
+    from rig.files.table import FieldError, quantity_field
     from rig.session.dwells import DwellRequest, record_dwells
 
     screen = Screen(Console(stderr=False))
@@ -41,9 +48,20 @@ def dwell(
     today = datetime.datetime.now(datetime.UTC).date()
     for one in scenarios:
         check_pair(one, bench, today)
-    request = DwellRequest(scenarios, bench, _seconds(each), connect, out)
+    time = quantity_field(Quantity("s", 1.0, 600.0))
+    try:
+        dwell_s = float(time.read(each))
+    except FieldError as error:
+        raise ConfigurationError("rattle dwell", [Problem("--each", each, time.allowed)]) from error
+    request = DwellRequest(scenarios, bench, dwell_s, connect, out)
     screen.say(f"dwells     {request.what}")
-    _warn_of_few_positions(request, screen)
+    # where the encoder sends too rarely for a mark to be looked up in its positions
+    encoder, fastest = request.bench.encoder, max(request.speeds_rad_s)
+    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period_s)):
+        screen.warn(
+            f"rattle skew will not use marks above {highest * 60 / math.tau:.0f} rpm: a position every "
+            f"{encoder.period_s * 1e3:g} ms (encoder.period) is too few around a mark"
+        )
     log = record_dwells(request, screen, SystemClock())
     screen.say(f"log        {log}")
 
@@ -59,25 +77,41 @@ def at_speeds(scenario: Scenario, speeds: str) -> list[Scenario]:
     return [edited(scenario, {"drive.speed": speed}, f"--speeds {speed}") for speed in named]
 
 
-def _warn_of_few_positions(request: DwellRequest, screen: Screen) -> None:
-    """Where the encoder sends too rarely for a mark to be looked up in its positions."""
-    from daq.angle.skew import fastest_rad_s
+def skew(runs: RunFiles, as_json: Json = False) -> None:
+    from daq.angle.skew import find_skew
+    from rig.session.encoder_check import logged_at_marks, refuse_several_rigs
 
-    encoder, fastest = request.bench.encoder, max(request.speeds_rad_s)
-    if encoder is not None and fastest > (highest := fastest_rad_s(encoder.period_s)):
-        screen.warn(
-            f"rattle skew will not use marks above {highest * 60 / math.tau:.0f} rpm: a position every "
-            f"{encoder.period_s * 1e3:g} ms (encoder.period) is too few around a mark"
-        )
+    refuse_several_rigs(runs)
+    at_marks, paces = zip(*(logged_at_marks(run) for run in runs), strict=True)
+    found = find_skew(at_marks)
+    if found is None:
+        raise LogError("no mark of the crank lies within the encoder's readings")
+    if as_json:
+        told = dataclasses.asdict(found)
+        for run, each, pace, own in zip(runs, told["recordings"], paces, found.recordings, strict=True):
+            taken = pace.without(own)
+            each |= {"log": str(run), "first_s": None, "period_s": None}
+            each |= {} if taken is None else dataclasses.asdict(taken)
+        print_json(told)
+        return
+    console = Console()
+    for line in (*map(_of_run, runs, found.recordings), *_of_all(found)):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def _seconds(given: str) -> float:
-    from daq.quantity import Quantity
-    from rig.files.table import FieldError, quantity_field
+def _of_run(run: Path, each: RecordingSkew) -> str:
+    from daq.angle.skew import late
 
-    time = quantity_field(Quantity("s", 1.0, 600.0))
-    try:
-        return float(time.read(given))
-    except FieldError as error:
-        problem = Problem("--each", given, time.allowed)
-        raise ConfigurationError("rattle dwell", [problem]) from error
+    rpm = ", ".join(f"{speed * 60 / tau:.2f}" for speed in each.speeds_rad_s)
+    marks = f"{each.revolutions} marks at {rpm} rpm" if rpm else "no speed that stays for three marks"
+    if each.skew_s is None or each.skew_uncertainty_s is None:
+        return f"{run}: {marks}"
+    return f"{run}: {marks}; late by {late(each.skew_s, each.skew_uncertainty_s)} as this log places it"
+
+
+def _of_all(found: Skew) -> Iterator[str]:
+    if found.angle_rad is None or found.angle_uncertainty_rad is None:
+        yield str(found)
+        return
+    yield f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad"
+    yield f"{found} by itself, with the travel time of the bus's fastest frame"

@@ -5,18 +5,13 @@ from __future__ import annotations
 import signal
 import threading
 from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rich.console import Console
 
 from rig.commands.arguments import BenchFile, Json, ScenarioFile, load_pair, print_json
 from rig.session.progress import Screen
 from rig.session.signals import Stopped
-
-if TYPE_CHECKING:
-    from rig.emulation import Emulated
-    from rig.files.bench import Bench
 
 _NO_PARITY: Final = (
     "inverter: a pseudo terminal (/dev/pts/...) carries no parity, which the bench asks for; use the socket, "
@@ -25,7 +20,7 @@ _NO_PARITY: Final = (
 
 
 def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
-    from rig.emulation import EmulatedBench, starting
+    from rig.emulation import EmulatedBench, bench_reaching, starting
 
     scenario, bench = load_pair(scenario_file, bench_file)
     screen = Screen(Console(stderr=as_json))
@@ -43,19 +38,13 @@ def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: 
             print_json(addresses)
         for name, each in addresses.items():
             screen.say(f"{name}: {', '.join(each) or 'real, not emulated'}")
-        _say_how_to_reach(bench, emulated, scenario_file, screen)
+        if "inverter" in emulated.instruments and bench.actuator.parity != "N":
+            screen.say(_NO_PARITY)
+        screen.say(
+            f"to reach them: rattle run {scenario_file} --bench BENCH.toml, with these lines in BENCH.toml\n"
+        )
+        places = {table: instrument.address for table, instrument in emulated.instruments.items()}
+        screen.say(bench_reaching(bench, places))
         screen.say("Ctrl-C ends them")
         ended.wait()
     raise Stopped("emulated instruments ended")
-
-
-def _say_how_to_reach(bench: Bench, emulated: Emulated, scenario_file: Path, screen: Screen) -> None:
-    from rig.files.reaching import bench_reaching
-
-    if "inverter" in emulated.instruments and bench.inverter.parity != "N":
-        screen.say(_NO_PARITY)
-    screen.say(
-        f"to reach them: rattle run {scenario_file} --bench BENCH.toml, with these lines in BENCH.toml\n"
-    )
-    places = {table: instrument.address for table, instrument in emulated.instruments.items()}
-    screen.say(bench_reaching(bench, places))

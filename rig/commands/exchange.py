@@ -18,9 +18,7 @@ from rig.commands.arguments import RunFile
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
-    from daq.formats.contents import Contents
     from daq.formats.recording import Recording
-    from daq.formats.samples import Scratch
     from rig.files.foreign import Answers
     from rig.files.scenario import Scenario
 
@@ -34,8 +32,27 @@ def export(
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN in that format.")
     ] = None,
 ) -> None:
-    screen = Screen(Console())
-    for path in export_log(run, to, out, screen):
+    from daq.formats import all_formats
+    from daq.formats.recording import read_log
+    from daq.formats.samples import Scratch
+    from daq.log.reader import LogReader
+
+    screen, formats = Screen(Console()), all_formats()
+    for fault in formats.faults:
+        screen.warn(fault)
+    chosen = formats.found.get(to)
+    if chosen is None or chosen.write is None:
+        names = ", ".join(name for name, each in formats.found.items() if each.write is not None)
+        raise typer.BadParameter(f"--to {to}: one of {names}")
+    target = out or run.with_suffix(chosen.suffixes[0])
+    with LogReader(run) as log, Scratch(target.parent) as scratch:
+        with screen.busy("reading"):
+            recording = read_log(log, scratch)
+        if not log.complete:
+            screen.warn(f"{run} is cut short: exported as far as it goes")
+        with screen.busy("writing"):
+            written = chosen.write(recording, target, screen.warn)
+    for path in written:
         screen.say(f"file       {path}")
 
 
@@ -75,40 +92,17 @@ _RATE = 'Such as "51.2 kHz", where the file does not say it in full. May come ag
 _STARTED = "When the recording began, ISO 8601 in UTC, up to nine digits of a second."
 
 
-def export_log(run: Path, to: str, out: Path | None, screen: Screen) -> tuple[Path, ...]:
-    """Write `run` in the format `to`, beside it or as `out`; returns the files. Raises RattleError."""
-    from daq.formats import all_formats
-    from daq.formats.log_recording import read_log
-    from daq.formats.samples import Scratch
-    from daq.log.reader import LogReader
-
-    formats = all_formats()
-    for fault in formats.faults:
-        screen.warn(fault)
-    chosen = formats.found.get(to)
-    if chosen is None or chosen.write is None:
-        names = ", ".join(name for name, each in formats.found.items() if each.write is not None)
-        raise typer.BadParameter(f"--to {to}: one of {names}")
-    target = out or run.with_suffix(chosen.suffixes[0])
-    with LogReader(run) as log, Scratch(target.parent) as scratch:
-        with screen.busy("reading"):
-            recording = read_log(log, scratch)
-        if not log.complete:
-            screen.warn(f"{run} is cut short: exported as far as it goes")
-        with screen.busy("writing"):
-            return chosen.write(recording, target, screen.warn)
-
-
 def import_files(
     files: Sequence[Path], scenario_file: Path | None, target: Path, answers: Answers, screen: Screen
 ) -> None:
     """Make the new log `target` of `files`; raises ConfigurationError, LogError, RecorderFailed."""
-    from daq.formats import all_formats
-    from daq.formats.log_recording import write_log
+    from daq.formats import all_formats, format_of
+    from daq.formats.contents import Contents
+    from daq.formats.recording import write_log
     from daq.formats.samples import Scratch
     from daq.log.writer import LogWriter
     from rig.files.foreign import matched_to_rig
-    from rig.files.scenario import load_scenario
+    from rig.files.scenario import load_scenario, parse_scenario
     from rig.twin.prediction_file import removed_if_it_fails
 
     given = None if scenario_file is None else load_scenario(scenario_file)
@@ -116,10 +110,23 @@ def import_files(
     with ExitStack() as stack:
         scratch = stack.enter_context(Scratch(target.parent))
         with screen.busy("reading"):
-            contents = _contents(files, scratch)
+            found = [format_of(path).read(path, scratch) for path in files]
+            ids = {each.rest.run_id for each in found}
+            if len(ids) > 1:
+                raise ConfigurationError(
+                    "files", [Problem("run", ", ".join(sorted(ids)), "files of one run")]
+                )
+            columns = tuple(column for each in found for column in each.columns)
+            impacts = [impact for each in found for impact in each.rest.impacts]
+            # what is no column comes from the first that says it
+            rest = dataclasses.replace(found[0].rest, impacts=impacts)
+            contents = Contents(columns, rest, [note for each in found for note in each.notes])
         for note in (*all_formats().faults, *contents.notes):
             screen.warn(note)
-        scenario = given or _carried_scenario(contents, source)
+        text = contents.rest.metadata.get("scenario", {}).get("toml", "")
+        if given is None and not text:
+            raise ConfigurationError(source, [Problem("--scenario", "(missing)", "the file carries none")])
+        scenario = given or parse_scenario(text, f"scenario in {source}")
         recording = matched_to_rig(contents, scenario, answers, source, screen.warn)
         writer = stack.enter_context(LogWriter(target))
         stack.enter_context(removed_if_it_fails(target))
@@ -127,50 +134,22 @@ def import_files(
             write_log(_with_records(recording, scenario, files), writer)
 
 
-def _contents(files: Sequence[Path], scratch: Scratch) -> Contents:
-    """Columns of all files; what else a log says comes from the first that says it."""
-    from daq.formats import format_of
-    from daq.formats.contents import Contents
-
-    found = [format_of(path).read(path, scratch) for path in files]
-    ids = {each.rest.run_id for each in found}
-    if len(ids) > 1:
-        raise ConfigurationError("files", [Problem("run", ", ".join(sorted(ids)), "files of one run")])
-    columns = tuple(column for each in found for column in each.columns)
-    impacts = [impact for each in found for impact in each.rest.impacts]
-    rest = dataclasses.replace(found[0].rest, impacts=impacts)
-    return Contents(columns, rest, [note for each in found for note in each.notes])
-
-
-def _carried_scenario(contents: Contents, source: str) -> Scenario:
-    from rig.files.scenario import parse_scenario
-
-    text = contents.rest.metadata.get("scenario", {}).get("toml", "")
-    if not text:
-        raise ConfigurationError(source, [Problem("--scenario", "(missing)", "the file carries none")])
-    return parse_scenario(text, f"scenario in {source}")
-
-
 def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path]) -> Recording:
     """The recording with the scenario in it, and with where it came from in its `run` record."""
     from importlib.metadata import version
 
     starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
+    seconds, nanoseconds = divmod(min(starts, default=0), 10**9)
+    moment = datetime.datetime.fromtimestamp(seconds, datetime.UTC)
     run = {
         "id": files[0].stem,
-        "started": _iso(min(starts, default=0)),
+        "started": f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z",
         **recording.metadata.get("run", {}),
         "imported_from": ", ".join(path.name for path in files),
         "imported_by": f"rattle {version('rattle')}",
     }
     records: Mapping[str, Mapping[str, str]] = {"scenario": {"toml": scenario.text}, "run": run}
     return dataclasses.replace(recording, metadata={**recording.metadata, **records})
-
-
-def _iso(time_ns: int) -> str:
-    seconds, nanoseconds = divmod(time_ns, 10**9)
-    moment = datetime.datetime.fromtimestamp(seconds, datetime.UTC)
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
 
 
 _ISO = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?")

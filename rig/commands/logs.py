@@ -1,19 +1,58 @@
-"""`rattle verify` and `rattle recover`: integrity of a log."""
+"""`rattle overlay`, `replay`, `verify` and `recover`: what is done with a log; and what a run came to."""
 
 from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from statistics import mean
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from rig.commands.arguments import Json, RunFile, print_json
+from daq.errors import RattleError
+from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
+from rig.session.progress import Screen
 
 if TYPE_CHECKING:
+    from daq.log.reader import Origin
     from daq.log.recover import LogReport
+    from rig.report.record import RunRecord, Tally
+
+
+def overlay(
+    run: RunFile,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN.overlay.mcap")
+    ] = None,
+    effects: EffectsFile = None,
+    model: Model = None,
+) -> None:
+    from rig.report.record import read_run
+    from rig.report.summary import overall_closeness
+    from rig.session.overlay import overlay_run
+
+    screen = Screen(Console())
+    target = out or run.with_suffix(".overlay.mcap")
+    with screen.busy("predicting"):
+        overlay_run(run, target, effects, model, screen.warn)
+    overlaid = read_run(target)
+    peaks: dict[str, dict[str, list[float]]] = {}
+    for impact in overlaid.impacts:
+        peaks.setdefault(impact.channel, {}).setdefault(impact.origin, []).append(impact.peak)
+    for channel, by_origin in peaks.items():
+        each = (
+            f"{origin} {len(found)}, mean peak {mean(found):.4g} {overlaid.channels[channel].unit}"
+            for origin, found in by_origin.items()
+        )
+        screen.say(f"impacts    {channel}: {'; '.join(each)}")
+    if effects is not None and (close := overall_closeness(overlaid)) is not None:
+        apart = f"the run's own halves lie {close.halves_db:.1f} dB apart"
+        screen.say(f"nominal    autospectra {close.nominal_db:.1f} dB off those measured")
+        screen.say(f"repaired   {close.repaired_db:.1f} dB; {apart}")
+    report_and_name(overlaid, screen)
+
 
 _UNSOUND = 1
 
@@ -33,26 +72,90 @@ def recover(
 
 
 def _show(report: LogReport, as_json: bool) -> None:
+    from daq.log.reader import LogReader
+
     if as_json:
         print_json({**dataclasses.asdict(report), "path": str(report.path), "sound": report.sound})
     else:
-        _print(report)
+        table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
+        for topic in report.topics:
+            table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
+        console = Console()
+        console.print(table)
+        with LogReader(report.path) as log:
+            for gap in log.gaps():
+                console.print(f"gap: {gap.channel}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
+        ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
+        verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
+        line = f"{report.path}: {verdict if report.complete else ended}"
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     if not report.sound:
         raise typer.Exit(_UNSOUND)
 
 
-def _print(report: LogReport) -> None:
+def replay(
+    run: RunFile,
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.0, metavar="X", help="Times real time; 0: as fast as possible.")
+    ] = 1.0,
+    live: Live = False,
+) -> None:
+    from daq.clock import SystemClock
     from daq.log.reader import LogReader
+    from rig.report.record import RunCollector
+    from rig.session.replay import replay_log
 
-    table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
-    for topic in report.topics:
-        table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
-    console = Console()
-    console.print(table)
-    with LogReader(report.path) as log:
-        for gap in log.gaps():
-            console.print(f"gap: {gap.channel}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
-    ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
-    verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
-    line = f"{report.path}: {verdict if report.complete else ended}"
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
+    screen = Screen(Console())
+    with LogReader(run) as log:
+        collector = RunCollector(log)
+        replay_log(run, speed, live, screen, SystemClock(), (collector,))
+        show(collector.record(), screen)
+
+
+def show(run: RunRecord, screen: Screen) -> None:
+    """Print what a run comes to."""
+    from rig.report.summary import half_cycle_statistics
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("channel", min_width=max(map(len, run.channels), default=0), no_wrap=True)
+    for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
+        table.add_column(column, justify="left" if column == "unit" else "right")
+    origins: tuple[Origin, Origin] = ("measured", "predicted")
+    for name, channel in run.channels.items():
+        both = [run.tallies.get((origin, name)) for origin in origins]
+        rms, peaks = ([_number(each, what) for each in both] for what in ("rms", "peak"))
+        table.add_row(name, *rms, *peaks, channel.unit)
+    screen.console.print(table)
+    contacts = any(name.startswith("contact.") for name in run.channels)
+    for origin in origins:
+        if contacts and any(whose == origin for whose, _ in run.tallies):
+            found, text = half_cycle_statistics(run, origin), "no contact"
+            if found is not None:
+                first = f"first {found.first_mean_n:.1f} +- {found.first_sd_n:.1f} N"
+                largest = f"max {found.max_mean_n:.1f} +- {found.max_sd_n:.1f} N"
+                text = f"{first}, {largest} a half cycle ({found.count} half cycles)"
+            screen.say(f"{origin:<10} {text}")
+    if run.missing:
+        screen.warn(f"{run.missing} measured samples are missing: rattle verify lists the gaps")
+    for name, tally in run.measured.items():
+        if tally.overloaded_blocks:
+            screen.warn(f"{name}: overload in {tally.overloaded_blocks} blocks")
+    screen.say(f"gaps       {len(run.gaps)}; overloaded blocks {run.overloaded_blocks}")
+
+
+def _number(trace: Tally | None, what: str) -> str:
+    return "-" if trace is None else f"{getattr(trace, what):.4g}"
+
+
+def report_and_name(run: RunRecord, screen: Screen) -> None:
+    """Write the report beside the log of a run and name both, the log last."""
+    from rig.report.page import write_report
+
+    log, report = run.path, run.path.with_suffix(".html")
+    try:
+        with screen.busy("writing the report"):
+            write_report(run, report)
+        screen.say(f"report     {report}")
+    except OSError as error:
+        raise RattleError(f"the log {log} is complete, but not its report: {error}") from error
+    screen.say(f"log        {log}")

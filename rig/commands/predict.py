@@ -1,4 +1,4 @@
-"""`rattle predict`: the twin alone."""
+"""`rattle predict`, `effects` and `ensemble`: the twin alone."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
+from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, ScenarioFile, print_json
 from rig.session.progress import Screen
 
@@ -24,7 +26,7 @@ def predict(
 ) -> None:
     from rig.files.model_file import load_model
     from rig.files.scenario import load_scenario
-    from rig.twin.matched_twin import with_model
+    from rig.twin.logged import with_model
     from rig.twin.prediction_file import write_prediction
     from rig.twin.scenario_twin import twin_of, with_effects
 
@@ -42,3 +44,103 @@ def predict(
     if values is not None:
         print_json(values)
     screen.say(f"log        {out}")
+
+
+def effects(scenario_file: ScenarioFile, machine: Json = False) -> None:
+    from rig.files.scenario import load_scenario
+    from rig.twin.scenario_twin import twin_of
+
+    twin = twin_of(load_scenario(scenario_file))
+    if machine:
+        print_json(
+            [
+                {
+                    "name": effect.name,
+                    "location": effect.location,
+                    "parameters": {name: values.allowed for name, values in effect.asked.items()},
+                    "refused": effect.refusal(twin) or None,
+                }
+                for effect in twin.model.effects.values()
+            ]
+        )
+        return
+    table = Table(box=None, pad_edge=False)
+    for column in ("effect", "where", "parameter", "may be"):
+        table.add_column(column, no_wrap=column != "may be", overflow="fold")
+    for effect in twin.model.effects.values():
+        reason = effect.refusal(twin)
+        rows = (
+            {"": f"not here: {reason}"}
+            if reason
+            else {name: "\n".join(each.words) or each.allowed for name, each in effect.asked.items()}
+        )
+        names = [(effect.name, effect.location)] + [("", "")] * len(rows)
+        for (name, where), (parameter, values) in zip(names, rows.items(), strict=False):
+            table.add_row(name, where, parameter, values)
+    Screen(Console()).console.print(table)
+
+
+_QUEUED = 4
+"""Pieces of work with each worker, so that none waits for the next."""
+
+
+def ensemble(
+    scenario_file: ScenarioFile,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="How many rigs to draw.")] = 200,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed draws the same rigs.")] = 0,
+    effects: EffectsFile = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Worker processes; without: one a core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="A Dask cluster does the work."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE.csv", help="Write one row a run.")
+    ] = None,
+    machine: Json = False,
+) -> None:
+    from rig.ensembles import (
+        as_json,
+        cluster,
+        cores,
+        failure_lines,
+        spread_table,
+        worker_processes,
+        write_runs,
+    )
+    from rig.files.scenario import load_scenario
+    from rig.twin.scenario_twin import twin_of, with_effects
+    from sim_twin.ensembles.figures import Figures, spread_of
+    from sim_twin.ensembles.population import Population
+    from sim_twin.ensembles.simulate import simulate
+
+    if scheduler is not None and workers is not None:
+        raise typer.BadParameter("the cluster has its own workers", param_hint="--workers")
+    scenario = load_scenario(scenario_file)
+    if out is not None and not out.absolute().parent.is_dir():
+        raise RattleError(f"{out}: its folder does not exist; make it first, nothing was simulated")
+    twin = twin_of(scenario)
+    population = Population(twin if effects is None else with_effects(twin, effects), any_phase=False)
+    screen = Screen(Console(stderr=machine))
+    source = worker_processes(workers or cores()) if scheduler is None else cluster(scheduler)
+    wanted, a_glance = scenario.acquisition, Figures(0.0, 1e-3)
+    variants, figures = population.variants(runs, seed), Figures(wanted.settle, wanted.duration)
+    with source as found:
+        with screen.busy("compiling"):  # by one worker; the others find the machine code on the disk
+            simulate(variants[:1], a_glance, found.executor)
+        with screen.bar("simulating", runs, "runs") as bar:
+            queued = _QUEUED * found.count
+            outcomes = simulate(variants, figures, found.executor, lambda done, _: bar.at(done), queued)
+    spreads, failed = spread_of(outcomes), failure_lines(outcomes)
+    if not any(outcome.value is not None for outcome in outcomes):
+        raise RattleError("; ".join(failed))
+    if machine:
+        print_json(as_json(outcomes, seed))
+    else:
+        screen.console.print(spread_table(spreads))
+    for line in failed:
+        screen.warn(line)
+    if out is not None:
+        write_runs(outcomes, out)

@@ -22,11 +22,8 @@ def run(
 ) -> None:
     from daq.clock import SystemClock
     from rig.app import connect
-    from rig.commands.summary import report_and_name, show
     from rig.files.model_file import load_model
     from rig.files.pairing import check_pair
-    from rig.report.record import read_run
-    from rig.report.summary import summary_of
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
 
@@ -38,6 +35,11 @@ def run(
     check_twin(scenario)
     request = RunRequest(scenario, bench, connect, out, live, fitted)
     log = run_scenario(request, screen, clock)
+
+    # The rig stands: what its report takes, most of scipy, is loaded only now.
+    from rig.commands.logs import report_and_name, show
+    from rig.report.record import read_run
+
     recorded = read_run(log)
-    show(summary_of(recorded), screen)
+    show(recorded, screen)
     report_and_name(recorded, screen)

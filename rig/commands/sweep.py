@@ -1,4 +1,4 @@
-"""`rattle sweep`: a series of runs over frequency, amplitude, speed, and what is set by hand."""
+"""`rattle sweep`: runs over what is driven or set by hand; `rattle centre`: the offset that they may need."""
 
 from __future__ import annotations
 
@@ -12,15 +12,97 @@ import typer
 from rich.console import Console
 
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import RUNS, BenchFile, Live, Model, load_sweep_pair
+from rig.commands.arguments import (
+    RUNS,
+    BenchFile,
+    Json,
+    Live,
+    Model,
+    ScenarioFile,
+    load_pair,
+    load_sweep_pair,
+    print_json,
+)
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
     from rig.files.bench import Bench
     from rig.files.scenario import Scenario
-    from rig.files.sweep import Sweep
+    from rig.session.centring import CentringPlan, Middle
     from rig.sweep.execute import Centre, SweepRequest
-    from rig.sweep.state import CentreState, SweepState
+    from rig.sweep.state import CentreState
+
+
+def centre(
+    scenario_file: ScenarioFile,
+    bench_file: BenchFile = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE.toml", help="Without: SCENARIO.centred.toml beside it."),
+    ] = None,
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the log goes.")] = RUNS,
+    as_json: Json = False,
+) -> None:
+    from daq.clock import SystemClock
+    from rig.app import connect
+    from rig.files.faults import read_toml, toml_of
+    from rig.files.pairing import check_pair
+    from rig.files.scenario import with_values
+    from rig.session.centring import plan_of
+    from rig.session.centring_run import find_centre
+    from rig.twin.scenario_twin import check_twin
+
+    screen = Screen(Console(stderr=as_json))
+    scenario, bench = load_pair(scenario_file, bench_file)
+    written = scenario_file.with_suffix(".centred.toml") if out is None else out
+    if written.exists():
+        raise RattleError(f"{written} is there already; name another file with -o")
+    check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+    check_twin(scenario)
+    plan = plan_of(scenario, bench)
+    screen.say(f"sine       {plan.sine.amplitude:.3g} N at {plan.frequency:.3g} Hz, offsets up to "
+               f"+-{plan.farthest:.3g} N, {plan.probe_s:.1f} s at each")  # fmt: skip
+    centred = find_centre(scenario, bench, plan, connect, screen, SystemClock(), runs)
+    middle = centred.middle
+    found = found_lines(middle, plan)
+    for line in found:
+        screen.say(line)
+    settings = {
+        "drive.offset": f"{middle.offset:.5f} N",
+        "model.rest_offset": f"{plan.rest_offset(middle) * 1e3:.5f} mm",
+    }
+    table = with_values(read_toml(scenario.text, scenario.name), settings)
+    said = [f"by rattle centre from {scenario_file.name}", *found]
+    remarks = "".join(f"# {line}\n" for line in said)
+    try:
+        with written.open("x") as file:
+            file.write(f"{remarks}{toml_of(table)}")
+    except OSError as error:
+        problem = Problem("-o", str(written), f"a file that can be written ({error.strerror})")
+        raise ConfigurationError(str(written), [problem]) from error
+    screen.say(f"log        {centred.log}")
+    screen.say(f"scenario   {written}")
+    if as_json:
+        print_json(
+            {
+                "offset_n": middle.offset,
+                "uncertainty_n": middle.uncertainty,
+                "rest_offset_m": plan.rest_offset(middle),
+                "share_of_clearance": middle.uncertainty / plan.reach,
+                "scenario": str(written),
+                "log": str(centred.log),
+            }
+        )
+
+
+def found_lines(middle: Middle, plan: CentringPlan) -> list[str]:
+    """What was found, in words."""
+    share, rests = middle.uncertainty / plan.reach, plan.rest_offset(middle)
+    return [
+        f"offset     {middle.offset:+.4f} N +- {middle.uncertainty:.4f} N ({share:.1%} of the clearance), "
+        f"after {middle.probes} offsets",
+        f"at rest    the tip stands {rests * 1e3:+.4f} mm from the middle without it (by the twin)",
+    ]
 
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
@@ -50,16 +132,25 @@ def sweep(
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
+    from rig.files.sweep import points_named
     from rig.sweep.execute import SweepRequest, begun, run_sweep
-    from rig.sweep.page import write_page
+    from rig.sweep.plan import real_instruments
+    from rig.sweep.results import TABLE, headings_of, rows_of, write_page
     from rig.sweep.state import held, load_state
 
     screen = Screen(Console(stderr=False))
     swept, bench = load_sweep_pair(sweep_file, bench_file)
-    folder = RUNS / _plain(swept.name) if out is None else out
+    plain = re.sub(r"[^A-Za-z0-9]+", "-", swept.name).strip("-").lower()[:60] or "sweep"
+    folder = RUNS / plain if out is None else out
     asked = frozenset(again or [])
-    _check_again(asked, swept)
-    _check_rehearsal(yes, bench)
+    unknown = sorted(asked - {point.number for point in swept.points})
+    if unknown:
+        problem = Problem("--again", ", ".join(map(str, unknown)), f"points 1 to {len(swept.points)}")
+        raise ConfigurationError(swept.source, [problem])
+    real = real_instruments(bench)
+    if yes and real:
+        allowed = "not with real instruments: what is set by hand has to be confirmed by who sets it"
+        raise ConfigurationError(bench.source, [Problem("--yes", ", ".join(real), allowed)])
     fitted = None if model is None else load_model(model, swept.rig)
     request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, live, fitted)
     _dry_check(request, screen)
@@ -72,17 +163,24 @@ def sweep(
             run_sweep(request, now, screen, SystemClock(), centre=_centring(folder))
         finally:
             state = load_state(folder) or now
-            _show_points(request, state, screen)
+            rows = [headings_of(swept), *rows_of(swept, state)]
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            for row in rows if len(rows) > 1 else ():  # as lines, so that no path is cut
+                padded = (text.ljust(width) for text, width in zip(row, widths, strict=True))
+                screen.say("  ".join(padded).rstrip())
         screen.say(f"report     {write_page(folder, swept, state)}")
-    _sum_up(request, state, screen)
+    screen.say(f"table      {folder / TABLE}")
+    bad = state.ended("failed", "interlock")
+    if bad:
+        named, count = points_named(list(bad)), len(swept.points)
+        raise RattleError(f"{named} of {count} not as asked for; see above")
 
 
 def _centring(folder: Path) -> Centre:
     from daq.clock import SystemClock
     from rig.app import connect
-    from rig.commands.centre import found_lines
-    from rig.session.centring.probe import plan_of
-    from rig.session.centring.rig import find_centre
+    from rig.session.centring import plan_of
+    from rig.session.centring_run import find_centre
     from rig.sweep.state import CentreState
 
     def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
@@ -96,33 +194,14 @@ def _centring(folder: Path) -> Centre:
     return centre
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:60] or "sweep"
-
-
-def _check_again(again: frozenset[int], swept: Sweep) -> None:
-    unknown = sorted(again - {point.number for point in swept.points})
-    if unknown:
-        problem = Problem("--again", ", ".join(map(str, unknown)), f"points 1 to {len(swept.points)}")
-        raise ConfigurationError(swept.source, [problem])
-
-
-def _check_rehearsal(yes: bool, bench: Bench) -> None:
-    from rig.sweep.plan import real_instruments
-
-    real = real_instruments(bench)
-    if yes and real:
-        allowed = "not with real instruments: what is set by hand has to be confirmed by who sets it"
-        raise ConfigurationError(bench.source, [Problem("--yes", ", ".join(real), allowed)])
-
-
 def _dry_check(request: SweepRequest, screen: Screen) -> None:
     """Refuse what no point may do, and say all that would be done."""
     from rig.sweep.execute import begun
     from rig.sweep.plan import bytes_of, check_points, listing
 
     swept, bench, folder = request.sweep, request.bench, request.folder
-    free = shutil.disk_usage(_there(folder)).free
+    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
+    free = shutil.disk_usage(there).free
     check_points(swept, bench, datetime.datetime.now(datetime.UTC).date(), free)
     state = begun(request)
     ended = {number: point.outcome for number, point in state.points.items()}
@@ -130,29 +209,3 @@ def _dry_check(request: SweepRequest, screen: Screen) -> None:
         screen.say(line)
     most = f"at most {bytes_of(swept, bench) / 1e6:.0f} MB in {folder}"
     screen.say(f"disk       {most}; {free / 1e9:.1f} GB free")
-
-
-def _there(folder: Path) -> Path:
-    """The nearest folder above that is there."""
-    return next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
-
-
-def _show_points(request: SweepRequest, state: SweepState, screen: Screen) -> None:
-    """Print what the points that have ended came to; as lines, so that no path is cut."""
-    from rig.sweep.page import headings_of, rows_of
-
-    rows = [headings_of(request.sweep), *rows_of(request.sweep, state)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows if len(rows) > 1 else ():
-        screen.say("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
-
-
-def _sum_up(request: SweepRequest, state: SweepState, screen: Screen) -> None:
-    from rig.files.sweep import points_named
-    from rig.sweep.results import TABLE
-
-    screen.say(f"table      {request.folder / TABLE}")
-    bad = state.ended("failed", "interlock")
-    if bad:
-        named, count = points_named(list(bad)), len(request.sweep.points)
-        raise RattleError(f"{named} of {count} not as asked for; see above")

@@ -70,21 +70,15 @@ class OrderLines:
             even, first = even[:, start:], first + start
             self._first, self._even = first, even[:, :0]
         self._even = np.concatenate((self._even, even), axis=1)
-        self._average()
-
-    def _average(self) -> None:
         assert self._first is not None  # noqa: S101  set before the first even angle is kept
         whole = TURNS * POINTS
         while self._even.shape[1] >= whole:
-            rows = [self._lines(row[:whole]) for row in self._even]
+            blocks = (EvenAngles(self._first, row[:whole]) for row in self._even)
+            rows = [order_map(block, POINTS, TURNS).amplitude[0] for block in blocks]
             self._squares.append(np.array(rows) ** 2)
             self.blocks += 1
             self._first += whole // 2
             self._even = self._even[:, whole // 2 :]
-
-    def _lines(self, even: NDArray[np.float64]) -> NDArray[np.float64]:
-        assert self._first is not None  # noqa: S101  lines are asked for after that
-        return np.asarray(order_map(EvenAngles(self._first, even), POINTS, TURNS).amplitude[0])
 
     @property
     def order(self) -> NDArray[np.float64]:

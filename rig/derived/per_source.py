@@ -2,22 +2,137 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle.begins import Cycles
-from daq.angle.crank_cycles import MarkerCycles
+from daq.angle.cycles import Cycles, MarkerCycles
 from daq.block import BLIND, SampleBlock, sample_time_ns
-from daq.derived_names import CRANK_SPEED, derived_name
-from daq.log.reader import Origin
-from rig.derived.impacts import ImpactWatch
-from rig.derived.reference import Nominal, cycles_of, first_look, reference_of
+from daq.log.reader import CRANK_SPEED, Origin, derived_name
+from daq.log.records import Impact
+from daq.signals.impact_events import BounceGrouper, ImpactDetector, ImpactEvents
 from rig.derived.series import CrankSpeed, CycleFigures
-from rig.derived.settings import Settings, has_figures, is_watched, role_of, settled
+from rig.derived.settings import (
+    Nominal,
+    Settings,
+    cycles_of,
+    first_look,
+    has_figures,
+    is_watched,
+    magnitude,
+    reference_of,
+    role_of,
+    settled,
+)
 from rig.stream import Consumer
 from sim_twin.rigs.channel_table import Role
+
+_LOOK_S = 0.5
+
+
+class ImpactWatch:
+    """Finds the impacts of a channel in its blocks; each is handed on once it is over and its phase known.
+
+    A contact that missing samples or the end of the record cut counts as far as it was seen.
+    """
+
+    def __init__(
+        self,
+        origin: str,
+        name: str,
+        settings: Settings,
+        cycles: Cycles | None,
+        sample_rate: float,
+        start_ns: int,
+    ) -> None:
+        self._origin, self._name, self._role = origin, name, role_of(name)
+        self._levels, self._within_s = settings.levels[name], settings.within_s[name]
+        self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
+        self._waiting: deque[tuple[int, _Event]] = deque()
+        self._unseen: list[NDArray[np.floating]] = []
+        self._base = self._next = 0
+        self._detector = ImpactDetector(self._levels, self._rate)
+        self._grouper = BounceGrouper(self._rate, self._within_s)
+
+    def add(self, block: SampleBlock, publish: Consumer) -> None:
+        if block.first_sample != self._next:
+            self._end()
+            self._base = block.first_sample
+            self._detector = ImpactDetector(self._levels, self._rate)
+            self._grouper = BounceGrouper(self._rate, self._within_s)
+        self._unseen.append(block.values)
+        self._next = block.end_sample
+        if sum(map(len, self._unseen)) >= _LOOK_S * self._rate:
+            self._look()
+            self._tell(publish)
+
+    def finish(self, publish: Consumer) -> None:
+        self._end()
+        self._tell(publish)
+
+    def _look(self) -> None:
+        """Search the blocks that came since the last time: together they take little longer than one."""
+        if self._unseen:
+            impacts = self._detector.add(magnitude(self._role, np.concatenate(self._unseen)))
+            self._note(self._grouper.add(impacts, self._detector.settled))
+            self._unseen.clear()
+
+    def _end(self) -> None:
+        self._look()
+        self._note(self._grouper.add(self._detector.finish(), self._detector.settled))
+        self._note(self._grouper.finish())
+
+    def _note(self, events: ImpactEvents) -> None:
+        if len(events):
+            columns = (getattr(events, name).tolist() for name in _COLUMNS)
+            self._waiting.extend((self._base, _Event(*row)) for row in zip(*columns, strict=True))
+
+    def _tell(self, publish: Consumer) -> None:
+        while self._waiting:
+            base, event = self._waiting[0]
+            start, turns = base + event.start, nan
+            if self._cycles is not None:
+                if start >= self._cycles.begins.until:
+                    return
+                turns = self._cycles.turns_at(start)
+            publish(
+                Impact(
+                    sample_time_ns(self._start_ns, start, self._rate),
+                    self._origin,
+                    self._name,
+                    first_sample=start,
+                    end_sample=base + event.end,
+                    peak_sample=base + event.index,
+                    peak=event.peak_n,
+                    first_peak=event.first_n,
+                    impulse=event.impulse_ns,
+                    contact_s=event.contact_s,
+                    bounces=event.contacts - 1,
+                    turns=turns,
+                )
+            )
+            self._waiting.popleft()
+
+
+@dataclass(frozen=True, slots=True)
+class _Event:
+    """A row of `ImpactEvents`."""
+
+    index: int
+    start: int
+    end: int
+    first_n: float
+    peak_n: float
+    impulse_ns: float
+    contact_s: float
+    contacts: int
+
+
+_COLUMNS = tuple(field.name for field in fields(_Event))
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
@@ -61,11 +176,12 @@ class OriginDeriver:
         self._waiting.append(block)
         if block.channel in self._ends:
             self._ends[block.channel] = block.end_sample
-        if self.settings is not None or self._seen_enough(block):
+        needed = round(self._settle_s * block.sample_rate)
+        seen_enough = min(self._ends.values(), default=needed) >= needed or block.end_sample >= 2 * needed
+        if self.settings is not None or seen_enough:
             self._set_up(publish)
 
     def finish(self, publish: Consumer) -> None:
-        """No more blocks will come."""
         if not self._ready and self._waiting:
             self._set_up(publish)
         if self._cycles is not None:
@@ -77,29 +193,24 @@ class OriginDeriver:
         for impacts in self._impacts.values():
             impacts.finish(publish)
 
-    def _seen_enough(self, block: SampleBlock) -> bool:
-        needed = round(self._settle_s * block.sample_rate)
-        return min(self._ends.values(), default=needed) >= needed or block.end_sample >= 2 * needed
-
     @property
     def _settle_s(self) -> float:
         return self._nominal.settle_s if self._nominal is not None else 1.0
 
     def _set_up(self, publish: Consumer) -> None:
         if self.settings is None:
-            self.settings = self._settle()
+            seen = {name: self._first_seconds(name) for name in self._watched}
+            cycle_hz, phase = None, 0.0
+            if self._reference is not None and self._nominal is not None:
+                values = self._first_seconds(self._reference)
+                cycle_hz, phase = first_look(
+                    self._reference, values, self._waiting[0].sample_rate, self._nominal
+                )
+            self.settings = settled(self._settle_s, cycle_hz, phase, seen)
         self._ready = True
         waiting, self._waiting = self._waiting, []
         for block in waiting:
             self._derive(block, publish)
-
-    def _settle(self) -> Settings:
-        seen = {name: self._first_seconds(name) for name in self._watched}
-        cycle_hz, phase = None, 0.0
-        if self._reference is not None and self._nominal is not None:
-            values = self._first_seconds(self._reference)
-            cycle_hz, phase = first_look(self._reference, values, self._waiting[0].sample_rate, self._nominal)
-        return settled(self._settle_s, cycle_hz, phase, seen)
 
     def _first_seconds(self, name: str) -> NDArray[np.floating]:
         """Samples of a channel up to `settle_s`, NaN where they are missing."""

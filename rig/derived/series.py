@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle.begins import Cycles
-from daq.angle.crank_cycles import MarkerCycles
+from daq.angle.cycles import Cycles, MarkerCycles
 from daq.angle.speed import AngleSpeed, MarkerSpeed, Run, samples_per_speed
 from daq.block import BLIND, NS_PER_S, Flag, SampleBlock
-from daq.derived_names import CYCLE_PEAK, CYCLE_RMS
+from daq.log.reader import CYCLE_PEAK, CYCLE_RMS
 from daq.signals.running_figures import CycleScanner
 from rig.stream import Block, Consumer
 
@@ -51,7 +50,6 @@ class Series:
             self.flush(publish)
 
     def flush(self, publish: Consumer) -> None:
-        """Hand on what is there."""
         if not self._rows:
             return
         columns = np.array(self._rows, dtype=np.float32).T
@@ -76,19 +74,6 @@ class _Stretch(NamedTuple):
     @property
     def end_sample(self) -> int:
         return self.first_sample + len(self.values)
-
-
-def _joined(stretches: Sequence[_Stretch]) -> list[_Stretch]:
-    groups: list[list[_Stretch]] = []
-    for each in stretches:
-        if groups and groups[-1][-1].end_sample == each.first_sample and groups[-1][0].good == each.good:
-            groups[-1].append(each)
-        else:
-            groups.append([each])
-    return [
-        _Stretch(group[0].first_sample, np.concatenate([each.values for each in group]), group[0].good)
-        for group in groups
-    ]
 
 
 class CycleFigures:
@@ -124,7 +109,17 @@ class CycleFigures:
 
     def _look(self, publish: Consumer) -> None:
         """Several blocks together take little longer than one."""
-        waiting, self._waiting, self._unseen = _joined(self._waiting), [], 0
+        groups: list[list[_Stretch]] = []
+        for each in self._waiting:
+            if groups and groups[-1][-1].end_sample == each.first_sample and groups[-1][0].good == each.good:
+                groups[-1].append(each)
+            else:
+                groups.append([each])
+        self._waiting, self._unseen = [], 0
+        waiting = [
+            _Stretch(group[0].first_sample, np.concatenate([each.values for each in group]), group[0].good)
+            for group in groups
+        ]
         for number, stretch in enumerate(waiting):
             if not self._take(stretch, publish):
                 self._waiting = waiting[number:]
@@ -151,16 +146,14 @@ class CycleFigures:
         if begins.number:
             rows = zip(begins.offset.tolist(), begins.number, begins.sound, ended.tolist(), strict=True)
             for offset, number, sound, figures in rows:
-                self._end_cycle(figures if sound and good else _UNKNOWN, publish)
+                if self._running is not None and self._begins.first_number is not None:
+                    sample, ended_number = self._running
+                    index = ended_number - self._begins.first_number
+                    self._series.add(index, sample, figures if sound and good else _UNKNOWN, publish)
                 self._running = self._next + offset, number
         if not good:
             self._scanner.spoil()
         self._next = end
-
-    def _end_cycle(self, figures: Sequence[float], publish: Consumer) -> None:
-        if self._running is not None and self._begins.first_number is not None:
-            sample, number = self._running
-            self._series.add(number - self._begins.first_number, sample, figures, publish)
 
 
 class CrankSpeed:
@@ -186,7 +179,6 @@ class CrankSpeed:
         self._take(publish)
 
     def finish(self, publish: Consumer) -> None:
-        """Hand on what waits."""
         self._take(publish)
         self._series.flush(publish)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.angle.marker import Marks, MarkTracker, crank_angle
 from daq.block import SampleBlock
 from daq.signals.even_angles import angle_turns, smooth_turns
-from rig.derived.last_seconds import LastSeconds
+from rig.stream import LastSeconds
 
 KEPT_S = 6.0
 """Turns reach so far back; three revolutions, which a marker takes to be believed, at 30 rpm."""
@@ -27,18 +27,14 @@ class Turns(Protocol):
 
     channel: str
 
-    def add(self, block: SampleBlock) -> None:
-        """Take a block of `channel`."""
-        ...
+    def add(self, block: SampleBlock) -> None: ...
 
     @property
     def known_until(self) -> int:
         """Turns of samples from here on are not known yet."""
-        ...
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
         """Turns at sample indices that grow, shape (n,); NaN where they are not known, or no more."""
-        ...
 
 
 def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | None:
@@ -78,7 +74,6 @@ class EncoderTurns:
         self.known_until = end
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Turns at sample indices that grow, shape (n,)."""
         if not len(samples):
             return np.empty(0)
         first = int(samples[0])
@@ -98,30 +93,23 @@ class MarkerTurns:
         self._marks = self._tracker.track([])[0]
 
     def add(self, block: SampleBlock) -> None:
-        """Take a block; turns are known up to the newest mark."""
         if block.first_sample != self._end:
             self._restart(block.first_sample)
         self._end = block.end_sample
         found, _ = self._tracker.track(block.values)
         if len(found):
-            self._marks = _newest_of(self._marks, found)
+            columns = (
+                np.concatenate((getattr(self._marks, field.name), getattr(found, field.name)))[-_MARKS_KEPT:]
+                for field in fields(Marks)
+            )
+            self._marks = Marks(*columns)
 
     @property
     def known_until(self) -> int:
-        """The sample of the newest mark."""
         return self._origin + (int(self._marks.position[-1]) if len(self._marks) else 0)
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Turns at sample indices that grow, shape (n,)."""
         return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad)
-
-
-def _newest_of(kept: Marks, found: Marks) -> Marks:
-    columns = (
-        np.concatenate((getattr(kept, field.name), getattr(found, field.name)))[-_MARKS_KEPT:]
-        for field in fields(Marks)
-    )
-    return Marks(*columns)
 
 
 def _mended(angle: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -1,37 +1,39 @@
-"""`rattle diagnose`: from recorded runs to diagnosis.json, effects.json and report.html."""
+"""From recorded runs to what they lack (`rattle diagnose`), and how far off they are (`rattle gap`)."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from daq.errors import RattleError
-from rig.diagnosis.document import Request, document, effects_file, write_json
+from rig.diagnosis.document import Request, document, effects_file, gap_block, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import RecordedCampaign, recorded
-from rig.diagnosis.report.case import RunFacts
+from rig.diagnosis.report.case import Case, RunFacts
 from rig.diagnosis.report.page import write_report
-from rig.diagnosis.workers import Simulated
-from rig.ensembles.executors import cores, worker_processes
+from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.effects_file import load_effects
 from rig.files.model_file import ModelFile, load_model
 from rig.files.scenario import parse_scenario
 from rig.session.progress import Screen
-from rig.twin.matched_twin import campaign_with_model
-from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.diagnosis.diagnose import diagnose
-from sim_twin.diagnosis.effort import effort_for
+from rig.twin.logged import campaign_with_model
+from sim_twin.diagnosis.campaign import Campaign, horizon_s
+from sim_twin.diagnosis.diagnose import diagnose, effort_for
 from sim_twin.diagnosis.findings import Findings, Judged
-from sim_twin.diagnosis.horizon import horizon_s
+from sim_twin.diagnosis.gap import GapMeasure, gap_measure
+from sim_twin.diagnosis.judging import gap_between
 from sim_twin.diagnosis.latent_force import latent_forces
-from sim_twin.diagnosis.next_experiment import rivals_of, told_apart
-from sim_twin.diagnosis.subject import Execute
+from sim_twin.diagnosis.separability import rivals_of, told_apart
+from sim_twin.diagnosis.subject import Draw, Execute, Named
 
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
@@ -65,7 +67,12 @@ def diagnose_runs(
     remarks = list(data.remarks)
     for remark in remarks:
         screen.warn(remark)
-    _make(out)
+    try:  # before anything is simulated, so that nothing is found out that cannot be written
+        out.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise RattleError(f"cannot write to {out}: {error.strerror}") from error
     effort = effort_for(data.campaign, budget_s)
     with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
@@ -100,18 +107,12 @@ def diagnose_runs(
     if experiment is not None and following is not None:
         following.write_text(experiment.scenario, encoding="utf-8")
     report = out / "report.html"
-    write_report(report, findings, content, _facts(data, runs), remarks, forces)
+    rig = data.campaign.runs[0].twin.model
+    units = {name: rig.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
+    pairs = zip(runs, data.scenarios, strict=True)
+    facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
+    write_report(report, Case(findings, content, facts, remarks, forces, out))
     return DiagnosisFiles(findings, out / "diagnosis.json", out / "effects.json", report, following)
-
-
-def _make(folder: Path) -> None:
-    """Before anything is simulated, so that nothing is found out that cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise RattleError(f"cannot write to {folder}: {error.strerror}") from error
 
 
 def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> RecordedCampaign:
@@ -125,13 +126,6 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
 
 def _model_of(path: Path | None, data: RecordedCampaign) -> ModelFile | None:
     return None if path is None else load_model(path, data.campaign.runs[0].twin.model.name)
-
-
-def _facts(data: RecordedCampaign, runs: Sequence[Path]) -> list[RunFacts]:
-    model = data.campaign.runs[0].twin.model
-    units = {name: model.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
-    pairs = zip(runs, data.scenarios, strict=True)
-    return [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
 
 
 def _next_experiment(
@@ -163,3 +157,61 @@ def _next_experiment(
     names = (first.cause.name, second.cause.name)
     # one more run takes nothing away from what these have shown
     return None if share is None else Experiment(best.scenario, names, max(share, first.probability))
+
+
+_HEALTHY, _REPAIRED, _ALONE = 64, 32, 12
+_FEWEST = 8
+_LONGEST_S = 600.0
+Fingerprints: TypeAlias = NDArray[np.float64]
+
+
+def measured_gap(
+    runs: Sequence[Path], model: Path | None, effects: Path | None, seed: int, screen: Screen
+) -> dict[str, Any]:
+    """The gap block of a diagnosis over all cycles of the runs; with `effects` in the twin too."""
+    data = recorded_of(runs, model, screen)
+    for remark in data.remarks:
+        screen.warn(remark)
+    rig = data.campaign.runs[0].twin.model
+    given = () if effects is None else tuple(load_effects(effects, rig.effects))
+    alone = given if len(given) > 1 else ()
+    wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
+    healthy, *others = _simulated(data, wanted, seed, screen)
+    measure = gap_measure(healthy, data.campaign.layout)
+    repaired = [np.array([blocks[0] for blocks in each], dtype=np.float64) for each in others]
+    rng = np.random.default_rng([seed, 1])
+    found = gap_between(measure, data.measured, data.measured, repaired[0] if given else None, rng)
+    places = [rig.effects[name].location for name, _ in given]
+    return gap_block(data.campaign.layout, found, _by_location(measure, places, repaired[1:]))
+
+
+def _simulated(
+    data: RecordedCampaign, wanted: Sequence[tuple[tuple[Named, ...], int]], seed: int, screen: Screen
+) -> list[list[NDArray[np.float32]]]:
+    """Fingerprints (blocks, numbers) of so many rigs with each set of effects."""
+    rng = np.random.default_rng(seed)
+    draws = [
+        Draw(effects, int(rng.integers(2**62)), blocks=1 if effects else 2)
+        for effects, count in wanted
+        for _ in range(count)
+    ]
+    with worker_processes(cores()) as workers, screen.bar("simulating", len(draws), "rigs") as bar:
+        simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar.at)
+        shown = iter(simulated(draws))
+    sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
+    if any(len(each) < _FEWEST for each in sets):
+        raise RattleError("too few rigs could be simulated for a gap")
+    return sets
+
+
+def _by_location(
+    measure: GapMeasure, places: Sequence[str], alone: Sequence[Fingerprints]
+) -> dict[str, float]:
+    """Shares of the places of effects in how far each moves a twin, by squares; one effect has all of it."""
+    if len(places) < 2:
+        return dict.fromkeys(places, 1.0)
+    moved = [float(np.mean(measure.cells(rigs.mean(axis=0)[None]) ** 2)) for rigs in alone]
+    shares: dict[str, float] = {}
+    for place, size in zip(places, moved, strict=True):
+        shares[place] = shares.get(place, 0.0) + size / sum(moved)
+    return shares

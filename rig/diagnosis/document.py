@@ -14,9 +14,9 @@ import numpy as np
 
 from rig.diagnosis.experiments import Experiment
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
-from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.fingerprint import Cell, Layout
 from sim_twin.diagnosis.latent_force import Curve, LatentForce
-from sim_twin.effects.effect import Catalogue
+from sim_twin.effects import Catalogue
 
 SCHEMA = "rattle.diagnosis/1"
 
@@ -31,7 +31,6 @@ class Request:
     budget_s: float
 
     def as_json(self) -> dict[str, Any]:
-        """With the program that answered."""
         model = None if self.model is None else str(self.model)
         software = f"rattle {version('rattle')}"
         return {"software": software, "seed": self.seed, "budget_s": self.budget_s, "model": model}
@@ -49,6 +48,13 @@ def document(
 ) -> dict[str, Any]:
     """The diagnosis as JSON holds it; `catalogue` has all effects of the rig, `forces` what joints lack."""
     probabilities = {"none": findings.none, "effect": findings.effect, "unknown": findings.unknown}
+    judged = {each.cause.name for each in findings.judged}
+    nothing = {"probability": 0.0, "parameters": {}, "gap_after": None, "shrink": None}
+    impossible = [  # for these runs, or no recorded channel can show it
+        {"name": effect.name, "location": effect.location, **nothing, "indistinguishable_from": []}
+        for effect in catalogue.values()
+        if effect.name not in judged
+    ]
     content: dict[str, Any] = _finite(
         {
             "schema": SCHEMA,
@@ -56,7 +62,7 @@ def document(
             "verdict": findings.verdict,
             "verdict_probability": probabilities,
             "gap": gap_block(findings.layout, findings.gap, findings.by_location),
-            "effects": [*(_effect(each) for each in findings.judged), *_impossible(findings, catalogue)],
+            "effects": [*(_effect(each) for each in findings.judged), *impossible],
             "selected": list(dict.fromkeys(cause.name for cause in findings.selected)),
             "separability": [
                 {"effect": one, "from": other, "told_apart": share}
@@ -103,14 +109,12 @@ def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dic
         "recording": gap.recording,
         "by_channel": {name: _part(layout, gap, "channel", name) for name in channels},
         "by_run": [_part(layout, gap, "run", run) for run in runs],
-        "by_band": _by(layout, gap, _energy_band, "low_hz", "high_hz"),
+        "by_band": _by(
+            layout, gap, lambda cell: cell.band if cell.what == "energy" else None, "low_hz", "high_hz"
+        ),
         "by_phase": _by(layout, gap, lambda cell: cell.phase, "from", "to"),
         "by_location": dict(by_location),
     }
-
-
-def _energy_band(cell: Cell) -> tuple[float, float] | None:
-    return cell.band if cell.what == "energy" else None
 
 
 def _by(
@@ -156,17 +160,6 @@ def _curve(curve: Curve) -> dict[str, Any]:
     lines = {"measured_n": curve.measured, "twin_n": curve.twin, "scatter_n": curve.scatter}
     numbers = {name: line.tolist() for name, line in lines.items()}
     return {"axis": curve.axis.name, "unit": curve.axis.unit, "edges": curve.edges.tolist(), **numbers}
-
-
-def _impossible(findings: Findings, catalogue: Catalogue) -> list[dict[str, Any]]:
-    """Effects that these runs cannot have, or that no recorded channel can show."""
-    judged = {each.cause.name for each in findings.judged}
-    nothing = {"probability": 0.0, "parameters": {}, "gap_after": None, "shrink": None}
-    return [
-        {"name": effect.name, "location": effect.location, **nothing, "indistinguishable_from": []}
-        for effect in catalogue.values()
-        if effect.name not in judged
-    ]
 
 
 def _finite(value: Any) -> Any:

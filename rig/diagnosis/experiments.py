@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,14 +9,14 @@ from typing import Any
 
 from daq.errors import ConfigurationError
 from rig.diagnosis.recordings import setting_of
+from rig.files.faults import toml_of
+from rig.files.quantity import written
 from rig.files.scenario import parse_scenario
-from rig.files.toml_text import toml_of
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis.campaign import Campaign
 
 _MOST = 5
-_QUANTITY = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*)")
 _SLOWER = {"frequency", "speed"}
 _LEAST_DURATION, _LONG_ENOUGH = 5.0, 20.0
 """s; a slower run is longer, up to what is enough for any."""
@@ -40,7 +39,6 @@ class Experiment:
     expected_probability: float
 
     def as_json(self) -> dict[str, Any]:
-        """As the diagnosis file has it."""
         return {
             "scenario": self.scenario,
             "separates": list(self.separates),
@@ -80,29 +78,14 @@ def _changed(table: Mapping[str, Any], variation: Mapping[str, float], rig: str)
         section = next((name for name in ("drive", "model") if key in changed.get(name, {})), None)
         if section is None:
             return None
-        unit, value = _number(changed[section][key])
+        value, unit = written(changed[section][key])
         scaled = float(f"{value * factor:.3g}")
         changed[section][key] = f"{scaled:g} {unit}".strip() if unit else scaled
         said.append(f"{key} {changed[section][key]}")
-    _make_long_enough(changed, min([1.0, *(variation[key] for key in _SLOWER & set(variation))]))
+    lasts, unit = written(changed["acquisition"]["duration"])
+    if unit in ("", "s"):  # as many cycles as before, and not too few of them
+        slower = min([1.0, *(variation[key] for key in _SLOWER & set(variation))])
+        longer = float(f"{max(lasts, _LEAST_DURATION, min(lasts / slower, _LONG_ENOUGH)):.3g}")
+        changed["acquisition"]["duration"] = f"{longer:g} {unit}".strip() if unit else longer
     changed["name"] = f"{table.get('name', rig)}: {', '.join(said)}"
     return changed
-
-
-def _make_long_enough(table: dict[str, Any], slower: float) -> None:
-    """As many cycles as before, and not too few of them."""
-    unit, value = _number(table["acquisition"]["duration"])
-    if unit not in ("", "s"):
-        return
-    longer = float(f"{max(value, _LEAST_DURATION, min(value / slower, _LONG_ENOUGH)):.3g}")
-    table["acquisition"]["duration"] = f"{longer:g} {unit}".strip() if unit else longer
-
-
-def _number(value: object) -> tuple[str, float]:
-    """Unit and number of a quantity as written."""
-    if isinstance(value, int | float):
-        return "", float(value)
-    match = _QUANTITY.fullmatch(str(value).strip())
-    if match is None:
-        raise ValueError(f"{value!r} is no quantity")
-    return match[2], float(match[1])

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock
+from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader
-from rig.diagnosis.losses import lost_of, span, usable
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
 from rig.twin.alignment import FREQUENCY_TOLERANCE
@@ -22,10 +21,80 @@ from rig.twin.logged import followed_scenario
 from rig.twin.scenario_twin import twin_of
 from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
-from sim_twin.diagnosis.fingerprint.columns import Columns
+from sim_twin.diagnosis.fingerprint import Columns
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.twin import AnyTwin, Twin
+
+_SPOILT = {Flag.OVERLOAD: "overloaded", Flag.OPEN_SENSOR: "open", Flag.NOT_FINITE: "not finite"}
+_MISSING = "missing"
+_MOSTLY = 0.5
+"""Share of a channel that cannot be used, from which on the channel is left out instead of its time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lossy:
+    """A channel's samples; `lost`, shape (n,), says which of them cannot be used, `why` in words."""
+
+    series: SampleBlock
+    lost: NDArray[np.bool_]
+    why: tuple[str, ...]
+
+
+def lost_of(log: LogReader, table: Mapping[str, SampleBlock]) -> dict[str, Lossy]:
+    """What is lost of each channel: missing, flagged or not finite."""
+    lost = {name: ~np.isfinite(series.values) for name, series in table.items()}
+    why: dict[str, list[str]] = {name: [_MISSING] if lost[name].any() else [] for name in table}
+    for _, block in log.blocks("measured", list(table)):
+        first = table[block.channel].first_sample
+        here = slice(max(block.first_sample - first, 0), max(block.end_sample - first, 0))
+        for flag, word in _SPOILT.items():
+            if block.flags & flag:
+                lost[block.channel][here] = True
+                why[block.channel].append(word)
+    return {name: Lossy(table[name], lost[name], tuple(dict.fromkeys(why[name]))) for name in table}
+
+
+def usable(
+    path: Path, lost: Mapping[str, Lossy], reference: str
+) -> tuple[dict[str, SampleBlock], NDArray[np.bool_], tuple[str, ...]]:
+    """The channels that can be used, which samples of the `span` they share, shape (n,), and what is lost.
+
+    A channel that is lost for half of the run or more is left out. Raises LogError where that is `reference`,
+    which tells the cycles.
+    """
+    kept = {name: each for name, each in lost.items() if each.lost.mean() < _MOSTLY}
+    if reference not in kept:
+        each = lost[reference]
+        raise LogError(
+            f"{path}: {each.lost.mean():.0%} of {reference} {' and '.join(each.why)}; "
+            "without it nobody knows the phase of a cycle"
+        )
+    table = {name: each.series for name, each in kept.items()}
+    first, end = span(table)
+    sound = np.ones(end - first, dtype=bool)
+    remarks = [
+        f"{name} is not used: {each.lost.mean():.0%} of it {' and '.join(each.why)}"
+        for name, each in lost.items()
+        if name not in kept
+    ]
+    alike: dict[str, list[str]] = {}
+    for name, each in kept.items():
+        spoilt = each.lost[first - each.series.first_sample : end - each.series.first_sample]
+        sound &= ~spoilt
+        if spoilt.any():
+            alike.setdefault(f"{spoilt.mean():.1%} {' and '.join(each.why)}", []).append(name)
+    for what, names in alike.items():
+        whose = "all channels" if len(names) == len(kept) else ", ".join(names)
+        remarks.append(f"{whose}: {what}; left out, in all channels")
+    return table, sound, tuple(remarks)
+
+
+def span(table: Mapping[str, SampleBlock]) -> tuple[int, int]:
+    """First sample that all channels have, and the one after the last."""
+    first = max(series.first_sample for series in table.values())
+    return first, min(series.end_sample for series in table.values())
+
 
 Array = NDArray[np.floating]
 _RATE = 25_600.0
@@ -69,10 +138,23 @@ class _Run:
 
 def recorded(paths: Sequence[Path]) -> RecordedCampaign:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used."""
-    _each_once(paths)
+    twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
+    if twice:
+        raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
     runs = [_read(path) for path in paths]
-    _none_copied(runs)
-    _of_one_rig(runs)
+    # a copy under another name would count as a second run
+    for first, second in combinations(runs, 2):
+        shared = first.records.keys() & second.records.keys()
+        if shared and all(np.array_equal(first.records[name], second.records[name]) for name in shared):
+            same = f"{first.path} and {second.path} hold the same samples"
+            raise ConfigurationError("campaign", [Problem("runs", same, "each run once")])
+    rigs = {run.twin.model.name: run.path.name for run in runs}
+    if len(rigs) > 1:
+        what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
+        raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
+    problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
+    if problems:
+        raise ConfigurationError("campaign", problems)
     common = [name for name in runs[0].twin.channels if all(name in run.records for run in runs)]
     settings = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
     if not settings[0].columns.coupled:
@@ -96,31 +178,6 @@ def recorded(paths: Sequence[Path]) -> RecordedCampaign:
         records=tuple(run.records for run in runs),
         sound=tuple(run.sound for run in runs),
     )
-
-
-def _each_once(paths: Sequence[Path]) -> None:
-    twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
-    if twice:
-        raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
-
-
-def _none_copied(runs: Sequence[_Run]) -> None:
-    """A copy under another name would count as a second run."""
-    for first, second in combinations(runs, 2):
-        shared = first.records.keys() & second.records.keys()
-        if shared and all(np.array_equal(first.records[name], second.records[name]) for name in shared):
-            same = f"{first.path} and {second.path} hold the same samples"
-            raise ConfigurationError("campaign", [Problem("runs", same, "each run once")])
-
-
-def _of_one_rig(runs: Sequence[_Run]) -> None:
-    rigs = {run.twin.model.name: run.path.name for run in runs}
-    if len(rigs) > 1:
-        what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
-        raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
-    problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
-    if problems:
-        raise ConfigurationError("campaign", problems)
 
 
 def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
@@ -242,21 +299,16 @@ def _resampled(
 
 
 def _coarse(values: Array, name: str, twin: AnyTwin, step: int, count: int) -> Array:
-    filled = _bridged(np.asarray(values, dtype=np.float64))
+    known = np.isfinite(values)
+    filled = np.where(known, np.asarray(values, dtype=np.float64), 0.0)
+    if known.any():  # straight lines over what is missing, so that filters and angles stay on course
+        at = np.arange(len(values))
+        filled[~known] = np.interp(at[~known], at[known], filled[known])
     if step == 1 or isinstance(twin.sensors.get(name), Encoder):
         return filled[: count * step : step]
     taps = anti_alias_taps(step, 0.0)
     half = len(taps) // 2
     return decimated(np.pad(filled, (half, half + step)), taps, step, count)
-
-
-def _bridged(values: Array) -> Array:
-    """Straight lines where samples are missing or no numbers, so that filters and angles stay on course."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.where(known, values, 0.0)
-    at = np.arange(len(values))
-    return np.interp(at, at[known], values[known])
 
 
 def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:

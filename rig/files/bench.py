@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
-from daq.quantity import Check, Key, Quantity, Text, Whole
+from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406.settings import EncoderSettings
-from drivers.loopback import misplaced
-from drivers.mitsubishi_fr.settings import InverterSettings
-from drivers.ni_daq.channels import CardChannel
-from drivers.scpi.settings import GeneratorSettings
-from rig.files.channels import read_channels
-from rig.files.encoder import read_encoder, with_emulated_defaults
+from drivers.ni_daq.channels import CardSettings
 from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
@@ -24,124 +18,89 @@ from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
-_Actuator = TypeVar("_Actuator")
-_ADDRESS: Final = Text('host:port, such as "127.0.0.1:31763"', r"[^\s:]+:\d{1,5}|\[::1\]:\d{1,5}")
+_Settings = TypeVar("_Settings")
+_CARD: Final = "daq_card"
+"""Which every bench has: its sample clock is the time base of all the others."""
 _REAL_CARD: Final = (
-    "false beside a real inverter: a motor that turns needs a real card on which its shaft shows; the speed "
-    "guard would watch an emulated one. For a rehearsal set inverter.emulated = true as well"
+    "false beside a real {actuator}: a motor that turns needs a real card on which its shaft shows; the "
+    "speed guard would watch an emulated one. For a rehearsal set {actuator}.emulated = true as well"
 )
-_ENCODER_BESIDE: Final = {
-    False: "false beside a real inverter: the speed guard would watch an emulated encoder, which shows the "
-    "scenario's speed whatever the motor does. Without a real one leave [encoder] out",
-    True: "true beside an emulated inverter: a real encoder stands while the emulated shaft turns, and the "
-    "speed guard would end every run. Or leave [encoder] out",
+_BESIDE: Final = {
+    False: "false beside a real {actuator}: the speed guard would watch an emulated {name}, which shows the "
+    "scenario's speed whatever the motor does. Without a real one leave [{name}] out",
+    True: "true beside an emulated {actuator}: a real {name} stands while the emulated shaft turns, and the "
+    "speed guard would end every run. Or leave [{name}] out",
 }
-"""By whether the inverter is emulated: what the encoder has to be, and why."""
-
-
-def _card_reachable(card: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if card["grpc"] is not None and (wrong := misplaced(card["grpc"])):
-        yield "grpc", wrong
+"""By whether the actuator is emulated: what else looks at its shaft has to be, and why."""
 
 
 @dataclass(frozen=True, slots=True)
-class _CardSection:
-    driver: Annotated[Literal["nidaqmx"], Key()] = "nidaqmx"
-    grpc: Annotated[str | None, _ADDRESS] = None
-    emulated: Annotated[bool, Key()] = False
-    buffer: Annotated[float, Quantity("s", 0.5, 120)] = 10.0
-    CHECKS: ClassVar = (Check(("grpc",), _card_reachable),)
+class Emulation:
+    """The table [emulation]: what the emulated rig really is.
 
+    `effects` is an effects file, resolved once it is read; `seed` None is a new one each run. `healthy` draws
+    the rig within what a healthy one may differ by; without it it has the nominal values. `rest_offset` is
+    where the tip of a beam really rests (m, towards the upper stop), "drawn" anywhere within half of the
+    clearance; None where the scenario says. An encoder on the bus shows where the shaft stood `encoder_lag`
+    (s) ago.
+    """
 
-@dataclass(frozen=True, slots=True)
-class _EmulationSection:
-    effects: Annotated[str | None, Text("the path of an effects file, seen from the bench file")] = None
+    effects: Annotated[Path | None, Text("the path of an effects file, seen from the bench file")] = None
     seed: Annotated[int | None, Whole(0, 2**63 - 1)] = None
     healthy: Annotated[bool, Key()] = True
     rest_offset: Annotated[float | Literal["drawn"] | None, Quantity("mm", -10, 10)] = None
-    encoder_lag: Annotated[float | None, Quantity("ms", 0, 1000)] = None
+    encoder_lag: Annotated[float, Quantity("ms", 0, 1000)] = 0.0
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class DaqCard:
-    """The acquisition card: `grpc` is the device server's host:port, None for this machine's own NI driver.
-
-    `buffer` is how much the driver holds for a late reader, in s.
-    """
-
-    driver: Literal["nidaqmx"]
-    grpc: str | None
-    emulated: bool
-    buffer: float
-    channels: tuple[CardChannel, ...]
-
-    @staticmethod
-    def place(address: str) -> Mapping[str, Any]:
-        """What the table says of one that is at `address`."""
-        return {"grpc": address}
-
-    def at(self, address: str) -> DaqCard:
-        """The same one, at `address`."""
-        return dataclasses.replace(self, grpc=address)
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Emulation:
-    """What the emulated rig really is: an effects file (resolved), a seed (None: a new one each run).
-
-    `healthy` draws the rig within what a healthy one may differ by; without it it has the nominal values.
-    `rest_offset` is where the tip of a beam really rests (m, towards the upper stop), "drawn" anywhere within
-    half of the clearance; None where the scenario says. An encoder on the bus shows where the shaft stood
-    `encoder_lag` (s) ago.
-    """
-
-    effects: Path | None = None
-    seed: int | None = None
-    healthy: bool = True
-    rest_offset: float | str | None = None
-    encoder_lag: float = 0.0
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Bench:
     """A checked bench in SI, of the `rig` that it was read for; `source` names the file, `text` is what stood
     in it.
+
+    `instruments` are the settings of each, by its table, the actuator's first.
     """
 
     rig: str
-    actuator: GeneratorSettings | InverterSettings
-    daq_card: DaqCard
-    encoder: EncoderSettings | None
+    instruments: Mapping[str, Any]
     emulation: Emulation
     source: str
     text: str
 
-    @property
-    def signal_generator(self) -> GeneratorSettings:
-        """The generator of a rig that has one; LookupError for another's bench."""
-        return _of_kind(GeneratorSettings, self.actuator)
+    def the(self, kind: type[_Settings]) -> _Settings:
+        """The settings of the instrument that has such ones; LookupError for the bench of another rig."""
+        found = next((each for each in self.instruments.values() if isinstance(each, kind)), None)
+        if found is None:
+            raise LookupError(f"this bench has no {kind.__name__}")
+        return found
 
     @property
-    def inverter(self) -> InverterSettings:
-        """The inverter of a rig that has one; LookupError for another's bench."""
-        return _of_kind(InverterSettings, self.actuator)
+    def actuator(self) -> Any:
+        return self.instruments[RIGS[self.rig].actuator]
 
     @property
-    def instruments(self) -> tuple[str, ...]:
-        """The tables of its instruments, the actuator's first."""
-        return (RIGS[self.rig].actuator, "daq_card", *(() if self.encoder is None else ("encoder",)))
+    def daq_card(self) -> CardSettings:
+        """The card, whose clock is everybody's time base."""
+        return self.the(CardSettings)
+
+    @property
+    def encoder(self) -> EncoderSettings | None:
+        """The encoder beside the card, which a rig that turns may have."""
+        return next((each for each in self.instruments.values() if isinstance(each, EncoderSettings)), None)
+
+    @property
+    def loggers(self) -> tuple[str, ...]:
+        """The tables of those that measure beside the card, whatever the rig is."""
+        return tuple(table for table in self.instruments if INSTRUMENTS[table].logs)
 
     @property
     def emulated(self) -> tuple[str, ...]:
         """The tables of those that are emulated."""
-        each = (self.actuator, self.daq_card, self.encoder)
-        known = zip(self.instruments, each, strict=False)
-        return tuple(table for table, instrument in known if instrument is not None and instrument.emulated)
+        return tuple(table for table, settings in self.instruments.items() if settings.emulated)
 
     @property
     def unseen(self) -> bool:
         """Whether a real actuator moves a rig that the card, which is emulated, shows nothing of."""
-        return _unseen(self.actuator, self.daq_card)
+        return self.daq_card.emulated and not self.actuator.emulated
 
 
 def load_bench(path: str | Path, rig: str | None = None) -> Bench:
@@ -159,10 +118,7 @@ def embedded_bench(rig: str = "impact_beam") -> Bench:
 
 def tables_of(bench: Bench) -> dict[str, Any]:
     """The tables that a bench was read from, with what its emulated instruments leave open filled in."""
-    tables = _with_defaults(read_toml(bench.text, bench.source), RIGS[bench.rig], Faults(bench.source))
-    if bench.encoder is not None:
-        tables["encoder"] = with_emulated_defaults(tables["encoder"])
-    return tables
+    return _with_defaults(read_toml(bench.text, bench.source), RIGS[bench.rig], Faults(bench.source))
 
 
 def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) -> Bench:
@@ -170,48 +126,50 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     faults = Faults(source)
     given = read_toml(text, source)
     kind = RIGS[_inferred_rig(given) if rig is None else rig]
-    _note_foreign(given, kind, faults)
+    for name, instrument in INSTRUMENTS.items():
+        if name in given and name not in _known(kind):
+            driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
+            faults.add(
+                name, given[name], driven if instrument.actuator else f"none: the {kind.name} has none"
+            )
     table = _with_defaults(given, kind, faults)
     unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
-    settings = loaded(INSTRUMENTS[kind.actuator].settings)
-    actuator: Any = read_table(settings, table[kind.actuator], kind.actuator, faults)
-    card = _card(table["daq_card"], faults)
-    encoder = None
-    if "encoder" in kind.extras and "encoder" in given:
-        encoder = read_encoder(given["encoder"], "encoder", faults)
-    lags = "encoder" in kind.extras and _emulated(given.get("encoder"))
-    emulation = _emulation(table.get("emulation", {}), kind, lags, folder, faults)
-    idle = actuator and card and not any(_emulated(table.get(name)) for name in INSTRUMENTS)
-    if "emulation" in given and idle:
+    instruments = {name: _read(name, table[name], faults) for name in _known(kind) if name in table}
+    emulated = tuple(name for name in table if name in INSTRUMENTS and _emulated(table[name]))
+    emulation = _emulation(table.get("emulation", {}), kind, emulated, folder, faults)
+    actuator, card = instruments[kind.actuator], instruments[_CARD]
+    if "emulation" in given and actuator and card and not emulated:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
     if kind.turns and kind.actuator in given and actuator and card:
-        _note_mixed(actuator, card, encoder, faults)
-    if faults or actuator is None or card is None or emulation is None:
+        _note_mixed(kind, instruments, faults)
+    if faults or emulation is None:
         raise faults.error()
-    return Bench(kind.name, actuator, card, encoder, emulation, source, text)
+    return Bench(kind.name, instruments, emulation, source, text)
 
 
-def _note_mixed(
-    actuator: GeneratorSettings | InverterSettings,
-    card: DaqCard,
-    encoder: EncoderSettings | None,
-    faults: Faults,
-) -> None:
+def _read(name: str, table: object, faults: Faults) -> Any:
+    """The settings of an instrument; None after noting in `faults` all that is wrong with them."""
+    instrument = INSTRUMENTS[name]
+    if instrument.reader:
+        return loaded(instrument.reader)(table, name, faults)
+    return read_table(loaded(instrument.settings), table, name, faults)
+
+
+def _known(kind: RigKind) -> Iterable[str]:
+    """The tables of instruments that the bench of a rig may have; the first two it must."""
+    return kind.actuator, _CARD, *kind.extras, *(name for name, each in INSTRUMENTS.items() if each.logs)
+
+
+def _note_mixed(kind: RigKind, instruments: Mapping[str, Any], faults: Faults) -> None:
     """Note what does not look at the shaft that the motor turns."""
-    if _unseen(actuator, card):
-        faults.add("daq_card.emulated", True, _REAL_CARD)
-    if encoder is not None and encoder.emulated != actuator.emulated:
-        faults.add("encoder.emulated", encoder.emulated, _ENCODER_BESIDE[actuator.emulated])
-
-
-def _unseen(actuator: GeneratorSettings | InverterSettings, card: DaqCard) -> bool:
-    return card.emulated and not actuator.emulated
-
-
-def _of_kind(kind: type[_Actuator], actuator: object) -> _Actuator:
-    if not isinstance(actuator, kind):
-        raise LookupError(f"this bench has no {kind.__name__}")
-    return actuator
+    rehearsed = instruments[kind.actuator].emulated
+    if instruments[_CARD].emulated and not rehearsed:
+        faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=kind.actuator))
+    for name in kind.extras:
+        beside = instruments.get(name)
+        if beside is not None and beside.emulated != rehearsed:
+            why = _BESIDE[rehearsed].format(actuator=kind.actuator, name=name)
+            faults.add(f"{name}.emulated", beside.emulated, why)
 
 
 def _inferred_rig(given: Mapping[str, Any]) -> str:
@@ -228,16 +186,6 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
     return max(RIGS.values(), key=matches).name
 
 
-def _note_foreign(given: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
-    """Note the instruments that this rig has no use for."""
-    for name, instrument in INSTRUMENTS.items():
-        if name in given and name not in (kind.actuator, "daq_card", *kind.extras):
-            driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
-            faults.add(
-                name, given[name], driven if instrument.actuator else f"none: the {kind.name} has none"
-            )
-
-
 def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict[str, Any]:
     """Fill what an emulated instrument leaves open from the rig's embedded bench.
 
@@ -247,13 +195,14 @@ def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict
     embedded = read_toml(kind.bench, "embedded bench")
     some_real = any(name in given and not _emulated(given[name]) for name in INSTRUMENTS)
     table = dict(given)
-    for name in (kind.actuator, "daq_card"):
+    for name in (kind.actuator, _CARD):
         if name not in given and some_real:
             faults.missing(name, f"a table [{name}] (emulated = true if it is not there)")
         if name not in given:
             table[name] = embedded[name]
-        elif _emulated(given[name]):
-            table[name] = {**embedded[name], **given[name]}
+    for name in _known(kind):
+        if name in given and _emulated(given[name]):
+            table[name] = {**embedded.get(name, INSTRUMENTS[name].left_open), **given[name]}
     return table
 
 
@@ -261,28 +210,18 @@ def _emulated(table: object) -> bool:
     return isinstance(table, dict) and table.get("emulated") is True
 
 
-def _card(table: object, faults: Faults) -> DaqCard | None:
-    if not isinstance(table, dict):
-        faults.add("daq_card", table, "a table [daq_card]")
+def _emulation(
+    table: Any, kind: RigKind, emulated: Iterable[str], folder: Path, faults: Faults
+) -> Emulation | None:
+    """Read the table of a bench whose instruments `emulated` are so."""
+    emulation = read_table(Emulation, table, "emulation", faults)
+    if emulation is None:
         return None
-    plain = {key: value for key, value in table.items() if key != "channels"}
-    section = read_table(_CardSection, plain, "daq_card", faults)
-    channels = read_channels(table.get("channels", []), "daq_card.channels", faults)
-    if section is None:
-        return None
-    return DaqCard(section.driver, section.grpc, section.emulated, section.buffer, channels)
-
-
-def _emulation(table: Any, kind: RigKind, lags: bool, folder: Path, faults: Faults) -> Emulation | None:
-    """Read the table; `lags` is whether an emulated encoder is there that could."""
-    section = read_table(_EmulationSection, table, "emulation", faults)
-    if section is None:
-        return None
-    effects = None if section.effects is None else folder / section.effects
+    effects = None if emulation.effects is None else folder / emulation.effects
     if effects is not None and not effects.is_file():
-        faults.add("emulation.effects", section.effects, f"an existing file (looked for {effects})")
-    if section.rest_offset is not None and "rest_offset" not in kind.model:
+        faults.add("emulation.effects", table["effects"], f"an existing file (looked for {effects})")
+    if "rest_offset" in table and "rest_offset" not in kind.model:
         faults.add_from(table, "rest_offset", "emulation", f"none: the {kind.name} has no such place")
-    if section.encoder_lag is not None and not lags:
+    if "encoder_lag" in table and "encoder" not in {*kind.extras} & {*emulated}:
         faults.add_from(table, "encoder_lag", "emulation", "none: this bench has no emulated [encoder]")
-    return Emulation(effects, section.seed, section.healthy, section.rest_offset, section.encoder_lag or 0.0)
+    return replace(emulation, effects=effects)

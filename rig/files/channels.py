@@ -1,4 +1,4 @@
-"""The channels of the card in a bench file: which sensor, on which input, with which chain behind it."""
+"""The card in a bench file and its channels: which sensor, on which input, with which chain behind it."""
 
 from __future__ import annotations
 
@@ -7,28 +7,41 @@ from collections import Counter
 from typing import Any
 
 from daq.quantity import settings_of
-from drivers.ni_daq.channels import CardChannel
+from drivers.ni_daq.channels import CardChannel, CardSettings
 from drivers.ni_daq.sensing import (
     HIGHEST_FULL_SCALE_V,
     INPUT_WORDS,
     LOWEST_FULL_SCALE_V,
-    SENSINGS,
     keys_of,
     sort_of_input,
 )
+from drivers.ni_daq.sensors import known_sensor
 from rig.files.faults import Faults, dotted
 from rig.files.table import read_table, sound_values
 from rig.rigs import channel_names, declared, unit_of
 
 
-def read_channels(tables: object, key: str, faults: Faults) -> tuple[CardChannel, ...]:
+def read_card(table: object, key: str, faults: Faults) -> CardSettings | None:
+    """Return the card with those channels that are sound; what is wrong with it or others is in `faults`."""
+    if not isinstance(table, dict):
+        faults.add(key, table, f"a table [{key}]")
+        return None
+    plain = {name: value for name, value in table.items() if name != "channels"}
+    card = read_table(CardSettings, plain, key, faults)
+    channels = _read_channels(table.get("channels", []), f"{key}.channels", faults)
+    return None if card is None else dataclasses.replace(card, channels=channels)
+
+
+def _read_channels(tables: object, key: str, faults: Faults) -> tuple[CardChannel, ...]:
     """Return the channels that are sound and note every fault of the others."""
     if not isinstance(tables, list) or not tables:
         faults.add(key, tables, f"at least one table [[{key}]]")
         return ()
     _note_twice(tables, key, "name", faults)
     _note_twice(tables, key, "physical", faults)
-    _note_clockless(tables, key, faults)
+    inputs = [table.get("physical") for table in tables if isinstance(table, dict)]
+    if inputs and all(isinstance(name, str) and sort_of_input(name) == "ctr" for name in inputs):
+        faults.add(f"{key}.physical", inputs[0], f"{INPUT_WORDS['ai']} too, whose clock samples the counters")
     read = (_channel(table, _key_of(table, index, key), faults) for index, table in enumerate(tables))
     return tuple(channel for channel in read if channel is not None)
 
@@ -48,12 +61,6 @@ def _note_twice(tables: list[Any], key: str, field: str, faults: Faults) -> None
             faults.add(f"{key}.{field}", shown, f"each {field} once ({count} channels have it)")
 
 
-def _note_clockless(tables: list[Any], key: str, faults: Faults) -> None:
-    given = [table.get("physical") for table in tables if isinstance(table, dict)]
-    if given and all(isinstance(name, str) and sort_of_input(name) == "ctr" for name in given):
-        faults.add(f"{key}.physical", given[0], f"{INPUT_WORDS['ai']} too, whose clock samples the counters")
-
-
 def _channel(table: object, key: str, faults: Faults) -> CardChannel | None:
     name = sound_values({"name": settings_of(CardChannel)["name"]}, table).get("name")
     known = None if name is None or unit_of(name) is None else declared(name)
@@ -66,18 +73,21 @@ def _channel(table: object, key: str, faults: Faults) -> CardChannel | None:
         faults.unknown(f"{key}.name", name, name, channel_names())
     if channel is None or len(faults) > before:
         return None
-    sensing = SENSINGS[channel.kind, channel.input]
-    if channel.pulses is not None and "decoding" not in keys_of(sensing):
+    sensor = known_sensor(channel)
+    if channel.pulses is not None and "decoding" not in keys_of(sensor):
         # of an encoder the counter sees both tracks, of a tachometer one
         channel = dataclasses.replace(channel, pulses=dataclasses.replace(channel.pulses, decoding=1))
-    if sensing.output and not _resolved(channel):
-        faults.add_from(dict(table), "sensitivity", key, _arithmetic(channel))  # type: ignore[call-overload]
+    highest_v = HIGHEST_FULL_SCALE_V * (1 + 1e-9)
+    if not channel.counted and not LOWEST_FULL_SCALE_V <= channel.full_scale_v <= highest_v:
+        # a sensitivity in mV where the sensor gives V is a thousand times off
+        arithmetic = (
+            "a full scale of 1 mV to 10 V at the card, but range x sensitivity ="
+            f" {channel.range:g} {channel.unit} x {channel.volts_per_unit:g} V per {channel.unit}"
+            f" = {channel.full_scale_v:g} V; check both units"
+        )
+        faults.add_from(dict(table), "sensitivity", key, arithmetic)  # type: ignore[call-overload]
         return None
     return channel if _held(channel, key, faults) else None
-
-
-def _resolved(channel: CardChannel) -> bool:
-    return LOWEST_FULL_SCALE_V <= channel.full_scale_v <= HIGHEST_FULL_SCALE_V * (1 + 1e-9)
 
 
 def _held(channel: CardChannel, key: str, faults: Faults) -> bool:
@@ -97,12 +107,3 @@ def _held(channel: CardChannel, key: str, faults: Faults) -> bool:
         f"at least the channel's full scale, {product}",
     )
     return False
-
-
-def _arithmetic(channel: CardChannel) -> str:
-    """Why a full scale is refused: a sensitivity in mV where the sensor gives V is a thousand times off."""
-    return (
-        "a full scale of 1 mV to 10 V at the card, but range x sensitivity ="
-        f" {channel.range:g} {channel.unit} x {channel.volts_per_unit:g} V per {channel.unit}"
-        f" = {channel.full_scale_v:g} V; check both units"
-    )

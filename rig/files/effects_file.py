@@ -10,7 +10,7 @@ from typing import Any
 
 from daq.errors import ConfigurationError, Problem
 from rig.files.faults import Faults, read_text
-from sim_twin.effects.effect import Catalogue, Parameter
+from sim_twin.effects import Catalogue, Parameter
 
 Named = tuple[str, dict[str, float | str]]
 """An effect and its parameters, numbers as floats in SI."""
@@ -28,7 +28,11 @@ def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Named, 
     may be there once a channel, any other once. Raises ConfigurationError with every fault.
     """
     faults = Faults(source)
-    entries = _read_json(text, source)
+    try:
+        entries = json.loads(text, object_pairs_hook=_once_each)
+    except (ValueError, RecursionError) as error:
+        reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
+        raise ConfigurationError(source, [Problem("JSON", "(syntax)", reason)]) from error
     if not isinstance(entries, list):
         faults.add("effects", entries, 'a list such as [{"name": "clearance", "parameters": {"scale": 1.5}}]')
         raise faults.error()
@@ -38,14 +42,6 @@ def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Named, 
     ]
     faults.raise_if_any()
     return tuple(effect for effect in effects if effect is not None)
-
-
-def _read_json(text: str, source: str) -> Any:
-    try:
-        return json.loads(text, object_pairs_hook=_once_each)
-    except (ValueError, RecursionError) as error:
-        reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
-        raise ConfigurationError(source, [Problem("JSON", "(syntax)", reason)]) from error
 
 
 def _once_each(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -75,18 +71,12 @@ def _effect(
     if not isinstance(given, dict):
         faults.add(f"{key}.parameters", given, "an object")
         return None
-    _note_repeated(name, given, key, seen, faults)
-    return name, _parameters(given, catalogue[name].asked, f"{key}.{name}", faults)
-
-
-def _note_repeated(
-    name: str, given: dict[str, Any], key: str, seen: set[tuple[str, object]], faults: Faults
-) -> None:
     channel = given.get("channel")
     identity = name, channel if isinstance(channel, str) else None
     if identity in seen:
         faults.add(f"{key}.name", name, "once a channel" if identity[1] else "once in a file")
     seen.add(identity)
+    return name, _parameters(given, catalogue[name].asked, f"{key}.{name}", faults)
 
 
 def _parameters(

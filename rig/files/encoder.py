@@ -8,38 +8,23 @@ from typing import Any, Final
 
 from daq.quantity import settings_of
 from drivers.canopen_cia406.settings import EncoderSettings
-from drivers.loopback import misplaced
+from drivers.protocols.instrument import misplaced
 from rig.files.faults import Faults, dotted
 from rig.files.table import read_table, unknown_keys
 
 _OPTIONS: Final[Mapping[str, tuple[str, ...]]] = {"socketcand": ("host", "port", "channel", "tcp_tune")}
 """The keys of interfaces that are known here; of any other, python-can judges."""
 _OWN: Final = tuple(settings_of(EncoderSettings))
-EMULATED: Final[Mapping[str, Any]] = {"interface": "socketcand", "channel": "can0", "node": 7}
-"""What an emulated encoder leaves open."""
 
 
-def with_emulated_defaults(table: Any) -> Any:
-    """The table as it stands in a file; of an emulated encoder with what it leaves open."""
-    return {**EMULATED, **table} if isinstance(table, dict) and table.get("emulated") is True else table
-
-
-def read_encoder(table: object, key: str, faults: Faults) -> EncoderSettings | None:
+def read_encoder(given: object, key: str, faults: Faults) -> EncoderSettings | None:
     """Return the encoder, or None after noting in `faults` all that is wrong with it."""
-    given = with_emulated_defaults(table)
     own = {name: given[name] for name in _OWN if name in given} if isinstance(given, dict) else given
     encoder = read_table(EncoderSettings, own, key, faults)
     if not isinstance(given, dict):
         return None
     options = {name: value for name, value in given.items() if name not in _OWN}
     emulated, interface = given.get("emulated") is True, given.get("interface")
-    sound = _options_hold(options, interface, emulated, key, faults)
-    return dataclasses.replace(encoder, options=options) if encoder is not None and sound else None
-
-
-def _options_hold(
-    options: dict[str, Any], interface: object, emulated: bool, key: str, faults: Faults
-) -> bool:
     before = len(faults)
     known = _OPTIONS.get(interface) if isinstance(interface, str) else None
     if known is not None:
@@ -47,11 +32,12 @@ def _options_hold(
     for name, value in options.items():
         if not isinstance(value, str | int | float | bool):
             faults.add(dotted(key, name), value, "a text, a number, true or false, as python-can wants it")
-    if emulated and interface != EMULATED["interface"]:
+    if emulated and interface != "socketcand":
         faults.add(f"{key}.interface", interface, '"socketcand", which is how an emulated encoder is reached')
     elif interface == "socketcand":
         _socketcand_holds(options, emulated, key, faults)
-    return len(faults) == before
+    sound = len(faults) == before
+    return dataclasses.replace(encoder, options=options) if encoder is not None and sound else None
 
 
 def _socketcand_holds(options: dict[str, Any], emulated: bool, key: str, faults: Faults) -> None:

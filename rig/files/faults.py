@@ -1,4 +1,4 @@
-"""Collecting every fault of a file, so that an operator mends it in one go."""
+"""Text of a file in and out: collecting every fault of it, so that an operator mends it in one go."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import datetime
 import difflib
 import json
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,15 +38,12 @@ class Faults:
             self.missing(dotted(key, name), allowed)
 
     def note(self, problem: Problem) -> None:
-        """Note a problem that was found elsewhere."""
         self._problems.append(problem)
 
     def note_all(self, problems: Iterable[Problem]) -> None:
-        """Note problems that were found elsewhere."""
         self._problems.extend(problems)
 
     def missing(self, key: str, allowed: str) -> None:
-        """Note that `key` has to be there."""
         self._problems.append(Problem(key, "(missing)", allowed))
 
     def unknown(self, key: str, value: object, name: str, known: Iterable[str], kind: str = "key") -> None:
@@ -57,11 +54,9 @@ class Faults:
         self.add(key, value, f"unknown {kind}; {hint}")
 
     def error(self) -> ConfigurationError:
-        """The error that tells all of them."""
         return ConfigurationError(self.source, self._problems)
 
     def raise_if_any(self) -> None:
-        """Raise ConfigurationError if a fault was found."""
         if self._problems:
             raise self.error()
 
@@ -158,3 +153,57 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
         # tomllib passes on what int() says of too many digits, hence more than TOMLDecodeError
         reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
         raise ConfigurationError(source, [Problem("TOML", "(syntax)", reason)]) from error
+
+
+def toml_of(table: Mapping[str, Any]) -> str:
+    """A file's table as TOML."""
+    lines = [*_plain(table), *_nested("", table)]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _plain(table: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        if not _is_table(value) and not _are_tables(value):
+            yield f"{_key(key)} = {_value(value)}"
+
+
+def _nested(before: str, table: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        path = f"{before}{_key(key)}"
+        if _is_table(value):
+            plain, nested = list(_plain(value)), list(_nested(f"{path}.", value))
+            if plain or not nested:
+                yield from ("", f"[{path}]", *plain)
+            yield from nested
+        elif _are_tables(value):
+            for each in value:
+                yield from ("", f"[[{path}]]", *_plain(each), *_nested(f"{path}.", each))
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, Mapping)
+
+
+def _are_tables(value: object) -> bool:
+    return isinstance(value, list | tuple) and bool(value) and all(map(_is_table, value))
+
+
+def _key(key: str) -> str:
+    return key if key.isascii() and key.replace("_", "").replace("-", "").isalnum() else _text(key)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(each) for each in value)}]"
+    return _text(str(value))
+
+
+def _text(text: str) -> str:
+    # JSON's escapes are TOML's, but for the one control character that JSON leaves as it is
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

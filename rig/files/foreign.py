@@ -49,15 +49,37 @@ def matched_to_rig(
     _note_unused(contents, answers, faults)
     matching = _Matching(RIGS[scenario.rig], scenario, answers, faults, say)
     matches = [match for column in columns if (match := matching.match(column)) is not None]
-    _note_twice(matches, faults)
-    _note_lengths(matches, faults)
+    counts = Counter((match.column.origin, match.name) for match in matches)
+    for (origin, name), count in counts.items():
+        if count > 1:
+            theirs = [match.column.name for match in matches if match.name == name]
+            faults.add(f"{origin}/{name}", ", ".join(theirs), f"one channel, not {count}")
+    # of channels that began together at one rate: with fewer samples, some are lost, nobody knows where
+    foreign = [match for match in matches if match.column.stretches is None]
+    groups: dict[tuple[float, int | None, float], list[_Match]] = {}
+    for match in foreign:
+        groups.setdefault((match.sample_rate, match.start_ns, match.column.start_s), []).append(match)
+    for group in groups.values():
+        lengths = {len(match.column.samples) for match in group}
+        if len(lengths) > 1:
+            each = ", ".join(f"{match.column.name} {len(match.column.samples)}" for match in group)
+            faults.add("samples", each, "as many samples of each channel")
     if not columns and not faults:
         faults.missing("channels", "at least one row of samples")
     faults.raise_if_any()
     tracks = tuple(_track(match) for match in matches)
     if any(match.start_ns is None and match.column.stretches is None for match in matches):
         say("the file has no date: its first sample is put at 1970-01-01 (--started says otherwise)")
-    return _with_rest(tracks, contents.rest, {match.column.name: match.name for match in matches})
+    names = {match.column.name: match.name for match in matches}
+    rest, gaps = contents.rest, contents.rest.gaps
+    if gaps is not None:
+        gaps = [dataclasses.replace(gap, channel=names[gap.channel]) for gap in gaps if gap.channel in names]
+    impacts = [
+        dataclasses.replace(impact, channel=names[impact.channel])
+        for impact in rest.impacts
+        if impact.channel in names
+    ]
+    return Recording(tracks, rest.metadata, rest.events, gaps, rest.clocks, impacts)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -94,7 +116,10 @@ class _Matching:
             return None
         if factor is None or rate is None:
             return None
-        return _Match(column, name, unit, factor, rate, self._start_ns(column))
+        start_ns = column.start_ns
+        if self.answers.started_ns is not None:
+            start_ns = self.answers.started_ns + round(column.start_s * 1e9)
+        return _Match(column, name, unit, factor, rate, start_ns)
 
     def _name(self, column: Column) -> str | None:
         given = self.answers.rename.get(column.name, column.name)
@@ -158,12 +183,6 @@ class _Matching:
             return stated.likeliest
         return None
 
-    def _start_ns(self, column: Column) -> int | None:
-        started_ns = self.answers.started_ns
-        if started_ns is None:
-            return column.start_ns
-        return started_ns + round(column.start_s * 1e9)
-
 
 def _is_ours(column: Column) -> bool:
     """Whether a run of rattle's was exported with it: such as an encoder's angle, or what was derived."""
@@ -184,27 +203,6 @@ def _note_unused(contents: Contents, answers: Answers, faults: Faults) -> None:
                 faults.add(option, name, f"a channel of the file: {', '.join(names) or 'it has none'}")
 
 
-def _note_twice(matches: Sequence[_Match], faults: Faults) -> None:
-    counts = Counter((match.column.origin, match.name) for match in matches)
-    for (origin, name), count in counts.items():
-        if count > 1:
-            theirs = [match.column.name for match in matches if match.name == name]
-            faults.add(f"{origin}/{name}", ", ".join(theirs), f"one channel, not {count}")
-
-
-def _note_lengths(matches: Sequence[_Match], faults: Faults) -> None:
-    """Channels that began together at one rate: with fewer samples, some are lost, nobody knows where."""
-    foreign = [match for match in matches if match.column.stretches is None]
-    groups: dict[tuple[float, int | None, float], list[_Match]] = {}
-    for match in foreign:
-        groups.setdefault((match.sample_rate, match.start_ns, match.column.start_s), []).append(match)
-    for group in groups.values():
-        lengths = {len(match.column.samples) for match in group}
-        if len(lengths) > 1:
-            each = ", ".join(f"{match.column.name} {len(match.column.samples)}" for match in group)
-            faults.add("samples", each, "as many samples of each channel")
-
-
 def _track(match: _Match) -> Track:
     column = match.column
     samples: Samples = column.samples if match.factor == 1.0 else Scaled(column.samples, match.factor)
@@ -219,15 +217,3 @@ def _track(match: _Match) -> Track:
         return Track(column.origin, channel, stretches, samples)
     except LogError as error:
         raise LogError(f"{column.name}: {error}") from error
-
-
-def _with_rest(tracks: tuple[Track, ...], rest: Recording, names: Mapping[str, str]) -> Recording:
-    gaps = rest.gaps
-    if gaps is not None:
-        gaps = [dataclasses.replace(gap, channel=names[gap.channel]) for gap in gaps if gap.channel in names]
-    impacts = [
-        dataclasses.replace(impact, channel=names[impact.channel])
-        for impact in rest.impacts
-        if impact.channel in names
-    ]
-    return Recording(tracks, rest.metadata, rest.events, gaps, rest.clocks, impacts)

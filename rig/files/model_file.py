@@ -11,7 +11,6 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 from pydantic import Strict
 
 from daq.quantity import Quantity, Text
@@ -19,11 +18,10 @@ from rig.files.faults import Faults, dotted, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
 from rig.rigs import RIGS
-from sim_twin.matched import Matched
+from sim_twin.healthy import Matched
 
 _KEYS = ("rig", "runs", "scenarios", "tolerances")
 _MOST = 400
-
 
 _CORRELATIONS: Final = "a list of numbers from -1 to 1, one for each tolerance before this one"
 Correlation = Annotated[float, Strict(), Ge(-1), Le(1)]
@@ -68,7 +66,18 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     runs, scenarios = (_texts(table, key, faults) for key in ("runs", "scenarios"))
     sections = _sections(table.get("tolerances", []), faults)
     faults.raise_if_any()
-    matched = _matched(sections, faults)
+    count = len(sections)
+    correlation = np.eye(count)
+    for row, each in enumerate(sections):
+        correlation[row, :row] = correlation[:row, row] = each.correlations
+    # Three digits of each number leave eigenvalues right to about their sum.
+    if np.linalg.eigvalsh(correlation)[0] < -1e-3 * count:
+        faults.add("tolerances", [], "correlations that can be at the same time")
+    deviation = np.array([each.deviation for each in sections])
+    mean = np.array([each.mean for each in sections])
+    matched = Matched(
+        tuple(each.name for each in sections), mean, correlation * np.outer(deviation, deviation)
+    )
     faults.raise_if_any()
     nominals = {each.name: each.nominal for each in sections}
     return ModelFile(rig, runs, scenarios, nominals, matched, text)
@@ -101,19 +110,6 @@ def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:
     return read
 
 
-def _matched(sections: Sequence[_ToleranceSection], faults: Faults) -> Matched:
-    count = len(sections)
-    correlation = np.eye(count)
-    for row, each in enumerate(sections):
-        correlation[row, :row] = correlation[:row, row] = each.correlations
-    # Three digits of each number leave eigenvalues right to about their sum.
-    if np.linalg.eigvalsh(correlation)[0] < -1e-3 * count:
-        faults.add("tolerances", [], "correlations that can be at the same time")
-    deviation = np.array([each.deviation for each in sections])
-    mean = np.array([each.mean for each in sections])
-    return Matched(tuple(each.name for each in sections), mean, correlation * np.outer(deviation, deviation))
-
-
 def model_text(
     rig: str,
     runs: Sequence[str],
@@ -124,7 +120,8 @@ def model_text(
 ) -> str:
     """The text of a model file; `remarks` say of each tolerance in physical terms what was found."""
     head: dict[str, Any] = {"rig": rig, "runs": list(runs), "scenarios": list(scenarios)}
-    correlation = _correlation(matched)
+    deviation = np.maximum(matched.deviation, 1e-12)
+    correlation = np.asarray(matched.covariance / np.outer(deviation, deviation))
     lines = [
         "# What a healthy rig may differ by, as rattle calibrate found it; for --model.",
         "# mean and deviation in standard deviations of healthy rigs (0 and 1: the runs do not tell).",
@@ -141,8 +138,3 @@ def model_text(
             f"correlations = [{', '.join(f'{each:.3f}' for each in correlation[row, :row])}]",
         ]
     return "\n".join([*lines, ""])
-
-
-def _correlation(matched: Matched) -> NDArray[np.float64]:
-    deviation = np.maximum(matched.deviation, 1e-12)
-    return np.asarray(matched.covariance / np.outer(deviation, deviation))

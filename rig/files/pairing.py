@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
+from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.faults import dotted
-from rig.files.scenario import Limit, Scenario
+from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
 from rig.loaded_table import loaded
-from rig.rigs import RIGS
-from rig.rigs.shaft import shaft_channel
+from rig.rigs import RIGS, shaft_channel
 
 SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
@@ -64,7 +65,7 @@ def check_bench(bench: Bench, today: datetime.date) -> None:
 def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     """What is more force than the bench allows."""
     peak = scenario.drive.peak
-    highest = bench.signal_generator.maximum_amplitude
+    highest = bench.the(GeneratorSettings).maximum_amplitude
     if peak > highest:
         allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
@@ -79,7 +80,7 @@ def no_soft_start(scenario: Scenario) -> Iterator[Problem]:
 
 def too_fast(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     """What is faster than the bench allows."""
-    speed, highest = scenario.drive.speed, bench.inverter.maximum_speed
+    speed, highest = scenario.drive.speed, bench.the(InverterSettings).maximum_speed
     if speed > highest * (1 + _ROUNDING):
         allowed = f"up to {_rpm(highest)} (inverter.maximum_speed)"
         yield Problem("drive.speed", _rpm(speed), allowed)
@@ -121,14 +122,10 @@ def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
         elif limit.channel not in ranges:
             yield Problem(key, "(here)", f"a channel of the bench: {', '.join(ranges)}")
         else:
-            yield from _reachable(limit, key, ranges[limit.channel])
-
-
-def _reachable(limit: Limit, key: str, full_scale: float) -> Iterator[Problem]:
-    for name, level in (("warning", limit.warning), ("abort", limit.abort)):
-        if level is not None and level >= full_scale:
-            allowed = f"below {full_scale:g} {limit.unit}, the channel's range"
-            yield Problem(f"{key}.{name}", f"{level:g} {limit.unit}", allowed)
+            for name, level in (("warning", limit.warning), ("abort", limit.abort)):
+                if level is not None and level >= ranges[limit.channel]:
+                    allowed = f"below {ranges[limit.channel]:g} {limit.unit}, the channel's range"
+                    yield Problem(f"{key}.{name}", f"{level:g} {limit.unit}", allowed)
 
 
 def _calibrations(bench: Bench, today: datetime.date) -> Iterator[Problem]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Final, cast
 
 if TYPE_CHECKING:
     import pint
@@ -17,10 +17,39 @@ _TOKEN = re.compile(
 )
 _RAISED = {"²": 2, "³": 3}
 _LONGEST = 80
+_BASE: Final = ("kilogram", "meter", "second", "ampere", "radian")
+_USUAL: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
+    "kg": (1.0, (1, 0, 0, 0, 0)),
+    "g": (0.001, (1, 0, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0, 0)),
+    "mm": (0.001, (0, 1, 0, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0)),
+    "ms": (0.001, (0, 0, 1, 0, 0)),
+    "Hz": (1.0, (0, 0, -1, 0, 0)),
+    "kHz": (1000.0, (0, 0, -1, 0, 0)),
+    "N": (1.0, (1, 1, -2, 0, 0)),
+    "kN": (1000.0, (1, 1, -2, 0, 0)),
+    "g_0": (9.80665, (0, 1, -2, 0, 0)),
+    "V": (1.0, (1, 2, -3, -1, 0)),
+    "mV": (0.001, (1, 2, -3, -1, 0)),
+    "pC": (1e-12, (0, 0, 1, 1, 0)),
+    "rad": (1.0, (0, 0, 0, 0, 1)),
+    "deg": (0.017453292519943295, (0, 0, 0, 0, 1)),
+    "rpm": (0.10471975511965977, (0, 0, -1, 0, 1)),
+}
+"""What Pint says of the usual units, factor and powers of the base: loading it is a third of a check."""
 
 
 class QuantityError(ValueError):
     """The text is no quantity, or one of another kind than asked for; says which."""
+
+
+def written(value: object) -> tuple[float, str]:
+    """Number and unit of a quantity as it stands in a file; raises QuantityError where it is none."""
+    match = _QUANTITY.fullmatch(str(value).rstrip())
+    if match is None:
+        raise QuantityError("not a number with a unit")
+    return float(match[1]), match[2]
 
 
 @functools.cache
@@ -36,23 +65,18 @@ def si_value(text: str, unit: str) -> float:
     Hertz and rpm are not converted into each other (one of them is an angular speed). `g` is standard gravity
     wherever an acceleration is asked for. Raises QuantityError.
     """
-    match = _QUANTITY.fullmatch(text.rstrip())
-    if match is None or len(text) > _LONGEST:
+    if len(text) > _LONGEST:
         raise QuantityError("not a number with a unit")
-    number, given = float(match[1]), match[2]
+    number, given = written(text)
     _, wanted_base = _in_si(unit, gravity=False)
     if not given and wanted_base != {}:
         raise QuantityError("the unit is missing")
     if not wanted_base and given not in ("", "%", "percent"):
         raise QuantityError(f"{given} is not a plain ratio or %")
-    scale, base = _in_si(given, gravity=_names_acceleration(unit))
+    scale, base = _in_si(given, gravity="m/s2" in unit.replace("^", ""))
     if base != wanted_base:
         raise QuantityError(f"{given} is not a unit of this kind")
     return number * scale
-
-
-def _names_acceleration(unit: str) -> bool:
-    return "m/s2" in unit.replace("^", "")
 
 
 def si_factor(unit: str) -> float:
@@ -102,6 +126,13 @@ def _terms(unit: str) -> Iterator[tuple[str, int]]:
 
 
 def _named(name: str) -> tuple[float, dict[str, float]]:
+    if name in _USUAL:
+        factor, powers = _USUAL[name]
+        return factor, {key: power for key, power in zip(_BASE, powers, strict=True) if power}
+    return _by_pint(name)
+
+
+def _by_pint(name: str) -> tuple[float, dict[str, float]]:
     import pint
 
     try:

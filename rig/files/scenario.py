@@ -8,17 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 from daq.quantity import Depending, Quantity, Setting, Text, settings_of
-from rig.files.faults import Faults, as_written, dotted, read_toml
+from rig.files.faults import Faults, as_written, dotted, read_toml, toml_of
 from rig.files.file_kind import read_file
-from rig.files.table import (
-    FieldError,
-    read_table,
-    read_values,
-    sound_values,
-    text_field,
-    unknown_keys,
-)
-from rig.files.toml_text import toml_of
+from rig.files.table import FieldError, read_table, read_values, sound_values, text_field, unknown_keys
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
@@ -89,8 +81,12 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
     """
     faults = Faults(source)
     unknown_keys(table, _KEYS, "", faults)
-    name = _name(table, faults)
-    rig = table.get("rig")
+    name = rig = table.get("rig")
+    if "name" in table:
+        try:
+            name = _NAME.read(table["name"])
+        except FieldError as error:
+            faults.add("name", table["name"], str(error))
     kind = RIGS[rig] if isinstance(rig, str) and rig in RIGS else None
     if kind is None:
         faults.add_from(table, "rig", "", " or ".join(f'"{name}"' for name in RIGS))
@@ -122,16 +118,6 @@ def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dic
         if isinstance(held := changed.setdefault(section, {}), dict):  # anything else is told as a fault
             held[name] = value
     return changed
-
-
-def _name(table: Mapping[str, Any], faults: Faults) -> Any:
-    if "name" not in table:
-        return table.get("rig")
-    try:
-        return _NAME.read(table["name"])
-    except FieldError as error:
-        faults.add("name", table["name"], str(error))
-        return None
 
 
 def _check_rate(table: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:

@@ -12,12 +12,11 @@ from typing import Annotated, Any, ClassVar, Final
 
 from daq.errors import ConfigurationError, Problem
 from daq.quantity import Check, Key, Quantity, Text, Whole, settings_of
-from rig.files.faults import Faults, read_toml
+from rig.files.faults import Faults, read_toml, toml_of
 from rig.files.file_kind import read_file
 from rig.files.scenario import LEVEL_UP_TO, Scenario, scenario_of, with_values
 from rig.files.sweep_axes import Axis, Value, read_axes, there_and_back
 from rig.files.table import FieldError, quantity_field, read_table, sound_values, unknown_keys
-from rig.files.toml_text import toml_of
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
@@ -110,7 +109,10 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     table = read_toml(text, source)
     unknown_keys(table, _KEYS, "", faults)
     base, base_text = _base(table, folder, faults)
-    section = read_table(_SweepSection, _sweep_table(table), "sweep", faults)
+    given = table.get("sweep", {})
+    if isinstance(given, dict):  # the scenario's path is no setting of the sweep itself
+        given = {key: value for key, value in given.items() if key != "scenario"}
+    section = read_table(_SweepSection, given, "sweep", faults)
     acquisition = read_table(_PointAcquisition, table.get("acquisition", {}), "acquisition", faults)
     kind = RIGS.get(str(base.get("rig")))
     if kind is None:
@@ -120,7 +122,10 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     until = None if section is None else _until(section.until, base, kind, faults)
     ordered = () if section is None else _ordered(axes, section, faults)
     if section is not None and section.centre:
-        _check_centre(kind, axes, faults)
+        if kind.name != "impact_beam":
+            faults.add("sweep.centre", True, "false (only the impact beam rests between two stops)")
+        elif "drive.offset" in axes:
+            faults.add("sweep.centre", True, "false with the axis drive.offset, which centring sets")
     faults.raise_if_any()
     if section is None or acquisition is None:
         raise faults.error()
@@ -129,12 +134,6 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     faults.raise_if_any()
     points = _with_paths(points, ordered)
     return Sweep(section.name, kind.name, ordered, points, until, section.centre, source, text, base_text)
-
-
-def _sweep_table(table: Mapping[str, Any]) -> object:
-    """[sweep] without the scenario's path, which is no setting of the sweep itself."""
-    given = table.get("sweep", {})
-    return {k: v for k, v in given.items() if k != "scenario"} if isinstance(given, dict) else given
 
 
 def _base(table: Mapping[str, Any], folder: Path, faults: Faults) -> tuple[dict[str, Any], str]:
@@ -200,13 +199,6 @@ def _level(given: str | float | None, unit: str, faults: Faults) -> float | None
     except FieldError as error:
         faults.add("sweep.until.above", given or "(missing)", str(error))
         return None
-
-
-def _check_centre(kind: RigKind, axes: Mapping[str, Axis], faults: Faults) -> None:
-    if kind.name != "impact_beam":
-        faults.add("sweep.centre", True, "false (only the impact beam rests between two stops)")
-    elif "drive.offset" in axes:
-        faults.add("sweep.centre", True, "false with the axis drive.offset, which centring sets")
 
 
 def _with_acquisition(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,14 +11,13 @@ import numpy as np
 
 from daq.quantity import Key, Quantity, Text, Whole, settings_of
 from rig.files.faults import Faults, dotted
-from rig.files.quantity import si_factor
+from rig.files.quantity import QuantityError, si_factor, written
 from rig.files.table import Field, FieldError, field_of, read_table
 from rig.rigs.kind import RigKind
 
 Value = str | float | bool
 _MOST_VALUES: Final = 1000
 _DIGITS: Final = 9
-_QUANTITY: Final = re.compile(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*")
 _SECTIONS: Final = ("drive", "model")
 _VALUES: Final = 'a list of values, or { from = "19.5 Hz", to = "21 Hz", steps = 27 }'
 
@@ -52,7 +50,8 @@ def read_axes(table: object, kind: RigKind, faults: Faults) -> dict[str, Axis]:
     if not isinstance(table, dict) or not table:
         faults.add("axes", table, f'a table [axes] with a line such as "drive.frequency" = {_VALUES}')
         return {}
-    known = _known(kind)
+    drive = {f"drive.{name}": field_of(setting) for name, setting in settings_of(kind.drive).items()}
+    known = drive | {f"model.{name}": field_of(kind.model[name]) for name in kind.by_hand}
     axes: dict[str, Axis] = {}
     for key, given in _flat(table):
         full = dotted("axes", key)
@@ -68,20 +67,16 @@ def read_axes(table: object, kind: RigKind, faults: Faults) -> dict[str, Axis]:
 
 def numbers_of(axis: Axis) -> tuple[list[float], str] | None:
     """The values as numbers and their unit; None for words, and for values in several units."""
-    if not all(_QUANTITY.fullmatch(str(value)) for value in axis.values):
+    try:
+        numbers, units = zip(*map(written, axis.values), strict=True)
+    except QuantityError:
         return None
-    numbers, units = zip(*(_number(value) for value in axis.values), strict=True)
     return (list(numbers), units[0]) if len(set(units)) == 1 else None
 
 
 def there_and_back(axis: Axis) -> Axis:
     """The values up to the last and back to the first; the last comes once."""
     return Axis(axis.key, (*axis.values, *axis.values[-2::-1]), axis.by_hand, both_ways=True)
-
-
-def _known(kind: RigKind) -> dict[str, Field]:
-    drive = {f"drive.{name}": field_of(setting) for name, setting in settings_of(kind.drive).items()}
-    return drive | {f"model.{name}": field_of(kind.model[name]) for name in kind.by_hand}
 
 
 def _flat(table: dict[str, Any]) -> Iterator[tuple[str, object]]:
@@ -142,7 +137,7 @@ def _steps(
     first: Value, last: Value, section: _RangeSection, field: Field, key: str, faults: Faults
 ) -> list[Value]:
     """In the unit of `from` where `to` has the same; otherwise in SI, or in its own unit if it wants one."""
-    (low, unit), (high, other) = _number(first), _number(last)
+    (low, unit), (high, other) = written(first), written(last)
     if unit != other:
         low, high, unit = field.read(first), field.read(last), ""
         if isinstance(field.meaning, Quantity) and field.meaning.wants_unit:
@@ -154,10 +149,3 @@ def _steps(
     space = np.geomspace if section.spacing == "log" else np.linspace
     numbers = [f"{number:.{_DIGITS}g}" for number in space(low, high, section.steps)]
     return [f"{number} {unit}" if unit else float(number) for number in numbers]
-
-
-def _number(value: Value) -> tuple[float, str]:
-    match = _QUANTITY.fullmatch(str(value))
-    if match is None:
-        raise ValueError(f"{value!r} has been read as a quantity and is none")
-    return float(match[1]), match[2]

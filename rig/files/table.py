@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
@@ -54,7 +55,6 @@ class Field:
     meaning: object = None
 
     def read(self, value: object) -> Any:
-        """Return the value as the program uses it; raises FieldError."""
         try:
             return self.adapter.validate_python(value)
         except ValidationError as error:
@@ -100,8 +100,9 @@ def _readable(kind: Any, meaning: object) -> Any:
             return Annotated[Any, PlainValidator(functools.partial(_raw, meaning))]
         case Whole() if kind is int:
             return Annotated[int, Strict(), Ge(meaning.low), Le(meaning.high)]
-        case Text() if kind is str:
-            return Annotated[str, Strict(), AfterValidator(functools.partial(_matching, meaning))]
+        case Text() if kind in (str, Path):
+            matching = AfterValidator(functools.partial(_matching, meaning))
+            return Annotated[str, Strict(), matching, AfterValidator(lambda text: kind(text))]
     if get_origin(kind) is tuple:
         inner = get_args(kind)[0]
         return tuple[Annotated[inner, Strict()], ...]  # type: ignore[valid-type]
@@ -153,7 +154,7 @@ def _raw(meaning: Depending, value: object) -> object:
 def _word(words: Words, value: object) -> Any:
     if not isinstance(value, str) or value not in words.values:
         raise _explained(str(words))
-    return words.values[value]
+    return words.values[value] if isinstance(words.values, Mapping) else value
 
 
 def _matching(text: Text, value: str) -> str:
@@ -179,22 +180,15 @@ def read_table(
         if each.default is not REQUIRED and each.part is None and not isinstance(each.meaning, Depending)
     }
     given = {known[name].name: value for name, value in values.items()}
-    return owner(**meant | _with_parts(known, given) | dict(more))
-
-
-def _with_parts(known: Mapping[str, Setting], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values with those of each flat part made into one."""
     made = {name: value for name, value in given.items() if "." not in name}
     parts = {each.name.partition(".")[0]: each.part for each in known.values() if each.part is not None}
     for name, part in parts.items():
-        of_part = {inner: given[f"{name}.{inner}"] for inner in _inner(given, name)}
+        of_part = {
+            full.partition(".")[2]: value for full, value in given.items() if full.startswith(f"{name}.")
+        }
         if of_part:
             made[name] = part(**of_part)
-    return made
-
-
-def _inner(given: Mapping[str, Any], part: str) -> Iterator[str]:
-    return (name.partition(".")[2] for name in given if name.startswith(f"{part}."))
+    return owner(**meant | made | dict(more))
 
 
 def read_values(
@@ -211,7 +205,7 @@ def read_values(
         return None
     before, values = len(faults), dict[str, Any]()
     for name, setting in known.items():
-        full, field = dotted(key, name), _field_or_table(setting)
+        full, field = dotted(key, name), None if is_dataclass(members(setting.type)[0]) else field_of(setting)
         if name not in table:
             if setting.default is REQUIRED:
                 faults.missing(full, "" if field is None else field.allowed)
@@ -228,11 +222,6 @@ def read_values(
     if len(faults) == before:
         _read_depending(known, values, table, key, faults, more)
     return values if len(faults) == before else None
-
-
-def _field_or_table(setting: Setting) -> Field | None:
-    """How a setting is read; None for a table within the table."""
-    return None if is_dataclass(members(setting.type)[0]) else field_of(setting)
 
 
 def _nested(setting: Setting, table: object, key: str, faults: Faults) -> Any:

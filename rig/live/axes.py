@@ -11,6 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from daq.signals.spectrum import Autospectrum, log_bands
 from rig.live import paths
 
 DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0}
@@ -68,7 +69,6 @@ class Frame:
     top: float = 0.3
 
     def bounds(self) -> rrb.VisualBounds2D:
-        """What a view of the plot shows."""
         return rrb.VisualBounds2D(
             x_range=(-self.left, self.width + 0.9), y_range=(-self.top, self.height + self.bottom)
         )
@@ -89,10 +89,25 @@ class AxesPicture:
         self._fits = 0
 
     def fit(self, x: Axis, y: Axis) -> None:
-        """Use these axes from now on; called for every picture."""
         if self._axes != (x, y) or self._fits % _AGAIN == 0:
             self._axes = x, y
-            self._draw(x, y)
+            width, height = self._frame.width, self._frame.height
+            columns = x.share([value for value, _ in x.ticks]) * width
+            rows = (1 - y.share([value for value, _ in y.ticks])) * height
+            grid = [[(at, 0.0), (at, height)] for at in (*columns, width)]
+            grid += [[(0.0, at), (width, at)] for at in rows]
+            lines = rr.LineStrips2D(grid, colors=[paths.DIM], radii=rr.Radius.ui_points(0.4), draw_order=1.0)
+            self._recording.log(f"{self._path}/axes", lines)
+            places = [(at, height + 0.42 * self._frame.bottom) for at in columns]
+            places += [(-0.5 * self._frame.left, at) for at in rows]
+            texts = [text for _, text in (*x.ticks, *y.ticks)]
+            if self._caption:
+                places.append((width / 2, -0.75 * self._frame.top))
+                texts.append(self._caption)
+            labels = rr.Points2D(
+                places, labels=texts, show_labels=True, colors=[paths.LABEL], radii=rr.Radius.ui_points(0.0)
+            )
+            self._recording.log(f"{self._path}/labels", labels)
         self._fits += 1
 
     def places(
@@ -103,21 +118,45 @@ class AxesPicture:
         across, up = self._axes[0].share(x), self._axes[1].share(y)
         return np.column_stack((across * self._frame.width, np.minimum(1 - up, 1.0) * self._frame.height))
 
-    def _draw(self, x: Axis, y: Axis) -> None:
-        width, height = self._frame.width, self._frame.height
-        columns = x.share([value for value, _ in x.ticks]) * width
-        rows = (1 - y.share([value for value, _ in y.ticks])) * height
-        grid = [[(at, 0.0), (at, height)] for at in (*columns, width)]
-        grid += [[(0.0, at), (width, at)] for at in rows]
-        lines = rr.LineStrips2D(grid, colors=[paths.DIM], radii=rr.Radius.ui_points(0.4), draw_order=1.0)
-        self._recording.log(f"{self._path}/axes", lines)
-        places = [(at, height + 0.42 * self._frame.bottom) for at in columns]
-        places += [(-0.5 * self._frame.left, at) for at in rows]
-        texts = [text for _, text in (*x.ticks, *y.ticks)]
-        if self._caption:
-            places.append((width / 2, -0.75 * self._frame.top))
-            texts.append(self._caption)
-        labels = rr.Points2D(
-            places, labels=texts, show_labels=True, colors=[paths.LABEL], radii=rr.Radius.ui_points(0.0)
+    def line(self, whose: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+        """Draw a line in the colour of `whose` it is, at the recording's current time; shapes (n,)."""
+        line = rr.LineStrips2D(
+            [self.places(x, y)],
+            colors=[paths.COLOURS[whose]],
+            radii=rr.Radius.ui_points(paths.WIDTHS[whose] / 2),
+            draw_order=DRAW_ORDER[whose],
         )
-        self._recording.log(f"{self._path}/labels", labels)
+        self._recording.log(f"{self._path}/{whose}", line)
+
+
+SPECTRUM_FRAME = Frame()
+BANDS = 240
+_DECADES, _LABELLED = 12, 3
+_LOWEST_HZ = 1.0
+
+
+class SpectrumPicture:
+    """One channel's measured and predicted autospectrum.
+
+    The axes are drawn once, from the first spectrum, and again where the density outgrows them.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, channel: str) -> None:
+        self._axes = AxesPicture(recording, paths.spectrum(channel), SPECTRUM_FRAME)
+        self._density: Axis | None = None
+
+    def draw(self, whose: str, spectrum: Autospectrum, sample_rate: float) -> None:
+        """Log the line of `spectrum` at the recording's current time."""
+        seen = (spectrum.density > 0) & (spectrum.frequency_hz >= _LOWEST_HZ)
+        if not seen.any():
+            return
+        largest = float(spectrum.density[seen].max())
+        if self._density is None or largest > self._density.high:
+            self._density = decades(10 * largest, _DECADES, _LABELLED)
+        highest_hz = sample_rate / 2
+        count = math.floor(math.log10(highest_hz / _LOWEST_HZ)) + 1
+        each = [_LOWEST_HZ * 10.0**at for at in range(count)]
+        ticks = tuple((at, f"{at / 1000:.0f} kHz" if at >= 1000 else f"{at:.0f} Hz") for at in each)
+        self._axes.fit(Axis(_LOWEST_HZ, highest_hz, ticks, logarithmic=True), self._density)
+        heard = log_bands(Autospectrum(spectrum.frequency_hz[seen], spectrum.density[seen]), BANDS)
+        self._axes.line(whose, heard.frequency_hz, heard.density)

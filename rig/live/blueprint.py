@@ -7,12 +7,10 @@ from collections.abc import Sequence
 
 import rerun.blueprint as rrb
 
-from daq.log.reader import Origin
-from rig.live import paths, spectrum_picture
-from rig.live.cycle_figures import figure_views
-from rig.live.layout import Layout
-from rig.live.picture import OwnViews
-from rig.live.series import newest, newest_axis
+from rig.live import paths
+from rig.live.axes import SPECTRUM_FRAME
+from rig.live.picture import Layout, OwnViews
+from rig.live.series import figure_views, newest, newest_axis
 
 _FEW_CHANNELS = 8
 """Up to here every channel has its spectrum beside it; beyond, the spectra have a tab of their own."""
@@ -25,8 +23,18 @@ def blueprint(layout: Layout) -> rrb.Blueprint:
     """Arrange traces and spectra on the left; the rig's picture, events and status on the right."""
     own = layout.picture.views(layout) if layout.picture else OwnViews(())
     side = 1.8 if own.beside else 1.15
+    told = rrb.Horizontal(
+        rrb.TextLogView(origin=paths.EVENTS, name="Events"),
+        rrb.TextDocumentView(origin=paths.STATUS, name="Status"),
+        column_shares=[1.6, 1],
+    )
+    views = [*(view for view, _ in own.side), told]
     return rrb.Blueprint(
-        rrb.Horizontal(_channels(layout, own), _side(own), column_shares=[3, side]),
+        rrb.Horizontal(
+            _channels(layout, own),
+            rrb.Vertical(*views, row_shares=[*(share for _, share in own.side), 1.5]),
+            column_shares=[3, side],
+        ),
         rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="following"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -39,7 +47,11 @@ def channel_view(layout: Layout, channel: str) -> rrb.TimeSeriesView:
     """Measured over predicted of one channel."""
     return rrb.TimeSeriesView(
         origin="/",
-        contents=[f"+ {paths.trace(origin, channel)}" for origin in _drawing_order(layout, channel)],
+        contents=[
+            f"+ {paths.trace(origin, channel)}"
+            for origin, names in layout.origins.items()
+            if channel in names
+        ],
         name=f"{channel} [{layout.units[channel] or '-'}]",
         plot_legend=rrb.PlotLegend(visible=channel == next(iter(layout.units))),
         time_ranges=newest(layout.window_s),
@@ -50,7 +62,13 @@ def channel_view(layout: Layout, channel: str) -> rrb.TimeSeriesView:
 def _channels(layout: Layout, own: OwnViews) -> rrb.Container:
     traces = [channel_view(layout, channel) for channel in layout.units]
     spectra = [
-        _spectrum_view(channel, unit) for channel, unit in layout.units.items() if channel not in own.plain
+        rrb.Spatial2DView(
+            origin=paths.spectrum(channel),
+            name=f"{channel} [{_squared(unit)}/Hz]",
+            visual_bounds=SPECTRUM_FRAME.bounds(),
+        )
+        for channel, unit in layout.units.items()
+        if channel not in own.plain
     ]
     cycles = figure_views(layout)
     if len(traces) <= _FEW_CHANNELS:
@@ -81,27 +99,5 @@ def _tabs(*containers: rrb.Container) -> rrb.Container:
     return rrb.Tabs(*containers) if len(containers) > 1 else containers[0]
 
 
-def _side(own: OwnViews) -> rrb.Container:
-    told = rrb.Horizontal(
-        rrb.TextLogView(origin=paths.EVENTS, name="Events"),
-        rrb.TextDocumentView(origin=paths.STATUS, name="Status"),
-        column_shares=[1.6, 1],
-    )
-    views = [*(view for view, _ in own.side), told]
-    return rrb.Vertical(*views, row_shares=[*(share for _, share in own.side), 1.5])
-
-
-def _spectrum_view(channel: str, unit: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=paths.spectrum(channel),
-        name=f"{channel} [{_squared(unit)}/Hz]",
-        visual_bounds=spectrum_picture.FRAME.bounds(),
-    )
-
-
 def _squared(unit: str) -> str:
     return f"{unit}²" if unit.isalpha() else f"({unit or '-'})²"
-
-
-def _drawing_order(layout: Layout, channel: str) -> list[Origin]:
-    return [origin for origin, names in layout.origins.items() if channel in names]

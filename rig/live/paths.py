@@ -51,6 +51,6 @@ def orders(channel: str) -> str:
     return rr.new_entity_path(["orders", channel])
 
 
-def spectrum(channel: str, part: str = "") -> str:
-    """Picture of a channel's autospectrum, or a part of it."""
-    return rr.new_entity_path(["spectra", channel, *([part] if part else [])])
+def spectrum(channel: str) -> str:
+    """Picture of a channel's autospectrum."""
+    return rr.new_entity_path(["spectra", channel])

@@ -1,11 +1,11 @@
-"""What a rig adds to the view beside the traces of its channels: its picture in space, its own plots.
+"""What a view shows of a run, and what a rig adds to it: its picture in space, its own plots.
 
-A rig's picture is a frozen dataclass of numbers and words, because it travels to the view process as JSON.
+A rig's picture is a frozen dataclass of numbers and words: it is loaded where it is drawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -15,11 +15,14 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
+from daq.channel import Channel
+from daq.log.reader import Origin
 from rig.live import paths
-from rig.live.displayed_channels import DisplayedChannels
+from rig.loaded_table import loaded
+from rig.rigs import RIGS
 from rig.stream import Record
 
-if TYPE_CHECKING:  # the view process does without the twin, which takes seconds to import
+if TYPE_CHECKING:
     from sim_twin.twin import AnyTwin
 
 
@@ -40,7 +43,7 @@ class OwnViews:
 class Stage:
     """The recording that a view fills, and what it shows; `start_ns` is the time of sample 0, once known."""
 
-    def __init__(self, recording: rr.RecordingStream, shown: DisplayedChannels) -> None:
+    def __init__(self, recording: rr.RecordingStream, shown: Layout) -> None:
         self.recording, self.shown = recording, shown
         self.start_ns: int | None = None
 
@@ -65,34 +68,84 @@ class Stage:
 class Play(Protocol):
     """Fills a rig's views in the view process; each call does a bounded amount of work."""
 
-    def open(self) -> None:
-        """Log what stays."""
-        ...
+    def open(self) -> None: ...
 
     def take(self, record: Record) -> None:
         """Show of a record what the rig has a view for."""
-        ...
 
     def finish(self) -> None:
         """Show what waits for more: no more will come."""
-        ...
 
 
 class Picture(Protocol):
     """One rig as the view shows it; `rig` is its name."""
 
     rig: ClassVar[str]
-    __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @classmethod
-    def of(cls, twin: AnyTwin) -> Picture:
-        """The picture of a twin's rig."""
-        ...
+    def of(cls, twin: AnyTwin) -> Picture: ...
 
-    def views(self, shown: DisplayedChannels) -> OwnViews:
-        """How the rig's own views are arranged."""
-        ...
+    def views(self, shown: Layout) -> OwnViews: ...
 
-    def play(self, stage: Stage) -> Play:
-        """What fills them."""
-        ...
+    def play(self, stage: Stage) -> Play: ...
+
+
+_POINTS_PER_S = 12_000
+_FEWEST, _MOST = 800, 2_500
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What is shown of a run: channels of all origins, drawn in their order, and the rig's picture.
+
+    `units` has the unit of every channel, in the order of the views. `window_s` is how much of the newest
+    data the plots show, None for everything. `derived`: channels that are computed from them.
+    """
+
+    title: str
+    units: Mapping[str, str]
+    origins: Mapping[Origin, Sequence[str]]
+    window_s: float | None = None
+    derived: Sequence[str] = ()
+    picture: Picture | None = None
+
+    def whose(self, origin: str) -> str:
+        """The origin as the view names it: beside a nominal twin, the prediction is the repaired one."""
+        return "repaired" if origin == "predicted" and self.origins.get("nominal") else origin
+
+    @property
+    def points_per_s(self) -> float:
+        """Points per second and trace, so that a browser keeps up with all of them together."""
+        traces = sum(len(names) for names in self.origins.values())
+        return min(max(_POINTS_PER_S / max(traces, 1), _FEWEST), _MOST)
+
+
+def picture_of(twin: AnyTwin) -> Picture | None:
+    """The rig of a twin in space and its own plots; None for a rig that has no picture."""
+    place = RIGS[twin.rig.kind].picture
+    picture: Picture | None = loaded(place).of(twin) if place else None
+    return picture
+
+
+def layout_of(
+    title: str,
+    measured: Sequence[Channel],
+    predicted: Sequence[Channel],
+    picture: Picture | None = None,
+    window_s: float | None = None,
+    nominal: Sequence[Channel] = (),
+    derived: Sequence[Channel] = (),
+) -> Layout:
+    """Layout of the channels of all origins: the measured first, then what is only predicted."""
+    return Layout(
+        title=title,
+        units={channel.name: channel.unit for channel in (*measured, *predicted)},
+        origins={
+            "measured": [channel.name for channel in measured],
+            "nominal": [channel.name for channel in nominal],
+            "predicted": [channel.name for channel in predicted],
+        },
+        derived=[channel.name for channel in derived],
+        picture=picture,
+        window_s=window_s,
+    )

@@ -17,18 +17,14 @@ from daq.log.reader import Origin
 from daq.log.records import Event
 from daq.signals.envelope import envelope
 from daq.signals.spectrum import autospectrum
-from rig.derived.last_seconds import LastSeconds
 from rig.live import paths
-from rig.live.cycle_figures import CycleFigurePlots
-from rig.live.frames import Dropped, Frame
-from rig.live.layout import Layout
-from rig.live.picture import OwnViews, Stage
-from rig.live.series import line_style
-from rig.live.spectrum_picture import SpectrumPicture
-from rig.stream import Block, Record, Shape
+from rig.live.axes import SpectrumPicture
+from rig.live.picture import Layout, OwnViews, Stage
+from rig.live.series import CycleFigurePlots, line_style
+from rig.live.view import Dropped, Shown
+from rig.stream import Block, LastSeconds, Record, Shape
 
 Item = TypeVar("Item")
-
 
 _BATCH_S = 0.5
 """A browser pays for every batch, whatever is in it, so that small ones are costly."""
@@ -38,11 +34,7 @@ them, and one that ran ahead would leave the others blank there."""
 _SPECTRUM_OVER_S = _SPECTRUM_PERIOD_S = 1.0
 _SPECTRA_PER_S = 32
 """Those of 16 channels, measured and predicted; with more channels each is renewed less often."""
-_LEVELS = {
-    "info": rr.TextLogLevel.INFO,
-    "warning": rr.TextLogLevel.WARN,
-    "error": rr.TextLogLevel.ERROR,
-}
+_LEVELS = {"info": rr.TextLogLevel.INFO, "warning": rr.TextLogLevel.WARN, "error": rr.TextLogLevel.ERROR}
 
 
 class OverlayOrder(Generic[Item]):
@@ -62,11 +54,9 @@ class OverlayOrder(Generic[Item]):
         self._waiting: list[tuple[float, int, Item]] = []
 
     def note(self, origin: Origin, time_s: float) -> None:
-        """Say that `origin` has come to `time_s`."""
         self._newest[origin] = max(self._newest.get(origin, -math.inf), time_s)
 
     def add(self, time_s: float, item: Item) -> None:
-        """Keep an item that belongs to `time_s`."""
         heapq.heappush(self._waiting, (time_s, next(self._count), item))
 
     def ready(self) -> list[Item]:
@@ -79,7 +69,6 @@ class OverlayOrder(Generic[Item]):
         return self._take(reached)
 
     def rest(self) -> list[Item]:
-        """Take out everything, oldest first."""
         return self._take(math.inf)
 
     def _take(self, until_s: float) -> list[Item]:
@@ -124,7 +113,7 @@ class Scene:
             self._play.open()
         self._show_dropped(0)
 
-    def take(self, frame: Frame) -> None:
+    def take(self, frame: Shown) -> None:
         """Accept a record, and show what is due by now."""
         match frame:
             case Dropped(records):
@@ -145,7 +134,6 @@ class Scene:
         self._show(self._order.ready())
 
     def finish(self) -> None:
-        """Show what waits for more: no more will come."""
         self._show(self._order.rest())
         if self._play is not None:
             self._play.finish()
@@ -157,7 +145,11 @@ class Scene:
                 case Block("derived", samples):
                     self._figures.add(samples)
                 case Block(origin, samples):
-                    self._trace(origin, samples.channel).add(samples)
+                    key = origin, samples.channel
+                    if key not in self._traces:
+                        path = paths.trace(origin, samples.channel)
+                        self._traces[key] = Trace(self._recording, path, self._layout.points_per_s)
+                    self._traces[key].add(samples)
                     if samples.channel in self._spectra:
                         self._renew_spectrum(origin, samples)
                 case Event():
@@ -172,22 +164,13 @@ class Scene:
             self._flush()
 
     def _show_dropped(self, count: int) -> None:
-        """Show how many blocks did not reach this view."""
         text = f"{count} blocks not shown: this view was too slow. The log has them all."
         status = f"{self._layout.title}\n\n{text if count else 'No block dropped.'}"
         self._recording.log(paths.STATUS, rr.TextDocument(status), static=True)
 
     def _flush(self) -> None:
-        """Send what waits for the next batch."""
         for trace in self._traces.values():
             trace.flush()
-
-    def _trace(self, origin: Origin, channel: str) -> Trace:
-        key = origin, channel
-        if key not in self._traces:
-            path = paths.trace(origin, channel)
-            self._traces[key] = Trace(self._recording, path, self._layout.points_per_s)
-        return self._traces[key]
 
     def _renew_spectrum(self, origin: Origin, block: SampleBlock) -> None:
         key = origin, block.channel
@@ -227,7 +210,6 @@ class Trace:
             self.flush()
 
     def flush(self) -> None:
-        """Send what waits."""
         if not self._values:
             return
         self._recording.send_columns(

@@ -1,12 +1,17 @@
-"""Values over time: how lines and points look, and how far back a plot of them reaches."""
+"""Values over time: how lines and points look, how far back a plot of them reaches, figures of each cycle."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.components import AggregationPolicy, MarkerShape
 
+from daq.block import SampleBlock
+from daq.log.reader import CYCLE_PEAK, CYCLE_RMS, Origin, derived_name
 from rig.live import paths
+from rig.live.picture import Layout, Stage
 
 _QUERIED = 8
 """A view queries this many times the stretch that it shows. Rerun 0.41 draws with the last frame's axis,
@@ -40,21 +45,17 @@ def points_style(whose: str) -> rr.SeriesPoints:
     )
 
 
-def scatter_over_time(
-    origin: str, name: str, window_s: float | None, legend: bool = True
+def over_time(
+    origin: str,
+    name: str,
+    window_s: float | None,
+    legend: bool = True,
+    contents: str | list[str] = "$origin/**",
 ) -> rrb.TimeSeriesView:
-    """A plot of all below `origin` that reaches further back than the traces, which show `window_s`."""
-    return _far_back(name, window_s, legend, origin, "$origin/**")
+    """A plot of all below `origin`, or of `contents`, that reaches further back than the traces do.
 
-
-def lines_over_time(drawn: list[str], name: str, window_s: float | None, legend: bool) -> rrb.TimeSeriesView:
-    """The same of these entities."""
-    return _far_back(name, window_s, legend, "/", [f"+ {path}" for path in drawn])
-
-
-def _far_back(
-    name: str, window_s: float | None, legend: bool, origin: str, contents: str | list[str]
-) -> rrb.TimeSeriesView:
+    These show `window_s`.
+    """
     reach_s = None if window_s is None else _REACHES * window_s
     return rrb.TimeSeriesView(
         origin=origin,
@@ -82,3 +83,57 @@ def newest_axis(seconds: float | None) -> rrb.TimeAxis | None:
         return None
     start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
     return rrb.TimeAxis(view_range=rr.TimeRange(start, rr.TimeRangeBoundary.cursor_relative()))
+
+
+_FIGURES = {CYCLE_PEAK: "peak", CYCLE_RMS: "rms"}
+_THIN = 0.5
+"""The rms lies below the peak, in the same colour; a thinner line tells them apart where they come close."""
+
+
+class _Series(NamedTuple):
+    name: str
+    origin: Origin
+    figure: str
+
+
+def figure_views(shown: Layout) -> list[rrb.TimeSeriesView]:
+    """A view of each channel that has figures; the first one has a legend."""
+    views: list[rrb.TimeSeriesView] = []
+    for channel, unit in shown.units.items():
+        drawn = [paths.derived(series.name) for series in _series(shown, channel)]
+        if drawn:
+            title = f"{channel}, each cycle [{unit or '-'}]"
+            traces = [f"+ {path}" for path in drawn]
+            views.append(over_time("/", title, shown.window_s, not views, traces))
+    return views
+
+
+class CycleFigurePlots:
+    """Fills those views."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        each = (series for channel in stage.shown.units for series in _series(stage.shown, channel))
+        self._shown = {series.name: series for series in each}
+
+    def open(self) -> None:
+        for name, series in self._shown.items():
+            whose = self._stage.shown.whose(series.origin)
+            width = paths.WIDTHS[whose] * (_THIN if series.figure == CYCLE_RMS else 1.0)
+            style = line_style(whose, f"{whose} {_FIGURES[series.figure]}", width)
+            self._stage.recording.log(paths.derived(name), style, static=True)
+
+    def add(self, block: SampleBlock) -> None:
+        if block.channel in self._shown:
+            values = rr.Scalars.columns(scalars=block.values)
+            self._stage.columns(paths.derived(block.channel), self._stage.times_of(block), values)
+
+
+def _series(shown: Layout, channel: str) -> list[_Series]:
+    """In the order in which they are drawn: the last is on top."""
+    each = (
+        _Series(derived_name(origin, channel, figure), origin, figure)
+        for origin in shown.origins
+        for figure in _FIGURES
+    )
+    return [series for series in each if series.name in shown.derived]

@@ -3,30 +3,107 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import select
-import subprocess
-import sys
+import pickle
 import tempfile
+import threading
 import time
+from collections import deque
 from collections.abc import Sequence
-from types import TracebackType
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
 
 import psutil
 
 from daq.channel import Channel
 from daq.errors import InstrumentAbsent
-from rig.live.frames import encode
-from rig.live.layout import layout_of
-from rig.live.picture import Picture
-from rig.live.sender import FrameSender
-from rig.stream import Record
+from daq.log.records import Event, Impact
+from daq.process import Child
+from rig.live.picture import Layout, Picture, layout_of
+from rig.stream import Block, Record, Shape
 
+LAST_WORDS_S = 1.5
+"""What is still on its way when the run ends has this long to reach the viewer."""
 _START_TIMEOUT_S = 30.0
 _QUEUE_BYTES_A_TRACE = 512 << 10
 """2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
 _LEAST_TRACES = 32
+_PERIOD_S = 0.05
+"""Records leave in batches: one wake-up of the thread in 50 ms, not one a block, and no eye sees 50 ms."""
+
+
+class Dropped(NamedTuple):
+    """How many records the sender has thrown away so far."""
+
+    records: int
+
+
+Shown = Block | Shape | Event | Impact | Dropped
+"""What goes to the view process; of anything else no view shows something."""
+
+
+class Sender:
+    """Pickled records in memory, at most `maximum_bytes` of them, and a thread that sends them.
+
+    A full memory drops its oldest record and counts it in `dropped`. Once the reader is gone `broken` is set
+    and nothing is kept.
+    """
+
+    def __init__(self, pipe: Connection, maximum_bytes: int) -> None:
+        self.dropped = 0
+        self.broken = False
+        self._pipe = pipe
+        self._maximum_bytes = maximum_bytes
+        self._waiting: deque[bytes] = deque()
+        self._bytes = 0
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="live view sender", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def offer(self, pickled: bytes) -> None:
+        """Queue a record; returns at once, whatever the reader does."""
+        if self.broken:
+            self.dropped += 1
+            return
+        with self._lock:
+            self._waiting.append(pickled)
+            self._bytes += len(pickled)
+            while self._bytes > self._maximum_bytes:
+                self._bytes -= len(self._waiting.popleft())
+                self.dropped += 1
+
+    def close(self, timeout_s: float | None) -> None:
+        """Send what is queued, at most `timeout_s` (None: until the reader is gone), and that it was all."""
+        self._stop.set()
+        self._thread.join(timeout_s)
+        with self._lock:
+            self._waiting.clear()
+
+    def _run(self) -> None:
+        told = 0
+        try:
+            while True:
+                stopping = self._stop.wait(_PERIOD_S)
+                if told != self.dropped:
+                    told = self.dropped
+                    self._pipe.send(Dropped(told))
+                while (pickled := self._oldest()) is not None:
+                    self._pipe.send_bytes(pickled)
+                if stopping:
+                    self._pipe.send(None)
+                    return
+        except OSError:
+            self.broken = True  # the reader died; the log does not depend on it
+
+    def _oldest(self) -> bytes | None:
+        with self._lock:
+            if not self._waiting:
+                return None
+            self._bytes -= len(self._waiting[0])
+            return self._waiting.popleft()
 
 
 class LiveView:
@@ -54,31 +131,30 @@ class LiveView:
         self._layout = layout_of(title, measured, predicted, picture, window_s, nominal, derived)
         self._patience_s = patience_s
         self._memory_limit = memory_limit
-        self._server: psutil.Process | None = None
         self._open = False
 
     def open(self) -> LiveView:
         """Start both processes, wait until the page is there; raises InstrumentAbsent if it does not come."""
-        reading, writing = os.pipe()
-        self._complaints = tempfile.TemporaryFile()  # noqa: SIM115  closed in close()
-        arguments = [self._layout.to_json(), str(self._patience_s), self._memory_limit]
-        self._process = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-m", "rig.live.view_process", *arguments],
-            stdin=reading,
-            stdout=subprocess.PIPE,
-            stderr=self._complaints,
-            start_new_session=True,  # Ctrl-C is for the sequencer, which closes this view last
-        )
-        os.close(reading)
+        complaints = self._complaints = tempfile.NamedTemporaryFile()  # noqa: SIM115  closed in close()
+        arguments = (complaints.name, self._layout, self._patience_s, self._memory_limit)
+        self._child = Child("live view", _show, *arguments, grace_s=LAST_WORDS_S)
+        self._child.start()
+        answer: Any = ""
+        with contextlib.suppress(EOFError, OSError):
+            answer = self._child.pipe.recv() if self._child.pipe.poll(_START_TIMEOUT_S) else ""
+        if isinstance(answer, str):  # it says why there is no page, if it can
+            self._child.end(0.0)
+            lines = complaints.read().decode(errors="replace").split("\n")
+            said = next((line for line in reversed(lines) if line.strip()), "no word from it")
+            self._child.pipe.close()
+            complaints.close()
+            raise InstrumentAbsent("live view", "127.0.0.1", answer or f"it did not start: {said}")
+        self.url, self.sink_url, server = answer
+        self._server = psutil.Process(server)
         traces = sum(len(names) for names in self._layout.origins.values())
-        self._sender = FrameSender(writing, max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE)
+        self._sender = Sender(self._child.pipe, max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE)
         self._sender.start()
         self._open = True
-        try:
-            self._read_announcement()
-        except InstrumentAbsent:
-            self.close()
-            raise
         return self
 
     @property
@@ -89,17 +165,18 @@ class LiveView:
     @property
     def alive(self) -> bool:
         """Whether both processes still run (they may be stalled)."""
-        return self._open and self._process.poll() is None and _runs(self._server)
+        if not (self._open and self._child.alive and self._server.is_running()):
+            return False
+        return self._server.status() != psutil.STATUS_ZOMBIE
 
     @property
     def processes(self) -> tuple[int, int]:
-        """Process ids of the view process and of the viewer's server."""
-        return self._process.pid, self._server.pid if self._server else 0
+        return self._child.pid or 0, self._server.pid
 
     def offer(self, record: Record) -> None:
         """Show a record if there is time and a place for it; copies its values and returns at once."""
-        if self._open and (frame := encode(record)):
-            self._sender.offer(frame)
+        if self._open and isinstance(record, Shown):
+            self._sender.offer(pickle.dumps(record, pickle.HIGHEST_PROTOCOL))
 
     def close(self, timeout_s: float = 4.0) -> None:
         """Let the view show what it has, at most `timeout_s`, and end both processes."""
@@ -108,45 +185,27 @@ class LiveView:
         self._open = False
         deadline = time.monotonic() + timeout_s
         self._sender.close(timeout_s / 3)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(max(deadline - time.monotonic(), 0.0))
-        self._process.kill()
-        self._process.wait()
-        self._end_server()
-        assert self._process.stdout is not None  # noqa: S101  it was asked for
-        self._process.stdout.close()
+        self._child.end(max(deadline - time.monotonic(), 0.0))
+        # the server dies with the view process, unless that was killed too early
+        with contextlib.suppress(psutil.NoSuchProcess):
+            self._server.kill()
+        self._sender.close(None)
+        self._child.pipe.close()
         self._complaints.close()
 
     def __enter__(self) -> LiveView:
         return self.open()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _read_announcement(self) -> None:
-        answers = self._process.stdout
-        assert answers is not None  # noqa: S101  it was asked for
-        ready, _, _ = select.select([answers], [], [], _START_TIMEOUT_S)
-        message = json.loads((ready and answers.readline()) or b"{}")
-        if "url" not in message:
-            what = message.get("error") or f"it did not start: {self._last_complaint()}"
-            raise InstrumentAbsent("live view", "127.0.0.1", what)
-        self.url, self.sink_url = message["url"], message["sink"]
-        self._server = psutil.Process(message["server"])
 
-    def _last_complaint(self) -> str:
-        self._complaints.seek(0)
-        lines = self._complaints.read().decode(errors="replace").split("\n")
-        return next((line for line in reversed(lines) if line.strip()), "no word from it")
+def _show(pipe: Connection, complaints: str, layout: Layout, patience_s: float, memory_limit: str) -> None:
+    """In the view process, in a session of its own: what the terminal sends is for the sequencer alone."""
+    os.setsid()
+    with open(complaints, "ab") as file:  # what Rerun has to say is not for the terminal either
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    from rig.live.view_process import serve
 
-    def _end_server(self) -> None:
-        """Make sure of it: the server dies with the view process, unless that was killed too early."""
-        if self._server is not None:
-            with contextlib.suppress(psutil.NoSuchProcess):
-                self._server.kill()
-
-
-def _runs(process: psutil.Process | None) -> bool:
-    return process is not None and process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    serve(pipe, layout, patience_s, memory_limit)

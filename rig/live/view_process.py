@@ -1,71 +1,134 @@
-"""The process that talks to Rerun: reads frames from standard input until it ends.
+"""The process that talks to Rerun: shows the records that come until there are no more.
 
 Rerun blocks its caller while the viewer's server stalls, and drops without a word once it is gone: so all of
-it happens here, where nobody waits. Run as `python -m rig.live.view_process LAYOUT_JSON PATIENCE MEMORY`.
+it happens here, where nobody waits.
 """
 
 from __future__ import annotations
 
-import json
+import contextlib
+import ctypes
 import os
-import select
-import sys
-import threading
+import signal
+import socket
+import subprocess
 import time
+from importlib.util import find_spec
+from multiprocessing.connection import Connection
+from pathlib import Path
+from urllib.parse import quote
 
 import rerun as rr
 
 from daq.errors import InstrumentAbsent
 from rig.live.blueprint import blueprint
-from rig.live.frames import read_frames
-from rig.live.layout import Layout
+from rig.live.picture import Layout
 from rig.live.scene import Scene
-from rig.live.viewer_server import ViewerServer
+from rig.live.view import LAST_WORDS_S
 
-_LAST_WORDS_S = 1.5
-"""What is still in the pipe when the run ends has this long to reach the viewer."""
+_HOST = "127.0.0.1"
+_START_TIMEOUT_S = 15.0
+_PR_SET_PDEATHSIG = 1  # prctl(2)
 
-_APPLICATION = "rattle"
+
+class ViewerServer:
+    """The `rerun` binary serving its web page and taking samples over gRPC, both on free loopback ports.
+
+    It dies with the thread that opened it.
+    """
+
+    def __init__(self, memory_limit: str) -> None:
+        with contextlib.ExitStack() as stack:
+            free = [stack.enter_context(socket.create_server((_HOST, 0))) for _ in range(2)]
+            self.grpc_port, self.web_port = (int(each.getsockname()[1]) for each in free)
+        self._memory_limit = memory_limit
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def sink_url(self) -> str:
+        return f"rerun+http://{_HOST}:{self.grpc_port}/proxy"
+
+    @property
+    def page_url(self) -> str:
+        return f"http://{_HOST}:{self.web_port}/?url={quote(self.sink_url, safe='')}"
+
+    def open(self) -> ViewerServer:
+        """Start the server and wait until it listens; raises InstrumentAbsent if it does not."""
+        self._process = subprocess.Popen(  # noqa: S603
+            [
+                viewer_executable(),
+                "--serve-web",
+                f"--bind={_HOST}",
+                f"--port={self.grpc_port}",
+                f"--web-viewer-port={self.web_port}",
+                # not --newest-first: the layout would be made active before it is there, and be lost at times
+                f"--server-memory-limit={self._memory_limit}",
+            ],
+            stdin=subprocess.DEVNULL,
+            env=viewer_environment(),
+            preexec_fn=_die_with_parent,
+        )
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not (_listens(self.grpc_port) and _listens(self.web_port)):
+            if self._process.poll() is not None or time.monotonic() > deadline:
+                self.close()
+                raise InstrumentAbsent("viewer server", _HOST, "it did not start")
+            time.sleep(0.02)
+        return self
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    def __enter__(self) -> ViewerServer:
+        return self.open()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
-def main() -> None:
-    """Serve one view until standard input ends."""
-    layout, patience_s, memory_limit = Layout.from_json(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
+def viewer_executable() -> Path:
+    """Return the viewer's binary itself: killing the `rerun` script would leave it orphaned."""
+    spec = find_spec("rerun_cli")
+    if spec is None or spec.origin is None:
+        raise InstrumentAbsent("viewer server", _HOST, "rerun-sdk is not installed")
+    return Path(spec.origin).parent / "rerun"
+
+
+def viewer_environment() -> dict[str, str]:
+    """Environment in which the binary reports no usage to its makers and prints no colours."""
+    return {**os.environ, "CI": "true", "NO_COLOR": "1"}
+
+
+def _listens(port: int) -> bool:
     try:
-        with ViewerServer(memory_limit, sys.stderr.buffer) as server:
-            threading.Thread(target=_leave_with_parent, args=[os.getppid(), server], daemon=True).start()
-            _announce({"url": server.page_url, "sink": server.sink_url, "server": server.pid})
-            _serve(server, layout, patience_s)
+        with socket.create_connection((_HOST, port), timeout=0.2):
+            return True
+    except OSError:
+        return False
+
+
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def serve(pipe: Connection, layout: Layout, patience_s: float, memory_limit: str) -> None:
+    """Serve one view until None comes; the first answer is its two addresses and the server's process."""
+    try:
+        with ViewerServer(memory_limit) as server:
+            pipe.send((server.page_url, server.sink_url, server.pid))
+            recording = rr.RecordingStream("rattle")
+            recording.connect_grpc(server.sink_url, default_blueprint=blueprint(layout))
+            recording.send_recording_name(layout.title)
+            scene = Scene(recording, layout, patience_s)
+            scene.open()
+            with contextlib.suppress(EOFError, OSError):  # whoever sent is gone
+                while (record := pipe.recv()) is not None:
+                    scene.take(record)
+            scene.finish()
+            recording.flush(timeout_sec=LAST_WORDS_S)
     except InstrumentAbsent as error:
-        _announce({"error": str(error)})
-
-
-def _serve(server: ViewerServer, layout: Layout, patience_s: float) -> None:
-    recording = rr.RecordingStream(_APPLICATION)
-    recording.connect_grpc(server.sink_url, default_blueprint=blueprint(layout))
-    recording.send_recording_name(layout.title)
-    scene = Scene(recording, layout, patience_s)
-    scene.open()
-    for frame in read_frames(sys.stdin.buffer):
-        scene.take(frame)
-    scene.finish()
-    recording.flush(timeout_sec=_LAST_WORDS_S)
-
-
-def _announce(message: dict[str, str | int]) -> None:
-    print(json.dumps(message), flush=True)
-
-
-def _leave_with_parent(parent: int, server: ViewerServer) -> None:
-    """End this process some time after the pipe's other end has closed, even if Rerun blocks."""
-    pipe = select.poll()
-    pipe.register(sys.stdin.fileno(), 0)
-    while os.getppid() == parent and not pipe.poll(500):
-        pass
-    time.sleep(_LAST_WORDS_S)
-    server.close()
-    os._exit(1)
-
-
-if __name__ == "__main__":
-    main()
+        pipe.send(str(error))

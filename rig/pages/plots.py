@@ -99,7 +99,13 @@ class Plots:
 
         `title` stands above it; its x axis may move with that of another cell.
         """
-        left, right, bottom, top = self._place(cell)
+        row, column = divmod(cell, self.columns)
+        gap = 0.07 if self.columns > 1 else 0.0
+        width = (1 - gap * (self.columns - 1)) / self.columns
+        area_px = self._area_px()
+        top = 1 - row * (self.row_px + _AXIS_PX + _TITLE_PX) / area_px
+        left = column * (width + gap)
+        right, bottom = left + width, max(top - self.row_px / area_px, 0.0)
         number = _number(cell)
         common = {"gridcolor": _GRID, "zerolinecolor": "#c5cad1", "linecolor": _INK, "ticks": "outside"}
         matches = {} if share_x_with in (None, cell) else {"matches": f"x{_number(share_x_with or 0)}"}
@@ -170,13 +176,11 @@ class Plots:
         self.line(cell, name, x[chosen.indices], chosen.values, style, subject=subject)
 
     def dots(self, cell: int, name: str, x: ArrayLike, y: ArrayLike, texts: Sequence[str]) -> None:
-        """Draw a cloud of dots in the colour of its name."""
         marker = {"color": STYLES[name].colour, "size": 7 if name == "measured" else 4.5, "opacity": 0.7}
         trace = {"type": "scatter", "mode": "markers", "x": packed(x), "y": packed(y), "marker": marker}
         self._add(cell, name, _with_words(trace, "", texts))
 
     def bars(self, cell: int, name: str, centres: ArrayLike, heights: ArrayLike) -> None:
-        """Draw a histogram's bars in the colour of its name."""
         marker = {"color": STYLES[name].colour, "opacity": 0.55}
         self._add(cell, name, {"type": "bar", "x": packed(centres), "y": packed(heights), "marker": marker})
 
@@ -244,16 +248,6 @@ class Plots:
 
     def _area_px(self) -> int:
         return self.rows * self.row_px + (self.rows - 1) * (_AXIS_PX + _TITLE_PX)
-
-    def _place(self, cell: int) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of a cell as shares of the plotting area."""
-        row, column = divmod(cell, self.columns)
-        gap = 0.07 if self.columns > 1 else 0.0
-        width = (1 - gap * (self.columns - 1)) / self.columns
-        area_px = self._area_px()
-        top = 1 - row * (self.row_px + _AXIS_PX + _TITLE_PX) / area_px
-        left = column * (width + gap)
-        return left, left + width, max(top - self.row_px / area_px, 0.0), top
 
 
 def _number(cell: int) -> str:

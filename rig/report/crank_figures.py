@@ -14,6 +14,7 @@ from daq.log.reader import Origin
 from rig.derived.order_lines import OrderLines
 from rig.derived.settings import RECORD, from_record
 from rig.derived.turns import Turns, turns_from
+from rig.pages.content import Sentence
 from rig.report.record import ORIGINS, RunRecord, Trace
 
 _PIECE_S = 1.0
@@ -160,7 +161,6 @@ class GroupImpacts:
 
     @property
     def a_revolution(self) -> float:
-        """How many there are a revolution."""
         return len(self.peak) / self.revolutions if self.revolutions > 0 else nan
 
     @property
@@ -181,19 +181,6 @@ def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:
     first second was softer would count more, and softer ones. Where nothing that was measured on a channel
     reaches that, a twin that strikes far too hard must not hide it: there each origin counts from its own.
     """
-    levels = _levels(run)
-    turned = {whose: speed_figures(speed).revolutions for whose, speed in speeds(run).items()}
-    return {
-        group: {
-            run.whose(origin): _of_group(run, origin, names, levels, turned.get(run.whose(origin), nan))
-            for origin in ORIGINS
-            if any((origin, name) in run.traces for name in names)
-        }
-        for group, names in run.roles.impacts.items()
-    }
-
-
-def _levels(run: RunRecord) -> _Levels:
     settings = from_record(run.metadata.get(RECORD, {}))
     own = {
         (origin, name): levels.counts_from_n
@@ -207,11 +194,20 @@ def _levels(run: RunRecord) -> _Levels:
     for each in run.impacts:
         if each.origin == "measured":
             largest[each.channel] = max(largest.get(each.channel, 0.0), each.peak)
-    return {
+    levels = {
         (origin, name): highest[name]
         if ("measured", name) not in own or largest.get(name, -1.0) >= highest[name]
         else level
         for (origin, name), level in own.items()
+    }
+    turned = {whose: speed_figures(speed).revolutions for whose, speed in speeds(run).items()}
+    return {
+        group: {
+            run.whose(origin): _of_group(run, origin, names, levels, turned.get(run.whose(origin), nan))
+            for origin in ORIGINS
+            if any((origin, name) in run.traces for name in names)
+        }
+        for group, names in run.roles.impacts.items()
     }
 
 
@@ -235,3 +231,30 @@ def _of_group(
         revolutions=revolutions,
         counts_from=(min(known, default=nan), max(known, default=nan)),
     )
+
+
+def cut(run: RunRecord) -> list[Sentence]:
+    """One sentence where a section draws but the beginning of a run, else none."""
+    kept_s = run.kept_s
+    return [] if kept_s is None else [Sentence(f"This is of the first {kept_s:.0f} s of the run only.")]
+
+
+def left_out(run: RunRecord, channels: Sequence[str]) -> list[Sentence]:
+    """Sentences where some of `channels` have a sampling rate of their own or a shaft turned backwards."""
+    turning = [origin for origin in ORIGINS if counted_by(run, origin)]
+    beside = {(origin, name) for origin in turning for name in beside_turns(run, origin, channels)}
+    missing = [
+        f"{name} ({run.whose(origin)})"
+        for origin in turning
+        for name in channels
+        if (origin, name) in run.traces and (origin, name) not in beside
+    ]
+    backwards = [run.whose(origin) for origin in ORIGINS if turned_backwards(run, origin)]
+    told = []
+    if missing:
+        rate = "Left out, sampled at another rate than what tells the angle"
+        told.append(Sentence(f"{rate}: {', '.join(missing)}."))
+    if backwards:
+        text = "an angle that falls counts no revolutions, neither for orders nor for the mean revolution."
+        told.append(Sentence(f"The crank turned backwards ({', '.join(backwards)}): {text}"))
+    return told

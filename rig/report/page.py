@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TypeAlias
 
 from daq.plugins import plugins
-from rig.pages.content import Part, Section, Sentence
-from rig.pages.page import page
+from rig.pages.content import Part, Section, Sentence, page
 from rig.report.record import RunRecord
-from rig.report.sections import impacts, log, orders, overlays, peaks, revolution, spectra, speed, summary
+from rig.report.sections import impacts, log, overlays, spectra, speed, summary
 
 ReportSection: TypeAlias = Section[RunRecord]
 GROUP = "rattle.report_sections"
@@ -21,9 +20,9 @@ SECTIONS: Mapping[str, ReportSection] = {
     "overlays": Section("First impacts and one cycle", overlays.parts),
     "speed": Section("Speed of the crank", speed.parts),
     "impacts": Section("Impacts over the crank angle", impacts.parts),
-    "revolution": Section("One revolution", revolution.parts),
-    "orders": Section("Orders", orders.parts),
-    "peaks": Section("Peak forces", peaks.parts),
+    "revolution": Section("One revolution", overlays.revolution),
+    "orders": Section("Orders", spectra.orders),
+    "peaks": Section("Peak forces", impacts.peaks),
     "spectra": Section("Autospectra", spectra.parts),
     "events": Section("Events and gaps", log.events),
     "scenario": Section("Scenario", log.scenario),

@@ -6,7 +6,7 @@ import functools
 import math
 import tomllib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +15,54 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
-from daq.derived_names import CRANK_SPEED, derived_name
-from daq.log.reader import LogReader, Origin
+from daq.log.reader import CRANK_SPEED, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
 from rig.files.quantity import QuantityError, si_value
-from rig.report.roles import LOWER, UPPER, Roles, roles_of
+from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Record, Stream
+
+UPPER, LOWER = "contact.force_upper", "contact.force_lower"
+_UNWRAPPED = ".angle"
+
+
+@dataclass(frozen=True, slots=True)
+class Roles:
+    """Names of channels by what they are.
+
+    `angle` is where an encoder tells a shaft's angle, else `marker` does; "" without a shaft. `vibration`
+    shows how the rig vibrates rather than how it moves. `unwrapped` are angles that grow as long as a run
+    lasts. `stops` are the forces on either side of a play, `impacts` groups of channels whose impacts over
+    the shaft's angle are shown together.
+    """
+
+    angle: str
+    marker: str
+    vibration: tuple[str, ...]
+    unwrapped: frozenset[str]
+    stops: tuple[str, str] | None
+    impacts: Mapping[str, tuple[str, ...]]
+
+    @property
+    def turns(self) -> bool:
+        """Whether a shaft does, so that things are shown over its angle."""
+        return bool(self.angle or self.marker)
+
+
+def roles_of(rig: str, channels: Iterable[str]) -> Roles:
+    """The roles of a run's `channels`; of a rig that nobody knows here they are told by their names."""
+    names = tuple(channels)
+    kind = RIGS.get(rig)
+    crank = kind.crank if kind else None
+    stops = (UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None
+    return Roles(
+        angle=crank.angle if crank else "",
+        marker=crank.marker if crank else "",
+        vibration=tuple(name for name in names if not crank or name not in crank.plain),
+        unwrapped=frozenset(name for name in names if name.endswith(_UNWRAPPED)),
+        stops=stops,
+        impacts=crank.heard(names) if crank else {},
+    )
+
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 """In the order in which they are drawn, the last on top."""
@@ -34,19 +76,17 @@ _KEPT_CONTACT_SAMPLES = 25_000_000
 
 @dataclass(slots=True)
 class Tally:
-    """Numbers of one trace, added up block by block; the sums are of finite samples."""
+    """Numbers of one trace in the channel's unit, added up block by block; sums are of finite samples."""
 
     samples: int = 0
     finite: int = 0
     square_sum: float = 0.0
-    minimum: float = math.inf
-    maximum: float = -math.inf
+    largest: float = 0.0
     end_sample: int = 0
     overloaded_blocks: int = 0
     sample_rate: float = 0.0
 
     def add(self, block: SampleBlock) -> None:
-        """Count a block in."""
         values = block.values.astype(np.float64)
         square_sum = float(values @ values)
         if not math.isfinite(square_sum):
@@ -55,11 +95,25 @@ class Tally:
         self.samples += len(block)
         self.finite += len(values)
         self.square_sum += square_sum
-        self.minimum = float(values.min(initial=self.minimum))
-        self.maximum = float(values.max(initial=self.maximum))
+        self.largest = float(np.abs(values).max(initial=self.largest))
         self.end_sample = max(self.end_sample, block.end_sample)
         self.overloaded_blocks += bool(block.flags & Flag.OVERLOAD)
         self.sample_rate = block.sample_rate
+
+    @property
+    def missing(self) -> int:
+        """Samples that never came."""
+        return max(self.end_sample - self.samples, 0)
+
+    @property
+    def rms(self) -> float:
+        """NaN where no sample is finite."""
+        return math.sqrt(self.square_sum / self.finite) if self.finite else math.nan
+
+    @property
+    def peak(self) -> float:
+        """Largest magnitude, NaN where no sample is finite."""
+        return self.largest if self.finite else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +150,34 @@ class RunRecord:
 
     @property
     def facts(self) -> ScenarioFacts:
-        """What its scenario says."""
         return scenario_facts(self.scenario)
 
     @property
     def roles(self) -> Roles:
-        """What its channels are to the rig that its scenario names."""
         return roles_of(self.facts.rig, self.channels)
+
+    @property
+    def duration_s(self) -> float:
+        return max((each.end_sample / each.sample_rate for each in self.tallies.values()), default=0.0)
+
+    @property
+    def measured(self) -> dict[str, Tally]:
+        """Numbers of what was measured, by channel."""
+        return {
+            name: self.tallies["measured", name]
+            for name in self.channels
+            if ("measured", name) in self.tallies
+        }
+
+    @property
+    def overloaded_blocks(self) -> int:
+        """Measured blocks with an overload, over all channels."""
+        return sum(tally.overloaded_blocks for tally in self.measured.values())
+
+    @property
+    def missing(self) -> int:
+        """Measured samples that never came, over all channels."""
+        return sum(tally.missing for tally in self.measured.values())
 
     @property
     def repaired(self) -> bool:
@@ -138,7 +213,10 @@ class RunCollector:
         keys: list[tuple[Origin, str]] = [
             (origin, name) for origin in ORIGINS for name in self._declared[origin]
         ]
-        self._limits = {key: _limit(key[1], len(keys)) for key in keys}
+        self._limits = {
+            key: (_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
+            for key in keys
+        }
         self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
         self._blocks: dict[tuple[Origin, str], list[SampleBlock]] = defaultdict(list)
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
@@ -158,7 +236,6 @@ class RunCollector:
                 self._impacts.append(record)
 
     def record(self) -> RunRecord:
-        """The run, from the blocks so far; raises LogError."""
         reader = self._reader
         return RunRecord(
             path=reader.path,
@@ -167,7 +244,14 @@ class RunCollector:
             library=reader.library,
             scenario=reader.scenario,
             metadata=reader.metadata,
-            channels={**self._declared["measured"], **_missing_from(self._declared)},
+            channels={
+                **self._declared["measured"],
+                **{
+                    name: channel
+                    for name, channel in self._declared["predicted"].items()
+                    if name not in self._declared["measured"]
+                },
+            },
             traces={key: _joined(blocks) for key, blocks in self._blocks.items()},
             tallies=dict(self._tallies),
             events=reader.events(),
@@ -190,16 +274,6 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
         for impact in reader.impacts():
             stream(impact)
         return collector.record()
-
-
-def _missing_from(declared: dict[Origin, dict[str, Channel]]) -> dict[str, Channel]:
-    return {
-        name: channel for name, channel in declared["predicted"].items() if name not in declared["measured"]
-    }
-
-
-def _limit(channel: str, traces: int) -> int:
-    return _KEPT_CONTACT_SAMPLES if channel in (UPPER, LOWER) else _KEPT_SAMPLES // traces
 
 
 def _joined(blocks: list[SampleBlock]) -> Trace:

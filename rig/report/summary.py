@@ -1,45 +1,18 @@
-"""The numbers of a run: what the terminal shows at its end and the report at its top."""
+"""How the peaks of half cycles spread over a run, and how close twins come to it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.log.reader import Origin
-from daq.log.records import Gap
 from daq.signals.impacts import HalfCycles, half_cycles
-from rig.report.record import RunRecord, Tally, read_run
-
-
-@dataclass(frozen=True, slots=True)
-class TraceSummary:
-    """One channel of one origin, in the channel's unit; NaN where no sample is finite.
-
-    `missing` counts samples that never came, `overloaded_blocks` blocks that the device marked.
-    """
-
-    samples: int
-    missing: int
-    not_finite: int
-    rms: float
-    peak: float
-    minimum: float
-    maximum: float
-    overloaded_blocks: int
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelSummary:
-    """A channel as measured and as predicted, where there is one; `nominal` beside a repaired twin."""
-
-    name: str
-    unit: str
-    measured: TraceSummary | None
-    predicted: TraceSummary | None
-    nominal: TraceSummary | None
+from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
+from rig.report.record import RunRecord, Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,68 +26,6 @@ class HalfCycleStatistics:
     max_sd_n: float
 
 
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """What a run came to; the statistics are None where the run has no contact force with an impact in it."""
-
-    log: Path
-    run_id: str
-    started: str
-    scenario: str
-    drive: str
-    duration_s: float
-    complete: bool
-    channels: tuple[ChannelSummary, ...]
-    measured_peaks: HalfCycleStatistics | None
-    predicted_peaks: HalfCycleStatistics | None
-    nominal_peaks: HalfCycleStatistics | None
-    gaps: tuple[Gap, ...]
-
-    @property
-    def missing(self) -> int:
-        """Measured samples that never came, over all channels."""
-        return sum(channel.measured.missing for channel in self.channels if channel.measured)
-
-    @property
-    def overloaded_blocks(self) -> int:
-        """Measured blocks with an overload, over all channels."""
-        return sum(channel.measured.overloaded_blocks for channel in self.channels if channel.measured)
-
-
-def summarise(log: Path) -> RunSummary:
-    """Read a log and return its numbers; raises LogError."""
-    return summary_of(read_run(log))
-
-
-def summary_of(run: RunRecord) -> RunSummary:
-    """Return the numbers of a run that has been read."""
-    facts = run.facts
-    identity = run.metadata.get("run", {})
-    return RunSummary(
-        log=run.path,
-        run_id=identity.get("id", ""),
-        started=identity.get("started", ""),
-        scenario=facts.name,
-        drive=facts.drive,
-        duration_s=max((each.end_sample / each.sample_rate for each in run.tallies.values()), default=0.0),
-        complete=run.complete,
-        channels=tuple(
-            ChannelSummary(
-                name,
-                channel.unit,
-                _trace_summary(run.tallies.get(("measured", name))),
-                _trace_summary(run.tallies.get(("predicted", name))),
-                _trace_summary(run.tallies.get(("nominal", name))),
-            )
-            for name, channel in run.channels.items()
-        ),
-        measured_peaks=_statistics(half_cycles_of(run, "measured")),
-        predicted_peaks=_statistics(half_cycles_of(run, "predicted")),
-        nominal_peaks=_statistics(half_cycles_of(run, "nominal")),
-        gaps=tuple(run.gaps),
-    )
-
-
 def half_cycles_of(run: RunRecord, origin: Origin) -> HalfCycles | None:
     """Half cycles of one origin; None where the run lacks a contact force."""
     forces = run.contact_forces(origin)
@@ -125,23 +36,9 @@ def half_cycles_of(run: RunRecord, origin: Origin) -> HalfCycles | None:
     return half_cycles(upper, lower, forces[0].sample_rate)
 
 
-def _trace_summary(tally: Tally | None) -> TraceSummary | None:
-    if tally is None:
-        return None
-    lowest, highest = (tally.minimum, tally.maximum) if tally.finite else (math.nan, math.nan)
-    return TraceSummary(
-        samples=tally.samples,
-        missing=max(tally.end_sample - tally.samples, 0),
-        not_finite=tally.samples - tally.finite,
-        rms=math.sqrt(tally.square_sum / tally.finite) if tally.finite else math.nan,
-        peak=max(abs(lowest), abs(highest)),
-        minimum=lowest,
-        maximum=highest,
-        overloaded_blocks=tally.overloaded_blocks,
-    )
-
-
-def _statistics(found: HalfCycles | None) -> HalfCycleStatistics | None:
+def half_cycle_statistics(run: RunRecord, origin: Origin) -> HalfCycleStatistics | None:
+    """Of one origin; None where the run lacks a contact force, or an impact in it."""
+    found = half_cycles_of(run, origin)
     if found is None or not len(found):
         return None
     several = len(found) > 1
@@ -152,3 +49,77 @@ def _statistics(found: HalfCycles | None) -> HalfCycleStatistics | None:
         max_mean_n=float(found.max_n.mean()),
         max_sd_n=float(np.std(found.max_n, ddof=1)) if several else math.nan,
     )
+
+
+_BANDS = 42
+"""Between 2 Hz and 25.6 kHz about a third of an octave each."""
+
+_DEPTH_DB = 40.0
+"""Only bands so far below a channel's strongest count: further down lies the sensor's noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closeness:
+    """Rms of the level differences in dB between autospectra of a channel.
+
+    Of either twin to the measurement, and of the measurement's second half to its first: as far as chatter
+    alone takes it.
+    """
+
+    channel: str
+    nominal_db: float
+    repaired_db: float
+    halves_db: float
+
+
+def closeness(run: RunRecord) -> list[Closeness]:
+    """One for each channel that was measured and that moves in either twin; none without a nominal twin."""
+    return [each for name in run.channels if (each := _of(run, name)) is not None]
+
+
+def overall_closeness(run: RunRecord) -> Closeness | None:
+    """The closeness over all channels; None without a nominal twin."""
+    channels = closeness(run)
+    return overall(channels) if channels else None
+
+
+def overall(channels: Sequence[Closeness]) -> Closeness:
+    """Rms over channels."""
+    rows = np.array([(each.nominal_db, each.repaired_db, each.halves_db) for each in channels])
+    return Closeness("", *(float(value) for value in np.sqrt(np.mean(rows**2, axis=0))))
+
+
+def _of(run: RunRecord, name: str) -> Closeness | None:
+    measured, nominal = run.traces.get(("measured", name)), run.traces.get(("nominal", name))
+    repaired = run.traces.get(("predicted", name))
+    if measured is None or nominal is None or repaired is None:
+        return None
+    if not (nominal.values.any() or repaired.values.any()):  # a place that stands still in both twins
+        return None
+    spectrum = _banded(measured.values, measured)
+    if not (spectrum.density > 0).any():
+        return None
+    half = len(measured.values) // 2
+    first, second = _banded(measured.values[:half], measured), _banded(measured.values[half:], measured)
+    return Closeness(
+        name,
+        distance_db(spectrum, _banded(nominal.values, nominal)),
+        distance_db(spectrum, _banded(repaired.values, repaired)),
+        distance_db(first, second),
+    )
+
+
+def distance_db(one: Autospectrum, other: Autospectrum) -> float:
+    """Rms level difference over the bands of `one` within 40 dB of its strongest; 40 dB at most each."""
+    if not (one.density > 0).any():
+        return 0.0
+    depth = 10 ** (-_DEPTH_DB / 10)
+    counted = one.density > depth * one.density.max()
+    frequency, here = one.frequency_hz[counted], one.density[counted]
+    there = np.interp(frequency, *other) if len(other.density) else np.zeros_like(here)
+    level = 10 * np.log10(here / np.maximum(there, depth * here))
+    return float(np.sqrt(np.mean(np.minimum(np.abs(level), _DEPTH_DB) ** 2)))
+
+
+def _banded(values: NDArray[np.floating], trace: Trace) -> Autospectrum:
+    return log_bands(autospectrum(values, trace.sample_rate), _BANDS)

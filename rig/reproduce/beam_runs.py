@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from daq.signals.impacts import HalfCycles, half_cycles
-from rig.reproduce.statement import Sample
+from rig.reproduce.figure import Sample
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.status import Status

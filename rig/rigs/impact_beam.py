@@ -9,11 +9,6 @@ from rig.rigs.kind import RigKind
 from sim_twin.rigs.impact_beam.channels import CHANNELS, stations_of
 from sim_twin.rigs.impact_beam.model import CHECKS, ImpactBeam, SineDrive, nominal
 
-
-def _equipped(rig: ImpactBeam, channels: tuple[str, ...]) -> ImpactBeam:
-    return replace(rig, stations=stations_of(channels))
-
-
 KIND: Final = RigKind(
     parameters=ImpactBeam,
     nominal=nominal,
@@ -38,5 +33,5 @@ KIND: Final = RigKind(
     ),
     picture="rig.live.rigs.impact_beam:BeamPicture",
     checks=CHECKS,
-    equipped=_equipped,
+    equipped=lambda rig, channels: replace(rig, stations=stations_of(channels)),
 )

@@ -25,10 +25,6 @@ class ShownSine:
         return float(drive.frequency) if drive.amplitude else None
 
 
-def _as_it_is(rig: Any, channels: tuple[str, ...]) -> Any:
-    return rig
-
-
 @dataclass(frozen=True)
 class RigKind:
     """A rig: its physics, its channels, and how a lab handles it.
@@ -54,12 +50,11 @@ class RigKind:
     picture: str
     checks: tuple[Check, ...] = ()
     extras: tuple[str, ...] = ()
-    equipped: Callable[[Any, tuple[str, ...]], Any] = field(default=_as_it_is)
+    equipped: Callable[[Any, tuple[str, ...]], Any] = field(default=lambda rig, channels: rig)
     package: str = "rig.rigs"
 
     @property
     def name(self) -> str:
-        """What a scenario calls it."""
         return str(self.parameters.kind)
 
     @cached_property

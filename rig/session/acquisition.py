@@ -7,7 +7,6 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterable
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from daq.errors import InterlockTripped, RattleError
 from daq.log.records import Event
 from drivers.protocols.card import AcquisitionCard, CardReading
 from rig.session.clocks import CardClock
-from rig.session.limits import LimitWatch, Passed
+from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 
 BLOCK_S = 0.1
@@ -53,13 +52,7 @@ class Acquisition:
         readers: Iterable[Reader] = (),
     ) -> None:
         self._card, self._clock, self._stream, self._limits = card, clock, stream, limits
-        self._readers: tuple[Reader, ...] = (
-            self._note_arrival,
-            self._watch_limits,
-            self._note_flags,
-            self._record,
-            *readers,
-        )
+        self._readers: tuple[Reader, ...] = (self._watch_limits, self._note_flags, self._record, *readers)
         self._names = [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -83,16 +76,13 @@ class Acquisition:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
 
     @property
     def name(self) -> str:
-        """What the bench calls the card."""
         return self._card.name
 
     @property
@@ -121,7 +111,6 @@ class Acquisition:
         return reading.first_sample < until and _end_of(reading) > begin
 
     def end_record(self, reading: CardReading) -> None:
-        """Let the record end with `reading`; to be called by a reader."""
         with self.changed:
             if self.record_until is not None and self.records(reading):
                 self.record_until = min(self.record_until, _end_of(reading))
@@ -130,6 +119,7 @@ class Acquisition:
         try:
             while not self._stop.is_set():
                 reading = self._card.read(self._count)
+                self.base.arrived(_end_of(reading), reading.arrived_s)
                 for take in self._readers:
                     take(reading)
                 with self.changed:
@@ -143,9 +133,6 @@ class Acquisition:
             self.error.__cause__ = error
         with self.changed:
             self.changed.notify_all()
-
-    def _note_arrival(self, reading: CardReading) -> None:
-        self.base.arrived(_end_of(reading), reading.arrived_s)
 
     def _watch_limits(self, reading: CardReading) -> None:
         rows = dict(zip(self._names, reading.values, strict=True))

@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 _FIRST_FIT_S, _FIT_AGAIN = 1.0, 1.3
 """When a model is fitted first, and again whenever its pairs span so much more: a fit takes 30 to 70 ms."""
 
-
 _CRYSTAL = 50e-6
 """Standard deviation of one clock's rate from another's, before anything is known of them."""
 _STAMP_S = 100e-6
@@ -45,7 +44,6 @@ class _Fitted:
 
     @property
     def last(self) -> tuple[float, float]:
-        """The latest pair: device and arrival, s."""
         return self._last
 
     def refit(self, at_last: bool = False) -> bool:
@@ -119,7 +117,6 @@ class CardClock:
         return self._host_rate()[0] * 1e6
 
     def unix_ns(self, card_s: float) -> int:
-        """A time on the time base as the log has it."""
         return self.start_ns + round(card_s * NS_PER_S)
 
     def refit(self, at_last: bool = False) -> list[ClockRecord]:

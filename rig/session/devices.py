@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from daq.channel import Channel
 from daq.errors import InstrumentError
-from drivers.protocols.actuator import Actuator
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
+from drivers.protocols.instrument import Actuator, Logger
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.drive import Motion, drive_off_after
@@ -32,7 +33,7 @@ class Devices:
     `spare` makes another driver of the same actuator (picklable, for the supervisor); None where no second
     one can be opened beside the first. `motion(wait, measured_rpm)` is what the actuator does in a run:
     `wait` waits that many seconds and may raise, `measured_rpm` gives the speed of the shaft as the
-    instruments on it see it, NaN where they do not.
+    instruments on it see it, NaN where they do not. `loggers` measure beside the card, by their tables.
     """
 
     actuator: Actuator
@@ -40,11 +41,17 @@ class Devices:
     motion: Callable[[Callable[[float], None], Callable[[], float]], Motion]
     card: AcquisitionCard
     encoder: PositionEncoder | None = None
+    loggers: Mapping[str, Logger] = field(default_factory=dict)
+
+    @property
+    def logged(self) -> tuple[Channel, ...]:
+        """What is measured beside the card, but for an encoder."""
+        return tuple(channel for logger in self.loggers.values() for channel in logger.channels)
 
     def open(self) -> None:
         """Open all; on failure close all again and raise what every one of them said."""
         errors: list[InstrumentError] = []
-        for device in (self.actuator, self.card, self.encoder):
+        for device in (self.actuator, self.card, self.encoder, *self.loggers.values()):
             try:
                 if device is not None:
                     device.open()
@@ -56,10 +63,9 @@ class Devices:
 
     def close(self) -> None:
         """Close all; never raises. First what moves the rig, for its closing is a way to stop it."""
-        self.actuator.close()
-        if self.encoder is not None:
-            self.encoder.close()
-        self.card.close()
+        for device in (self.actuator, *self.loggers.values(), self.encoder, self.card):
+            if device is not None:
+                device.close()
 
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]
@@ -85,5 +91,7 @@ def connected(
                f"{devices.card.address}")  # fmt: skip
     if devices.encoder is not None:
         screen.say(f"encoder    {devices.encoder.identity} at {devices.encoder.address}")
+    for table, logger in devices.loggers.items():
+        screen.say(f"{table:<10} {logger.identity} at {logger.address}")
     stop.check()
     return stop, devices, notes

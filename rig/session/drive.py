@@ -10,9 +10,8 @@ from typing import Any, Protocol
 
 from daq.errors import InstrumentError
 from daq.log.records import ClockRecord
-from drivers.protocols.actuator import Actuator
 from drivers.protocols.generator import DriveGenerator
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Actuator, Notice
 from rig.session.clocks import CardClock
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
@@ -28,58 +27,45 @@ class Motion(Protocol):
     """What an actuator does in a run."""
 
     @property
-    def what(self) -> str:
-        """The drive in words, for the log."""
-        ...
+    def what(self) -> str: ...
 
     @property
     def speed_rad_s(self) -> float | None:
         """What the crank shall turn at once started; None where nothing turns."""
-        ...
 
     @property
     def longest_stop_s(self) -> float:
         """How long `off` and `ramp_down` may look at nothing else, in s."""
-        ...
 
     def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Prepare; nothing moves yet. `path`: drives (sections [drive]) that it shall come through."""
-        ...
 
     def start(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Let it move, softly or at once from phase zero; returns when it is as the scenario wants it.
 
         A soft start comes through the drives of `path`, without a rest.
         """
-        ...
 
     def ramp_down(self) -> None:
         """Bring it down softly, then switch off."""
-        ...
 
     def off(self) -> None:
         """Go to the safe state, on whatever way out; no error where it is there."""
-        ...
 
     def check(self) -> None:
         """Raise what went wrong with the actuator; called at least every 5 s while it may move."""
-        ...
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened to the actuator since the last call, oldest first."""
-        ...
 
     def clocks(self, base: CardClock) -> list[ClockRecord]:
         """How an actuator that was polled since the last call lies against the run's time base."""
-        ...
 
 
 class SwitchedOff(Protocol):
     """Whatever has a safe state to go to."""
 
-    def off(self) -> None:
-        """Go there."""
-        ...
+    def off(self) -> None: ...
 
 
 @contextmanager
@@ -127,12 +113,10 @@ class Shaker:
 
     @property
     def what(self) -> str:
-        """The drive in words."""
         return f"{self.drive.amplitude:g} N at {self.drive.frequency:g} Hz"
 
     @property
     def speed_rad_s(self) -> float | None:
-        """None: nothing turns."""
         return None
 
     @property
@@ -141,7 +125,6 @@ class Shaker:
         return 0.0
 
     def arm(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
-        """Prepare the sine, without its offset; nothing moves yet."""
         first = path[0] if path else self.drive
         volts = first.amplitude / self.force_per_volt
         amplitude = min(_SMALLEST_V, volts) if soft else volts
@@ -161,7 +144,6 @@ class Shaker:
         self.generator.set_frequency(self.drive.frequency / (1 + off))
 
     def ramp_down(self) -> None:
-        """Bring the amplitude down in steps, then switch off."""
         for step in range(_RAMP_STEPS - 1, 0, -1):
             share = step / _RAMP_STEPS
             self._set_amplitude(share * self.drive.amplitude, self.drive.amplitude)
@@ -171,22 +153,17 @@ class Shaker:
         self.generator.off()
 
     def off(self) -> None:
-        """Switch the output off at once."""
         self.generator.off()
 
-    def check(self) -> None:
-        """A generator tells of nothing by itself."""
+    def check(self) -> None: ...
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """None."""
         return ()
 
     def clocks(self, base: CardClock) -> list[ClockRecord]:
-        """None: it is not polled."""
         return []
 
     def _go(self, before: SineDrive, after: SineDrive) -> None:
-        """From one drive to another, in steps."""
         for step in range(1, _RAMP_STEPS + 1):
             share = step / _RAMP_STEPS
             self.wait(RAMP_S / _RAMP_STEPS)

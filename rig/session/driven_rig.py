@@ -19,8 +19,9 @@ from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
-from rig.session.limits import LimitWatch
+from rig.session.interlock import LimitWatch
 from rig.session.logbook import Logbook, Run, logged_by, new_run, run_record
+from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
@@ -54,7 +55,6 @@ class Watch:
             check()
 
     def wait(self, seconds: float) -> None:
-        """Wait; raises what ends the run meanwhile."""
         end = self._clock.monotonic_s() + seconds
         while (left := end - self._clock.monotonic_s()) > 0:
             self.check()
@@ -101,6 +101,7 @@ class DrivenRig:
         self.recorder: Recorder
         self.acquisition: Acquisition
         self.encoder: EncoderRecord | None = None
+        self.loggers: list[LoggerRecord] = []
         self.on_stopping: Callable[[], None] | None = None
         """Called where it stops before its time; None where nothing follows what is recorded."""
         self._rests = False
@@ -115,9 +116,7 @@ class DrivenRig:
         run = new_run(folder, name, self.clock)
 
         @stack.push
-        def tell_of_partial(
-            kind: type[BaseException] | None, error: BaseException | None, trace: object
-        ) -> None:
+        def tell_of_partial(kind: object, error: object, trace: object) -> None:
             if kind is not None:
                 self.screen.say(f"log so far {run.log}")
 
@@ -149,7 +148,25 @@ class DrivenRig:
             self.encoder = self.shaft.recording(
                 self.devices.encoder, self.acquisition, self.stream, fastest_rad_s
             )
-        self._follow()
+        base = self.acquisition.base
+        self.loggers = [LoggerRecord(each, base, self.stream) for each in self.devices.loggers.values()]
+
+        # what is looked at while somebody waits, and what the log gets of it
+        def heed_stop() -> None:
+            if self._stop.wanted:
+                self.logbook.tell("warning", "run.interrupted", "stopped by a person")
+            self._stop.check()
+
+        acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
+        self.watch.checks += [acquisition.check, self.shaft.check, motion.check, self._supervisor.check]
+        actuator = self.devices.actuator.name
+        logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
+        logbook.clocks += [acquisition.base.refit, lambda _: motion.clocks(acquisition.base)]
+        if self.encoder is not None:
+            self.watch.checks.append(self.encoder.check)
+            logbook.events.append(self.encoder.events)
+            logbook.clocks.append(self.encoder.clocks)
+        self.watch.checks += [logbook.look, heed_stop]
 
     def declare(self, run_id: str, scenario: str, notes: dict[str, str]) -> None:
         """Write what was run (`scenario`, TOML) and on what, and the measured channels."""
@@ -159,6 +176,8 @@ class DrivenRig:
             self.recorder.declare("measured", channel)
         if self.devices.encoder is not None:
             self.recorder.declare("measured", encoder_channel(self.devices.encoder))
+        for channel in self.devices.logged:
+            self.recorder.declare("measured", channel)
         for warning in self.devices.card.warnings:
             self.warn("card.warning", warning)
 
@@ -166,7 +185,7 @@ class DrivenRig:
     def moving(self) -> Iterator[None]:
         """Supervised, acquiring and with its logbook open; the drive is off on every way out."""
         with ExitStack() as running:
-            for each in (self._supervisor, self.logbook, self.acquisition, self.encoder):
+            for each in (self._supervisor, self.logbook, self.acquisition, self.encoder, *self.loggers):
                 if each is not None:
                     running.enter_context(each)
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen))
@@ -184,13 +203,19 @@ class DrivenRig:
         begin = self.acquisition.start_record(count)
         if self.encoder is not None:
             self.encoder.begin(begin / self.sample_rate)
+        for logger in self.loggers:
+            logger.begin(begin / self.sample_rate, (begin + count) / self.sample_rate)
         return begin
 
     def end_record(self) -> None:
         """Wait until everything of the record has come."""
         self.watch.until(self.acquisition, lambda: self.recorded)
-        encoder, until = self.encoder, self.acquisition.record_until
-        if encoder is not None and until is not None:
+        until = self.acquisition.record_until
+        if until is None:
+            return
+        for logger in self.loggers:
+            logger.end()
+        if (encoder := self.encoder) is not None:
             encoder.end(until / self.sample_rate)
             self.watch.until(self.acquisition, lambda: encoder.ended)
 
@@ -201,7 +226,6 @@ class DrivenRig:
         return until is not None and self.acquisition.acquired >= until
 
     def ramp_down(self) -> None:
-        """Bring the drive softly to rest."""
         self._bring_to_rest(self.motion.ramp_down)
         self._rests = True
         self.logbook.tell("info", "drive.off", "drive ramped down and off")
@@ -220,17 +244,14 @@ class DrivenRig:
             self._bring_to_rest(self.motion.off)
 
     def warn(self, code: str, text: str) -> None:
-        """Tell a warning to log and screen."""
         self.logbook.tell("warning", code, text)
         self.screen.warn(text)
 
     def tell_of_marks(self) -> None:
-        """Tell what was wrong with the recorded marks."""
         for code, text in self.shaft.faults(self.acquisition):
             self.warn(code, text)
 
     def tell_of_encoder(self) -> None:
-        """Tell how an encoder stands against the marks."""
         if self.encoder is not None:
             for code, text in self.shaft.encoder_at_mark(self.encoder):
                 self.logbook.tell("info", code, text)
@@ -241,25 +262,6 @@ class DrivenRig:
         if self.motion.longest_stop_s > 0.0:
             self._supervisor.beat(self.motion.longest_stop_s + SILENCE_S)
         stop()
-
-    def _follow(self) -> None:
-        """Say what is looked at while somebody waits, and what the log gets of it."""
-
-        def heed_stop() -> None:
-            if self._stop.wanted:
-                self.logbook.tell("warning", "run.interrupted", "stopped by a person")
-            self._stop.check()
-
-        acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
-        self.watch.checks += [acquisition.check, self.shaft.check, motion.check, self._supervisor.check]
-        actuator = self.devices.actuator.name
-        logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
-        logbook.clocks += [acquisition.base.refit, lambda _: motion.clocks(acquisition.base)]
-        if self.encoder is not None:
-            self.watch.checks.append(self.encoder.check)
-            logbook.events.append(self.encoder.events)
-            logbook.clocks.append(self.encoder.clocks)
-        self.watch.checks += [logbook.look, heed_stop]
 
     def _look(self, reading: CardReading) -> None:
         """In the acquisition thread: the shaft, and a sign of life."""

@@ -6,7 +6,6 @@ start joins the encoder's clock to the card's is then the same for both.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -21,9 +20,9 @@ from rig.session.devices import Connect, connected
 from rig.session.driven_rig import DrivenRig
 from rig.session.motor import Motor
 from rig.session.progress import Screen
+from rig.session.shaft_speed import RPM_PER_RAD_S
 from rig.twin.logged import DWELLS
 
-_RPM_PER_RAD_S = 60.0 / math.tau
 _WITHOUT_END = 2**62
 """Samples of a record that ends with its last dwell."""
 
@@ -43,13 +42,11 @@ class DwellRequest:
 
     @property
     def speeds_rad_s(self) -> list[float]:
-        """One for each dwell."""
         return [float(scenario.drive.speed) for scenario in self.scenarios]
 
     @property
     def what(self) -> str:
-        """The dwells in words."""
-        rpm = ", ".join(f"{speed * _RPM_PER_RAD_S:g}" for speed in self.speeds_rad_s)
+        rpm = ", ".join(f"{speed * RPM_PER_RAD_S:g}" for speed in self.speeds_rad_s)
         return f"{rpm} rpm, {self.dwell_s:g} s each"
 
 

@@ -15,7 +15,7 @@ from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, find_sk
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.errors import LogError
 from daq.log.reader import LogReader
-from rig.rigs.shaft import shows_marks
+from rig.rigs import shows_marks
 from rig.session.encoder_record import ENCODER_CHANNEL, ENCODER_DEVICE
 from rig.session.shaft_speed import shaft_reading
 
@@ -105,7 +105,10 @@ def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
             marks.extend(reading.marks)
             reading.marks.clear()
         encoder_s, mark_s = pace.first_s + index * pace.period_s, np.array(marks) / rate
-        return _at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, _placed_s(log)), pace
+        # standard uncertainty of where the run places the encoder's clock, if it says anything of it
+        said = [record.uncertainty_s for record in log.clocks() if record.device == ENCODER_DEVICE]
+        placed_s = said[-1] / _COVERED_SIGMAS if said else 0.0
+        return _at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, placed_s), pace
 
 
 def _zero_is_anywhere(log: LogReader, name: str) -> bool:
@@ -132,12 +135,6 @@ def _pace(blocks: Sequence[SampleBlock], start_ns: int) -> Pace:
 
     line = stats.theilslopes(placed_s, first)
     return Pace(float(line.intercept), float(line.slope))
-
-
-def _placed_s(log: LogReader) -> float:
-    """Standard uncertainty of where a run places the encoder's clock; 0 where it says nothing of it."""
-    said = [record for record in log.clocks() if record.device == ENCODER_DEVICE]
-    return said[-1].uncertainty_s / _COVERED_SIGMAS if said else 0.0
 
 
 def _at_marks(

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,8 @@ from daq.log.records import ClockRecord, Event, Gap
 from drivers.protocols.encoder import PositionBlock, PositionEncoder
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
 from rig.session.clocks import CardClock, DeviceClock
+from rig.session.interlock import SpeedGuard
 from rig.session.shaft_speed import ByAngle, SpeedReading
-from rig.session.speed_guard import SpeedGuard
 from rig.stream import Block, Stream
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
 
@@ -106,15 +105,20 @@ class EncoderRecord:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._stop.set()
         self._thread.join()
         with suppress(InstrumentError):
             self._encoder.stop()
         with suppress(RattleError):  # the log may have failed; that is told elsewhere
-            self._tell_of_frames()
+            counts = asdict(self._encoder.statistics)
+            del counts["period_ppm"]
+            frames = counts.pop("frames")
+            wrong = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
+            if wrong:
+                time_ns = self._base.unix_ns(float(self._base.card_s(self._base.now_s())))
+                text = f"of {frames} positions: {wrong}"
+                self._stream(Event(time_ns, "warning", self._encoder.name, "encoder.frames", text))
 
     def begin(self, card_s: float) -> None:
         """Record positions from this time on, s since the card's sample 0."""
@@ -148,7 +152,6 @@ class EncoderRecord:
 
     @property
     def angle_per_count(self) -> float:
-        """One count in rad."""
         return self._per_count
 
     def seen(self) -> tuple[Array, Array]:
@@ -163,7 +166,17 @@ class EncoderRecord:
             silent_since_s: float | None = None
             while not self._stop.is_set():
                 try:
-                    self._take(self._encoder.read(self._count))
+                    block = self._encoder.read(self._count)
+                    self._clock.note(block.timestamp_s, block.arrival_s)
+                    self._gaps.extend((gap.first_frame, gap.count, gap.cause) for gap in block.gaps)
+                    cuts = [0, *(np.flatnonzero(np.diff(block.number) != 1) + 1).tolist(), len(block.number)]
+                    stretches = [self._stretch(block, low, high) for low, high in pairwise(cuts)]
+                    self._backlog.extend(stretches)
+                    angle_rad = np.concatenate([stretch.angle_rad for stretch in stretches])
+                    self._seen.append((block.timestamp_s, block.arrival_s, angle_rad))
+                    self._show(stretches)
+                    while self._backlog and self._place(self._backlog[0]):
+                        self._backlog.popleft()
                     silent_since_s = None
                 except InstrumentSilent:  # it lives, its heartbeat says so
                     silent_since_s = silent_since_s or self._base.now_s()
@@ -176,18 +189,6 @@ class EncoderRecord:
             self.error = AcquisitionFault(f"encoder stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
 
-    def _take(self, block: PositionBlock) -> None:
-        self._clock.note(block.timestamp_s, block.arrival_s)
-        self._gaps.extend((gap.first_frame, gap.count, gap.cause) for gap in block.gaps)
-        cuts = [0, *(np.flatnonzero(np.diff(block.number) != 1) + 1).tolist(), len(block.number)]
-        stretches = [self._stretch(block, low, high) for low, high in pairwise(cuts)]
-        self._backlog.extend(stretches)
-        angle_rad = np.concatenate([stretch.angle_rad for stretch in stretches])
-        self._seen.append((block.timestamp_s, block.arrival_s, angle_rad))
-        self._show(stretches)
-        while self._backlog and self._place(self._backlog[0]):
-            self._backlog.popleft()
-
     def _stretch(self, block: PositionBlock, low: int, high: int) -> _Stretch:
         number = int(block.number[low])
         missing, self._next_number = number - self._next_number, int(block.number[high - 1]) + 1
@@ -196,7 +197,8 @@ class EncoderRecord:
         if ambiguous:
             what = f"{missing} positions missing" if missing else "a jump beyond what the shaft can turn"
             text = f"{what} at frame {number}: whole turns may be lost"
-            self._event(float(block.arrival_s[low]), "warning", "encoder.ambiguous", text)
+            time_ns = self._unix_ns(float(block.arrival_s[low]))
+            self._stream(Event(time_ns, "warning", self._encoder.name, "encoder.ambiguous", text))
         flags = block.flags & ~Flag.SAMPLES_MISSING_BEFORE
         flags |= Flag.SAMPLES_MISSING_BEFORE if missing else Flag.GOOD
         card_s, known = self._card_s(block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1])
@@ -266,20 +268,6 @@ class EncoderRecord:
                 before_s = (first - self._first) * self._encoder.period_s
                 time_ns = self._base.unix_ns(self._begin_s + before_s)
                 yield Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause)
-
-    def _tell_of_frames(self) -> None:
-        """Tell what was wrong with the frames of the whole run, where anything was."""
-        counts = asdict(self._encoder.statistics)
-        del counts["period_ppm"]
-        frames = counts.pop("frames")
-        wrong = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
-        if wrong:
-            time_ns = self._base.unix_ns(float(self._base.card_s(self._base.now_s())))
-            text = f"of {frames} positions: {wrong}"
-            self._stream(Event(time_ns, "warning", self._encoder.name, "encoder.frames", text))
-
-    def _event(self, arrival_s: float, level: str, code: str, text: str) -> None:
-        self._stream(Event(self._unix_ns(arrival_s), level, self._encoder.name, code, text))
 
     def _unix_ns(self, arrival_s: float) -> int:
         return self._base.unix_ns(float(self._base.card_s(self._base.host_s(arrival_s))))

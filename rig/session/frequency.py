@@ -38,7 +38,6 @@ class Trimmed(Protocol):
 
     def trim(self, off: float) -> None:
         """Correct a frequency that was measured to be `off` by that share of the nominal."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,6 @@ class DriveFrequency:
 
     @property
     def code(self) -> str:
-        """The event's code."""
         if self.held:
             return HELD
         return OFF if abs(self.worst) > TOLERANCE else UNKNOWN
@@ -106,23 +104,33 @@ class DriveMeter:
 
     @property
     def cycles(self) -> float:
-        """How many nominal cycles it has seen."""
         return sum(len(each) for each in self._means) * self._nominal / self._rate
 
     def result(self) -> DriveFrequency:
-        """The verdict on all that has come."""
-        drive = _finite(np.concatenate(self._means)) if self._means else np.empty(0)
-        drive = drive[_begins(drive) :]
+        drive = np.concatenate(self._means) if self._means else np.empty(0)
+        # what is no number is noise to the fit and makes the frequency less certain
+        drive = np.where(np.isfinite(drive), drive, 0.0)
+        size = np.abs(drive)
+        if len(drive):  # one that starts within the record counts from where it is under way
+            drive = drive[int(np.argmax(size > 0.5 * size.max())) :]
         if len(drive) < _PER_CYCLE:
             return self._unseen()
         fit = self._fit(drive)
         if fit.amplitude <= _SEEN * fit.residual:
             return self._unseen()
+        # of the whole and its parts; what noise may do to a short part does not count
+        parts = min(_PARTS, int(self.cycles / _PART_CYCLES))
+        found = [self._off(fit)]
+        for part in np.array_split(drive, parts) if parts > 1 else []:
+            part_fit = fit_sine(part, self._rate, fit.frequency, harmonics=_ORDERS)
+            noise = 3 * self._uncertainty(part_fit, part)
+            off = self._off(part_fit)
+            found.append(np.sign(off) * max(abs(off) - noise, 0.0))
         return DriveFrequency(
             self._nominal,
             fit.frequency,
             self._off(fit),
-            self._worst(drive, fit),
+            float(max(found, key=abs)),
             self._uncertainty(fit, drive),
         )
 
@@ -142,33 +150,11 @@ class DriveMeter:
                 return fit
             frequency, cycles = fit.frequency, 2 * cycles
 
-    def _worst(self, drive: NDArray[np.float64], whole: SineFit) -> float:
-        """Of the whole and its parts; what noise may do to a short part does not count."""
-        parts = min(_PARTS, int(self.cycles / _PART_CYCLES))
-        found = [self._off(whole)]
-        for part in np.array_split(drive, parts) if parts > 1 else []:
-            fit = fit_sine(part, self._rate, whole.frequency, harmonics=_ORDERS)
-            noise = 3 * self._uncertainty(fit, part)
-            off = self._off(fit)
-            found.append(np.sign(off) * max(abs(off) - noise, 0.0))
-        return float(max(found, key=abs))
-
     def _uncertainty(self, fit: SineFit, drive: NDArray[np.float64]) -> float:
         """By the Cramer-Rao bound of a sine's frequency in white noise."""
         lasts_s = len(drive) / self._rate
         deviation_hz = sqrt(6 / len(drive)) * fit.residual / (pi * fit.amplitude * lasts_s)
         return deviation_hz / self._nominal
-
-
-def _finite(drive: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Zero where it is no number, which is noise to the fit and makes the frequency less certain."""
-    return np.where(np.isfinite(drive), drive, 0.0)
-
-
-def _begins(drive: NDArray[np.float64]) -> int:
-    """Where a drive that starts within the record is under way."""
-    size = np.abs(drive)
-    return int(np.argmax(size > 0.5 * size.max(initial=0.0))) if len(drive) else 0
 
 
 class FrequencyHold:
@@ -191,16 +177,13 @@ class FrequencyHold:
         return min(room_s, max(_TRIM_S, _TRIM_ON_CYCLES / self._nominal_hz))
 
     def begin(self) -> None:
-        """Measure from the next reading on."""
         self._meter = DriveMeter(self._nominal_hz, self._rate)
 
     def take(self, values: NDArray[np.floating]) -> None:
-        """Take a reading of the drive, shape (n,)."""
         if (meter := self._meter) is not None:
             meter.add(values)
 
     def end(self) -> DriveFrequency:
-        """The verdict on what came since `begin`."""
         meter, self._meter = self._meter, None
         return (meter or DriveMeter(self._nominal_hz, self._rate)).result()
 
@@ -222,5 +205,4 @@ class FrequencyCheck:
                 self._meter.add(samples.values)
 
     def result(self) -> DriveFrequency:
-        """The verdict on the record."""
         return self._meter.result() if self._meter else DriveFrequency(self._nominal_hz, nan, nan, nan, nan)

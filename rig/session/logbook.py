@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 
 from daq.block import NS_PER_S
 from daq.clock import Clock
@@ -17,14 +16,13 @@ from daq.errors import RecorderFailed
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from rig.files.bench import Bench
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.stream import Block, Consumer, Metadata, Record, Stream
 
 _LONGEST_NAME = 60
-
 
 _EVERY_S = 1.0
 
@@ -61,7 +59,8 @@ def run_record(
         for c in bench.daq_card.channels
     ]
     calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
-    encoder = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
+    beside = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
+    beside |= {f"instrument.{table}": logger.identity for table, logger in devices.loggers.items()}
     return {
         "id": run_id,
         "started": f"{_now(clock):%Y-%m-%dT%H:%M:%S.%fZ}",
@@ -71,7 +70,7 @@ def run_record(
         "calibration_sha256": _digest("\n".join(calibration)),
         "actuator": devices.actuator.identity,
         "card": devices.card.address,
-        **encoder,
+        **beside,
         **notes,
     }
 
@@ -120,7 +119,6 @@ class Logbook:
         self.clocks: list[Callable[[bool], list[ClockRecord]]] = []
 
     def tell(self, level: str, code: str, text: str) -> None:
-        """Note an event of the rig itself, now."""
         self._stream(Event(self._clock.unix_ns(), level, "rig", code, text))
 
     def stamped(self, source: str, notices: Iterable[Notice]) -> tuple[Event, ...]:
@@ -145,9 +143,7 @@ class Logbook:
     def __enter__(self) -> Logbook:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         try:
             self._ask(at_last=True)
         except RecorderFailed:

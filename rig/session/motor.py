@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import SpeedDrive
 from rig.session.clocks import CardClock
-from rig.session.debounce import Debounced
+from rig.session.interlock import Debounced
+from rig.session.shaft_speed import RPM_PER_RAD_S
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 
-_RPM_PER_RAD_S = 60.0 / math.tau
 _STEP_S = 0.02
 _OUTPUT_SHARE = 0.01
 """Of the set speed: how near to it an inverter's output counts as there, as its driver sees it too."""
@@ -41,17 +41,14 @@ class MotorActuator:
 
     @property
     def name(self) -> str:
-        """What the bench calls it."""
         return self._drive.name
 
     @property
     def address(self) -> str:
-        """Where it is."""
         return self._drive.address
 
     @property
     def identity(self) -> str:
-        """What is known of it; empty before `open`."""
         return self._drive.identity
 
     def open(self) -> None:
@@ -63,7 +60,6 @@ class MotorActuator:
         self._drive.close()
 
     def off(self) -> None:
-        """Stop the motor in category 1, by its output frequency alone."""
         self._drive.stop()
 
 
@@ -86,7 +82,7 @@ class Motor:
         self._drive, self._wait, self._measured_rpm = drive, wait, measured_rpm
         self._clock = clock or SystemClock()
         self._speed_rad_s = speed_rad_s
-        self._wanted_rpm = self._fastest_rpm = speed_rad_s * _RPM_PER_RAD_S
+        self._wanted_rpm = self._fastest_rpm = speed_rad_s * RPM_PER_RAD_S
         self._too_fast = Debounced(OVERSPEED_S + 60.0 / self._wanted_rpm)
         self._kept_rpm = 0.0
         self._notices: list[Notice] = []
@@ -95,24 +91,20 @@ class Motor:
 
     @property
     def what(self) -> str:
-        """The motion in words."""
         return f"crank at {self._wanted_rpm:g} rpm, inverter set to {self._kept_rpm:g} rpm"
 
     @property
     def speed_rad_s(self) -> float | None:
-        """What the crank shall turn at."""
         return self._speed_rad_s
 
     @property
     def longest_stop_s(self) -> float:
-        """How long a stop may take."""
         return self._drive.longest_stop_s
 
     def arm(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
-        """Set the speed; the motor stands."""
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)
-        first_rpm = path[0].speed * _RPM_PER_RAD_S if path else self._wanted_rpm
+        first_rpm = path[0].speed * RPM_PER_RAD_S if path else self._wanted_rpm
         self._kept_rpm = self._drive.set_speed(first_rpm)
 
     def start(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
@@ -124,7 +116,7 @@ class Motor:
         such as are shorter than 0.15 s, between the two or unseen such as are shorter than all that time.
         """
         speeds = [*(drive.speed for drive in path), self._speed_rad_s]
-        self._wanted_rpm = self._fastest_rpm = speeds[0] * _RPM_PER_RAD_S
+        self._wanted_rpm = self._fastest_rpm = speeds[0] * RPM_PER_RAD_S
         self._drive.start()
         self._await_output()
         self._await_shaft()
@@ -138,7 +130,6 @@ class Motor:
         self._trim()
 
     def ramp_down(self) -> None:
-        """Bring the motor to rest and withdraw run."""
         self.off()
 
     def off(self) -> None:
@@ -150,7 +141,6 @@ class Motor:
         self._drive.check()
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """What the inverter and the loop around it did."""
         own, self._notices = self._notices, []
         both = (*own, *self._drive.take_notices())
         return tuple(sorted(both, key=lambda notice: notice.arrival_s))
@@ -164,8 +154,7 @@ class Motor:
         return [base.polled(self._drive.name, request_s, reply_s)]
 
     def _move_to(self, speed_rad_s: float) -> None:
-        """Without trimming."""
-        before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * _RPM_PER_RAD_S
+        before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * RPM_PER_RAD_S
         self._speed_rad_s = speed_rad_s
         self._fastest_rpm = max(before_rpm, self._wanted_rpm)
         self._too_fast = Debounced(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
@@ -230,7 +219,10 @@ class Motor:
         asked_rpm = self._wanted_rpm
         lacking: dict[float, float] = {}
         for _ in range(_MOST_TRIMS):
-            self._poll()
+            before_s = self._clock.monotonic_s()
+            self._drive.read()  # once, for how long an answer takes
+            self._polls_s.append((before_s, self._clock.monotonic_s()))
+            self._new_polls = True
             lacking[self._kept_rpm] = found = self._wanted_rpm - self._mean_rpm()
             if abs(found) <= self._drive.step_rpm / 2:
                 break
@@ -241,7 +233,16 @@ class Motor:
         nearest = min(lacking, key=lambda kept: abs(lacking[kept]))
         if nearest != self._kept_rpm:
             self._give(nearest)
-        self._tell(self._wanted_rpm - lacking[nearest])
+        mean_rpm = self._wanted_rpm - lacking[nearest]
+        off = mean_rpm / self._wanted_rpm - 1.0
+        text = (
+            f"shaft at {mean_rpm:.3f} rpm for {self._wanted_rpm:g} rpm ({off:+.3%}), "
+            f"inverter set to {self._kept_rpm:g} rpm"
+        )
+        if abs(off) > HELD_SHARE:
+            self._note("warning", "motor.off_speed", text)
+        else:
+            self._note("info", "motor.trimmed", text)
 
     def _give(self, rpm: float) -> None:
         """Set the speed; where the inverter keeps another value than before, let that come through."""
@@ -266,32 +267,10 @@ class Motor:
         """Mean of the measured speed over whole turns; raises InterlockTripped where it is not known."""
         turn_s = 60.0 / self._wanted_rpm
         count = round(max(_FEWEST_TURNS, math.ceil(_MEAN_S / turn_s)) * turn_s / _STEP_S)
-        seen = []
-        for _ in range(count):
-            rpm = self._look_on()
-            if math.isfinite(rpm):
-                seen.append(rpm)
+        seen = [rpm for rpm in (self._look_on() for _ in range(count)) if math.isfinite(rpm)]
         if not seen:
             raise self._not_arrived(math.nan)
         return math.fsum(seen) / len(seen)
-
-    def _poll(self) -> None:
-        """Ask the inverter once, for how long an answer takes."""
-        before_s = self._clock.monotonic_s()
-        self._drive.read()
-        self._polls_s.append((before_s, self._clock.monotonic_s()))
-        self._new_polls = True
-
-    def _tell(self, mean_rpm: float) -> None:
-        off = mean_rpm / self._wanted_rpm - 1.0
-        text = (
-            f"shaft at {mean_rpm:.3f} rpm for {self._wanted_rpm:g} rpm ({off:+.3%}), "
-            f"inverter set to {self._kept_rpm:g} rpm"
-        )
-        if abs(off) > HELD_SHARE:
-            self._note("warning", "motor.off_speed", text)
-        else:
-            self._note("info", "motor.trimmed", text)
 
     def _note(self, level: str, code: str, text: str) -> None:
         self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))

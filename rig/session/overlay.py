@@ -16,9 +16,8 @@ from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
-from rig.stream import Block, Consumer, Metadata, Record
-from rig.twin.logged import align_to, followed_scenario
-from rig.twin.matched_twin import with_model
+from rig.stream import Block, Metadata, Record
+from rig.twin.logged import align_to, followed_scenario, with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import removed_if_it_fails, twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
@@ -55,26 +54,20 @@ def overlay_run(
         with LogWriter(target) as copy, removed_if_it_fails(target):
             derived = _derivation(log, copy, scenario, twins)
             _copy(log, copy, derived)
-            copy.add_metadata("twin", twin_record(effects, fitted) | _nominal_record(log, twins))
+            record = twin_record(effects, fitted)
+            if "nominal" in twins:
+                cycle = align_to(log, twins["nominal"])  # the drive's, for folding all three
+                record |= {
+                    "predicted": "with these effects",
+                    "nominal": "without these effects",
+                    "cycle_hz": f"{cycle.frequency:.12g}",
+                    "cycle_phase_rad": f"{cycle.phase:.12g}",
+                    "from_rest": "false" if cycle.onset is None else "true",
+                }
+            copy.add_metadata("twin", record)
             for origin, each in twins.items():
                 _predict(log, copy, scenario, origin, each, derived)
             derived.finish()
-
-
-def _copied_to(copy: LogWriter) -> Consumer:
-    """Writes what is derived; a block is in the log as if the host had it when it ends."""
-
-    def write(record: Record) -> None:
-        match record:
-            case Block(origin, samples):
-                end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
-                copy.add_block(origin, samples, end_ns)
-            case Impact():
-                copy.add_impact(record, record.time_ns)
-            case Metadata(name, values):
-                copy.add_metadata(name, values)
-
-    return write
 
 
 def _derivation(
@@ -92,7 +85,18 @@ def _derivation(
         if origin == "measured"
     }
     names = {origin: [channel.name for channel in each] for origin, each in channels.items()}
-    return Derivation(_copied_to(copy), names, scenario, known)
+
+    def write(record: Record) -> None:
+        match record:
+            case Block(origin, samples):  # in the log as if the host had it when it ends
+                end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
+                copy.add_block(origin, samples, end_ns)
+            case Impact():
+                copy.add_impact(record, record.time_ns)
+            case Metadata(name, values):
+                copy.add_metadata(name, values)
+
+    return Derivation(write, names, scenario, known)
 
 
 def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:
@@ -117,20 +121,6 @@ def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
         copy.add_event(event)
     for clock in log.clocks():
         copy.add_clock(clock)
-
-
-def _nominal_record(log: LogReader, twins: Mapping[Origin, AnyTwin]) -> dict[str, str]:
-    """What /nominal is, and the drive's cycle for folding all three; nothing where there is none."""
-    if "nominal" not in twins:
-        return {}
-    cycle = align_to(log, twins["nominal"])
-    return {
-        "predicted": "with these effects",
-        "nominal": "without these effects",
-        "cycle_hz": f"{cycle.frequency:.12g}",
-        "cycle_phase_rad": f"{cycle.phase:.12g}",
-        "from_rest": "false" if cycle.onset is None else "true",
-    }
 
 
 def _predict(

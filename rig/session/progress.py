@@ -24,11 +24,9 @@ class Screen:
         self.console = console
 
     def say(self, text: str) -> None:
-        """Print a line."""
         self.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def warn(self, text: str) -> None:
-        """Print a line that wants attention."""
         self.console.print(f"! {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
     def hold(self, text: str) -> None:

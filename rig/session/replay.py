@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
@@ -16,16 +15,13 @@ from daq.log.reader import LogReader, Origin
 from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
-from rig.files.scenario import AcquisitionSection, Scenario
+from rig.files.scenario import AcquisitionSection
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
 from rig.twin.logged import align_to, predicting_twin, scenario_of
 from rig.twin.prediction import AlignedTwin
 from sim_twin.twin import AnyTwin
-
-if TYPE_CHECKING:
-    from rig.live.view import LiveView
 
 _ALIGN_ON_S = 2.0
 
@@ -47,7 +43,16 @@ def replay_log(
         if live:
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
-            view = stack.enter_context(_view(log, scenario, twin))
+            from rig.live.picture import picture_of  # only what is shown need load Rerun
+            from rig.live.view import LiveView
+
+            origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
+            shown, derivable = picture_of(twin), derived_channels(origins, scenario)
+            channels = origins["measured"], origins["predicted"]
+            live_view = LiveView(
+                scenario.name, *channels, shown, nominal=origins["nominal"], derived=derivable
+            )
+            view = stack.enter_context(live_view)
             screen.say(f"live view  {view.url}")
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
         derivation = derive_again(log, stream)
@@ -138,18 +143,3 @@ class ShapeFollower:
                 if behind > 0:
                     self._twin.advance(behind)
                     self._publish(Shape(time_s, self._twin.shape()))
-
-
-def _view(log: LogReader, scenario: Scenario, twin: AnyTwin) -> LiveView:
-    from rig.live.layout import picture_of
-    from rig.live.view import LiveView
-
-    origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
-    return LiveView(
-        scenario.name,
-        origins["measured"],
-        origins["predicted"],
-        picture_of(twin),
-        nominal=origins["nominal"],
-        derived=derived_channels(origins, scenario),
-    )

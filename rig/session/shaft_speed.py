@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from daq.angle.marker import MOST_MISSING, MarkTracker
 from daq.channel import Channel
 from daq.clock import Clock
-from rig.rigs.shaft import shaft_channel, shows_marks
+from rig.rigs import shaft_channel, shows_marks
 
-_RPM_PER_RAD_S = 60.0 / math.tau
+RPM_PER_RAD_S = 60.0 / math.tau
 STALE_S = 0.5
 """A speed that is older tells nothing of the shaft any more: a card's blocks come every 0.1 s."""
 _KEPT_S = 61.0
@@ -49,7 +49,6 @@ class ShaftReading(Protocol):
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> SpeedReading:
         """Take the next samples, shape (n,), without a hole."""
-        ...
 
 
 class ShaftSpeed:
@@ -65,7 +64,6 @@ class ShaftSpeed:
 
     @property
     def shown(self) -> SpeedReading:
-        """What the latest block showed."""
         return self._shown
 
     @property
@@ -74,7 +72,6 @@ class ShaftSpeed:
         return np.array(self._reading.marks if self._reading else (), np.float64)
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> None:
-        """Take the next samples of `channel`, shape (n,)."""
         if self._reading is not None:
             self._shown, self._at_s = self._reading.take(first_sample, values), self._clock.monotonic_s()
 
@@ -82,7 +79,7 @@ class ShaftSpeed:
         """Speed in rpm: of the last whole turn where that is steady; NaN where nothing recent shows it."""
         if self._clock.monotonic_s() - self._at_s > STALE_S:
             return math.nan
-        return self._shown.speed_rad_s * _RPM_PER_RAD_S
+        return self._shown.speed_rad_s * RPM_PER_RAD_S
 
 
 class ByAngle:
@@ -104,11 +101,21 @@ class ByAngle:
         if not len(values) or not np.isfinite(values).all():
             self._last = None
             return SpeedReading()
-        self._mark(first_sample, values)
+        # where the angle passes whole turns, between two samples where it does so evenly
+        known = values if self._last is None else np.concatenate([[self._last], values])
+        begin = first_sample - (self._last is not None)
+        turns = np.floor(known / math.tau)
+        for edge in np.flatnonzero(turns[1:] > turns[:-1]):
+            share = (turns[edge + 1] * math.tau - known[edge]) / (known[edge + 1] - known[edge])
+            self.marks.append(float(begin + edge + share))
+        self._last = float(values[-1])
         at = np.arange(len(values) - 1, -1, -self._every)[::-1]
         times = ((first_sample + at) / self._rate).tolist()
         self._points.extend(zip(times, values[at].tolist(), strict=True))
-        self._forget_old()
+        # a turn is kept, and what of a slower one is less than `_LATEST_S` old
+        points, (time_s, angle) = self._points, self._points[-1]
+        while len(points) > 1 and points[1][0] < time_s - _LATEST_S and abs(angle - points[1][1]) >= math.tau:
+            points.popleft()
         return SpeedReading(self._speed(), valid=True)
 
     def _speed(self) -> float:
@@ -126,22 +133,6 @@ class ByAngle:
         turn = math.copysign(math.tau, latest) / (time[-1] - time[low] - share * (time[low + 1] - time[low]))
         steady = abs(turn - latest) <= _STEADY_SHARE * abs(turn) + self._alike_rad_s
         return float(turn) if steady else latest
-
-    def _forget_old(self) -> None:
-        """Keep a turn, and what of a slower one is less than `_LATEST_S` old."""
-        points, (time_s, angle) = self._points, self._points[-1]
-        while len(points) > 1 and points[1][0] < time_s - _LATEST_S and abs(angle - points[1][1]) >= math.tau:
-            points.popleft()
-
-    def _mark(self, first_sample: int, values: NDArray[np.float64]) -> None:
-        """Note where the angle passes whole turns, between two samples where it does so evenly."""
-        known = values if self._last is None else np.concatenate([[self._last], values])
-        first_sample -= self._last is not None
-        turns = np.floor(known / math.tau)
-        for at in np.flatnonzero(turns[1:] > turns[:-1]):
-            share = (turns[at + 1] * math.tau - known[at]) / (known[at + 1] - known[at])
-            self.marks.append(float(first_sample + at + share))
-        self._last = float(values[-1])
 
 
 class _ByMarker:

@@ -14,20 +14,19 @@ from daq.clock import Clock
 from daq.log.records import Event
 from drivers.protocols.card import CardReading
 from drivers.protocols.encoder import PositionEncoder
-from rig.rigs.shaft import shows_marks
+from rig.rigs import shows_marks
 from rig.session.acquisition import Acquisition
 from rig.session.encoder_check import encoder_at_marks
 from rig.session.encoder_record import EncoderRecord
+from rig.session.interlock import guards_of_shaft
 from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import ShaftSpeed
-from rig.session.speed_guard import guards_of_shaft
 from rig.stream import Stream
 
 _MOST_MARKS = 4096
 _SAME_SPEED = 0.005
 """Two speeds of one shaft, over the same turns, lie nearer; a wrong number of pulses is farther off."""
 _FEWEST_TURNS = 3
-
 
 _ANY_SPEED_RAD_S = 314.0
 """3000 rpm: what a shaft may turn at where nothing is wanted of it."""
@@ -117,32 +116,24 @@ class ShaftWatch:
         return self._by_card.tripped is not None or self._by_encoder.tripped is not None
 
     def rpm(self) -> float:
-        """Speed in rpm, NaN where nothing recent shows it."""
         return self._speed.rpm()
 
     def recording(
-        self,
-        encoder: PositionEncoder,
-        acquisition: Acquisition,
-        stream: Stream,
-        wanted_rad_s: float | None,
+        self, encoder: PositionEncoder, acquisition: Acquisition, stream: Stream, wanted_rad_s: float | None
     ) -> EncoderRecord:
         """An encoder beside the card, of a shaft that is to turn at up to `wanted_rad_s`."""
         fastest_rad_s = OVERSPEED * (wanted_rad_s or _ANY_SPEED_RAD_S)
         return EncoderRecord(encoder, acquisition.base, stream, fastest_rad_s, self._by_encoder)
 
     def arm(self, wanted_rad_s: float) -> None:
-        """Hold the shaft to a speed from now on."""
         self._by_card.arm(wanted_rad_s)
         self._by_encoder.arm(wanted_rad_s)
 
     def disarm(self) -> None:
-        """Let it do what it likes: the drive is about to change its speed."""
         self._by_card.disarm()
         self._by_encoder.disarm()
 
     def check(self) -> None:
-        """Raise InterlockTripped once it has tripped."""
         self._by_card.check()
         self._by_encoder.check()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from types import FrameType, TracebackType
+from types import FrameType
 
 from daq.errors import RattleError
 
@@ -28,14 +28,11 @@ class StopRequest:
                 self._before[each] = signal.signal(each, self._note)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for each, handler in self._before.items():
             signal.signal(each, handler)  # type: ignore[arg-type]
 
     def check(self) -> None:
-        """Raise Stopped once a signal has come."""
         if self.wanted:
             raise Stopped("stopped by a person")
 

@@ -9,11 +9,10 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from types import TracebackType
 
 from daq.errors import InstrumentError, RattleError
 from daq.process import Child
-from drivers.protocols.actuator import Actuator
+from drivers.protocols.instrument import Actuator
 from rig.session.signals import STOP_SIGNALS
 
 SILENCE_S = 4.0
@@ -59,9 +58,7 @@ class Supervisor:
         os.set_blocking(self._child.pipe.fileno(), False)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -99,7 +96,10 @@ def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
     if why is None:
         return
     if spare is None:
-        _let_go(run, why)
+        if why != _GONE and os.getppid() == run:  # one that hangs may poll on, which keeps the motor turning
+            os.kill(run, signal.SIGKILL)
+        with suppress(OSError):
+            print(why, file=sys.stderr, flush=True)
         return
     done = False
     while not done:
@@ -123,14 +123,6 @@ def _await_silence(pipe: Connection) -> str | None:
     except (EOFError, OSError):
         return None if until_s is None else _GONE
     return _LET_GO.format(silence=SILENCE_S)
-
-
-def _let_go(run: int, why: str) -> None:
-    """End the run if it is still there: one that hangs may go on polling, which keeps the motor turning."""
-    if why != _GONE and os.getppid() == run:
-        os.kill(run, signal.SIGKILL)
-    with suppress(OSError):
-        print(why, file=sys.stderr, flush=True)
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:

@@ -10,8 +10,7 @@ from daq.block import as_logged
 from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.stream import Block, Consumer, Shape
-from rig.twin.alignment import Alignment
-from rig.twin.reference import reference_among
+from rig.twin.alignment import Alignment, reference_among
 from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
@@ -86,14 +85,11 @@ class TwinFeed:
                 self._publish(message)
             case Alignment():
                 self.feed_from = None
-                self._tell_of(message)
-
-    def _tell_of(self, alignment: Alignment) -> None:
-        degrees = np.degrees(alignment.phase) % 360.0
-        if alignment.trusted:
-            text = f"drive at {alignment.frequency:.5g} Hz, phase {degrees:.1f} degrees"
-            self._tell("info", "twin.aligned", text)
-        else:
-            unseen = f"{self._reference} shows no drive"
-            self._tell("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
-            self._unseen(unseen)
+                degrees = np.degrees(message.phase) % 360.0
+                if message.trusted:
+                    text = f"drive at {message.frequency:.5g} Hz, phase {degrees:.1f} degrees"
+                    self._tell("info", "twin.aligned", text)
+                else:
+                    unseen = f"{self._reference} shows no drive"
+                    self._tell("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
+                    self._unseen(unseen)

@@ -21,7 +21,7 @@ from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.stream import Block, Record
-from rig.sweep.plan import Move, Step, lasting, steps_of
+from rig.sweep.plan import Move, lasting, steps_of
 from rig.sweep.results import outcome_of, write_results
 from rig.sweep.state import (
     SCHEMA,
@@ -36,7 +36,6 @@ from rig.sweep.state import (
 
 Run = Callable[[RunRequest, Screen, Clock], Path]
 Centre = Callable[[Scenario, Bench, Screen], CentreState]
-
 
 BOUNCES_WITHIN = 0.25
 """Of a cycle of the drive: what touches the same side again so soon is a bounce of the same impact."""
@@ -106,12 +105,26 @@ class _Sweeping:
     def all(self) -> SweepState:
         steps = steps_of(self._request.sweep)
         todo = [step for step in steps if self._wanted(step.point.number)]
-        self._tell_what_ended(len(steps))
+        done = self._state.ended("done")
+        if done:
+            self._screen.say(f"done       {points_named(list(done))} of {len(steps)}")
+        for number in self._state.ended("failed", "interlock", "stopped"):
+            point = self._state.points[number]
+            comes = "comes again" if self._wanted(number) else f"not repeated without --again {number}"
+            self._screen.warn(f"point {number}: {point.outcome}: {point.why}; {comes}")
         for index, step in enumerate(todo):
             left = lasting(self._request.sweep, (each.point for each in todo[index:]))
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
             self._screen.say(f"point {step.point.number} of {len(steps)}  {said}  ({left} left)")
-            self._set_by_hand(step)
+            for axis in self._request.sweep.axes:
+                value, now = step.point.settings[axis.key], self._state.by_hand.get(axis.key)
+                if axis.by_hand and now != value:
+                    move = Move(axis.key, now, value, axis.by_hand)
+                    if self._request.rehearsal:
+                        self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
+                    else:
+                        self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
+                    self._keep(self._state.with_hand(axis.key, value))
             self._point(step.point, last=step is todo[-1])
         return self._state
 
@@ -119,31 +132,14 @@ class _Sweeping:
         ended = self._state.points.get(number)
         return number in self._request.again or ended is None or ended.outcome == "stopped"
 
-    def _tell_what_ended(self, count: int) -> None:
-        done = self._state.ended("done")
-        if done:
-            self._screen.say(f"done       {points_named(list(done))} of {count}")
-        for number in self._state.ended("failed", "interlock", "stopped"):
-            point = self._state.points[number]
-            comes = "comes again" if self._wanted(number) else f"not repeated without --again {number}"
-            self._screen.warn(f"point {number}: {point.outcome}: {point.why}; {comes}")
-
-    def _set_by_hand(self, step: Step) -> None:
-        for axis in self._request.sweep.axes:
-            value, now = step.point.settings[axis.key], self._state.by_hand.get(axis.key)
-            if axis.by_hand and now != value:
-                move = Move(axis.key, now, value, axis.by_hand)
-                if self._request.rehearsal:
-                    self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
-                else:
-                    self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
-                self._keep(self._state.with_hand(axis.key, value))
-
     def _point(self, point: Point, last: bool) -> None:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
             come_to = self._centred(point)
             scenario = come_to.scenario
-            counted = self._counted(scenario)
+            until, counted = self._request.sweep.until, None
+            if until is not None:
+                rate, cycle_s = scenario.acquisition.sample_rate, 1 / scenario.drive.cycle_hz
+                counted = ImpactCount(until.channels, until.impacts, rate, cycle_s, until.above)
             folder = self._request.folder / f"point-{point.number:04d}"
             asked = RunRequest(
                 scenario,
@@ -160,7 +156,17 @@ class _Sweeping:
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)
             impacts = None if counted is None else counted.count
-            self._record(point, log, impacts)
+            number = point.number
+            why, figures = outcome_of(log, point.scenario)
+            name = str(log.relative_to(self._request.folder))
+            ended = PointState("failed" if why else "done", name, why, impacts, figures)
+            self._keep(self._state.with_point(number, ended))
+            write_results(self._request.folder, self._request.sweep, self._state)
+            if why:
+                self._screen.warn(f"point {number} failed: {why}")
+            if until is not None and impacts is not None and impacts < until.impacts:
+                self._screen.warn(f"{impacts} of {until.impacts} impacts within {until.longest:g} s")
+            self._screen.say(f"log        {log}")
             stop.check()
 
     @contextmanager
@@ -177,22 +183,6 @@ class _Sweeping:
             self._keep(self._state.with_point(number, ended))
             raise
 
-    def _record(self, point: Point, log: Path, impacts: int | None) -> None:
-        number, until, (why, figures) = (
-            point.number,
-            self._request.sweep.until,
-            outcome_of(log, point.scenario),
-        )
-        name = str(log.relative_to(self._request.folder))
-        ended = PointState("failed" if why else "done", name, why, impacts, figures)
-        self._keep(self._state.with_point(number, ended))
-        write_results(self._request.folder, self._request.sweep, self._state)
-        if why:
-            self._screen.warn(f"point {number} failed: {why}")
-        if until is not None and impacts is not None and impacts < until.impacts:
-            self._screen.warn(f"{impacts} of {until.impacts} impacts within {until.longest:g} s")
-        self._screen.say(f"log        {log}")
-
     def _centred(self, point: Point) -> Point:
         if not self._request.sweep.centre or self._centre is None:
             return point
@@ -202,14 +192,6 @@ class _Sweeping:
             self._keep(dataclasses.replace(self._state, centre=found))
         path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)
         return dataclasses.replace(point, scenario=centred(point.scenario, found), path=path)
-
-    def _counted(self, scenario: Scenario) -> ImpactCount | None:
-        until = self._request.sweep.until
-        if until is None:
-            return None
-        frequency = scenario.drive.cycle_hz
-        rate = scenario.acquisition.sample_rate
-        return ImpactCount(until.channels, until.impacts, rate, 1 / frequency, until.above)
 
     def _keep(self, state: SweepState) -> None:
         self._state = state
@@ -265,6 +247,5 @@ class ImpactCount:
 
     @property
     def count(self) -> int:
-        """Impacts that are over."""
         least = self._above if self._above is not None else COUNTS_FROM * max(self._peaks, default=0.0)
         return sum(peak > least for peak in self._peaks)

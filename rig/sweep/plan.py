@@ -17,11 +17,11 @@ from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
-from rig.session.centring.probe import check_centring
-from rig.session.centring.probe import plan_of as centring_plan
+from rig.session.centring import check_centring
+from rig.session.centring import plan_of as centring_plan
 from rig.session.drive import RAMP_S
-from rig.session.sequence import starts_softly
-from rig.session.speed_guard import SPEED_GUARDED
+from rig.session.interlock import SPEED_GUARDED
+from rig.session.run import starts_softly
 from rig.twin.scenario_twin import check_twin
 
 _WALK_S: Final = {False: RAMP_S, True: 3.0}

@@ -1,4 +1,4 @@
-"""What the points of a sweep came to, as a table for other programs."""
+"""What the points of a sweep came to: a table for other programs, and a page with impacts and peaks."""
 
 from __future__ import annotations
 
@@ -7,22 +7,26 @@ import dataclasses
 import io
 import math
 from collections import Counter
+from collections.abc import Iterator
+from math import nan
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from rig.derived.settings import RECORD
 from rig.files.scenario import Scenario
-from rig.files.sweep import Sweep
+from rig.files.sweep import Point, Sweep
+from rig.files.sweep_axes import numbers_of
+from rig.pages.content import Part, Sentence, Table, page
+from rig.pages.plots import BLUE, Plots, Style
 from rig.report.record import RunRecord, read_run
-from rig.report.summary import summary_of
+from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
 from rig.session.frequency import OFF, UNKNOWN, FrequencyCheck
 from rig.sweep.state import PointState, SweepState, write_whole
 
 TABLE: Final = "points.csv"
-
 
 HELD: Final = ("drive held [Hz]", "speed held [rpm]")
 IMPACTS: Final = "impacts recorded"
@@ -43,28 +47,24 @@ def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
     hertz = None if sine is None else sine.hertz(scenario.drive)
     check = None if sine is None or hertz is None else FrequencyCheck(sine.channel, hertz)
     run = read_run(log, [] if check is None else [check])
-    summary = summary_of(run)
-    figures = {HELD[0]: check.result().measured} if check is not None else _speed_held(run)
-    figures |= _impacts(run, scenario, summary.duration_s)
-    if summary.measured_peaks is not None:
-        peaks = dataclasses.asdict(summary.measured_peaks)
+    figures: dict[str, float] = {}
+    if check is not None:
+        figures[HELD[0]] = check.result().measured
+    elif (speed := run.speeds.get("measured")) is not None and np.isfinite(speed.values).any():
+        figures[HELD[1]] = float(speed.values[np.isfinite(speed.values)].astype(np.float64).mean())
+    figures |= _impacts(run, scenario)
+    statistics = half_cycle_statistics(run, "measured")
+    if statistics is not None:
+        peaks = dataclasses.asdict(statistics)
         figures |= {"half_cycles": peaks.pop("count"), **peaks}
-    for channel in summary.channels:
-        if channel.measured is not None:
-            figures[f"{channel.name} rms [{channel.unit}]"] = channel.measured.rms
-            figures[f"{channel.name} peak [{channel.unit}]"] = channel.measured.peak
+    for name, tally in run.measured.items():
+        unit = run.channels[name].unit
+        figures |= {f"{name} rms [{unit}]": tally.rms, f"{name} peak [{unit}]": tally.peak}
     why = "; ".join(event.text for event in run.events if event.code in _FAILS)
     return why, {name: float(value) for name, value in figures.items() if math.isfinite(value)}
 
 
-def _speed_held(run: RunRecord) -> dict[str, float]:
-    """Mean speed of the recorded crank."""
-    speed = run.speeds.get("measured")
-    rpm = np.empty(0) if speed is None else speed.values[np.isfinite(speed.values)].astype(np.float64)
-    return {HELD[1]: float(rpm.mean())} if len(rpm) else {}
-
-
-def _impacts(run: RunRecord, scenario: Scenario, duration_s: float) -> dict[str, float]:
+def _impacts(run: RunRecord, scenario: Scenario) -> dict[str, float]:
     """Nothing where the log does not say that impacts were looked for."""
     if RECORD not in run.metadata:
         return {}
@@ -74,8 +74,8 @@ def _impacts(run: RunRecord, scenario: Scenario, duration_s: float) -> dict[str,
     if not on:
         on = tuple(channel for channel, _ in Counter(impact.channel for impact in seen).most_common(1))
     peaks = np.array([impact.peak for impact in seen if impact.channel in on])
-    cycle_hz = scenario.drive.cycle_hz
-    found: dict[str, float] = {IMPACTS: len(peaks), A_CYCLE: len(peaks) / (duration_s * cycle_hz or math.nan)}
+    cycles = run.duration_s * scenario.drive.cycle_hz or math.nan
+    found: dict[str, float] = {IMPACTS: len(peaks), A_CYCLE: len(peaks) / cycles}
     if len(peaks):
         found |= {PEAK_MEAN: float(peaks.mean()), PEAK_SD: float(peaks.std())}
     return found
@@ -103,3 +103,83 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
             rows.writerow([point.number, *values, ended.outcome, counted, *figures, ended.log or ""])
     write_whole(folder / TABLE, text.getvalue().encode())
     return folder / TABLE
+
+
+PAGE: Final = "sweep.html"
+_ROW_PX: Final = 240
+_CAPTION: Final = (
+    "Bars: standard deviation of the peaks. Hollow: on the way back; the drive came there through all values "
+    "before, without a rest."
+)
+_ENDED: Final = "Points that have ended"
+_NO_IMPACTS: Final = "No record of this sweep says how many impacts it holds."
+
+
+def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
+    """Write the page beside the logs; returns its path, raises RecorderFailed."""
+    done = state.ended("done")
+    subtitle = [sweep.rig.replace("_", " "), f"{len(done)} of {len(sweep.points)} points done"]
+    sections: list[tuple[str, list[Part]]] = [
+        ("Impacts over the swept value", [_figure(sweep, state)]),
+        ("Points", [Table(headings_of(sweep), list(rows_of(sweep, state)), _ENDED, words=True)]),
+    ]
+    write_whole(folder / PAGE, page(sweep.name, subtitle, sections).encode())
+    return folder / PAGE
+
+
+def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
+    """Each point that has ended: number, settings, outcome, impacts, what its drive was held to, log."""
+    for point in sweep.points:
+        ended = state.points.get(point.number)
+        if ended is not None:
+            settings = (str(point.settings[axis.key]) for axis in sweep.axes)
+            counted = impacts_recorded(ended)
+            said = (  # with the unit, which stands in brackets in the figure's name
+                f"{ended.figures[name]:.7g} {name.partition('[')[2].rstrip(']')}"
+                for name in HELD
+                if name in ended.figures
+            )
+            yield [str(point.number), *settings, ended.outcome, counted, next(said, ""), ended.log or ""]
+
+
+def headings_of(sweep: Sweep) -> list[str]:
+    """The headings of `rows_of`."""
+    return ["point", *(axis.key for axis in sweep.axes), "outcome", "impacts", "drive held", "log"]
+
+
+def _figure(sweep: Sweep, state: SweepState) -> Part:
+    """A row for each setting of the other axes, with the last one that takes several values along x."""
+    if not any(A_CYCLE in ended.figures for ended in state.points.values()):
+        return Sentence(_NO_IMPACTS)
+    swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
+    contacts = RIGS[sweep.rig].contacts
+    unit = RIGS[sweep.rig].channel_unit(contacts[0]) if contacts else "m/s2"
+    columns = (("impacts a cycle", A_CYCLE, ""), (f"mean peak of the impacts, {unit}", PEAK_MEAN, PEAK_SD))
+    known, ticks = numbers_of(swept), dict[str, Any]()
+    if known is None:  # values that are no numbers stand side by side
+        known = list(map(float, range(len(swept.values)))), ""
+        ticks = {"tickvals": list(range(len(swept.values))), "ticktext": [str(each) for each in swept.values]}
+    numbers, label = known[0], f"{swept.key}, {known[1]}".rstrip(", ")
+    rows: dict[str, list[Point]] = {}
+    for point in sweep.points:
+        others = (f"{axis.key} {point.settings[axis.key]}" for axis in sweep.axes if axis is not swept)
+        rows.setdefault(", ".join(others), []).append(point)
+    grid = Plots(rows=len(rows), columns=len(columns), row_px=_ROW_PX)
+    for row, (setting, points) in enumerate(rows.items()):
+        ended = [state.points.get(point.number) for point in points]
+        figures = [{} if each is None else each.figures for each in ended]
+        whole = len(swept.values)
+        symbols = [  # hollow on the way back of an axis that goes there and back
+            "circle-open" if swept.both_ways and 2 * (index % whole) >= whole else "circle"
+            for index in range(len(points))
+        ]
+        style = Style(BLUE, 1, "lines+markers", symbol=symbols, size=6)
+        texts = [f"point {point.number}" for point in points]
+        for column, (title, *names) in enumerate(columns):
+            cell = len(columns) * row + column
+            upward = {"rangemode": "tozero"}
+            grid.axes(cell, f"{title}  {setting}".rstrip(), label, x_axis=ticks, y_axis=upward)
+            values, deviations = ([each.get(name, nan) for each in figures] for name in names)
+            x = np.resize(np.array(numbers, np.float64), len(points))
+            grid.line(cell, "measured", x, values, style, deviations=deviations, texts=texts)
+    return grid.figure("sweep", _CAPTION)

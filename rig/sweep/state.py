@@ -74,7 +74,6 @@ class SweepState:
     points: dict[int, PointState] = dataclasses.field(default_factory=dict)
 
     def with_point(self, number: int, point: PointState) -> SweepState:
-        """The same with how a point ended."""
         return dataclasses.replace(self, points={**self.points, number: point})
 
     def with_hand(self, key: str, value: Value) -> SweepState:
@@ -82,7 +81,6 @@ class SweepState:
         return dataclasses.replace(self, by_hand={**self.by_hand, key: value}, centre=None)
 
     def ended(self, *outcomes: Outcome) -> tuple[int, ...]:
-        """Numbers of the points that ended so, growing."""
         return tuple(sorted(n for n, point in self.points.items() if point.outcome in outcomes))
 
 

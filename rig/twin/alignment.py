@@ -1,14 +1,18 @@
-"""Phase and mean frequency of the drive, taken from its measurement; nothing else of it reaches the twin."""
+"""Phase and mean frequency as drive or crank show them; nothing else measured reaches the twin."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass, replace
+from math import pi
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.signals.sine import SineFit, fit_sine
+from sim_twin.rigs.channel_table import ChannelTable, Role
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
 
 FREQUENCY_TOLERANCE = 1e-3
@@ -62,7 +66,10 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     trusted = fit.residual < _WORST_RESIDUAL * level
     if running_before:
         return Alignment(frequency, phase, trusted=trusted)
-    return Alignment(frequency, phase, _onset(phase, frequency / sample_rate, start), trusted)
+    # the zero of the sine just before the first sample at which it was seen
+    since = (phase / (2 * np.pi) + frequency / sample_rate * start) % 1.0
+    onset = float(start - since / (frequency / sample_rate)) if since < 1 / 8 else float(start)
+    return Alignment(frequency, phase, onset, trusted)
 
 
 def _fit_growing(force: NDArray[np.floating], sample_rate: float, frequency: float) -> SineFit:
@@ -76,7 +83,75 @@ def _fit_growing(force: NDArray[np.floating], sample_rate: float, frequency: flo
         frequency, cycles = fit.frequency, 2 * cycles
 
 
-def _onset(phase: float, cycles_per_sample: float, seen: int) -> float:
-    """The zero of the sine just before the first sample at which it was seen."""
-    cycles = phase / (2 * np.pi) + cycles_per_sample * seen
-    return float(seen - (cycles % 1.0) / cycles_per_sample) if cycles % 1.0 < 1 / 8 else float(seen)
+_FEWEST_MARKS = 2
+MARKED_TURNS = 3.0
+"""Turns in which a marker surely shows as many, with one lost."""
+_LEAST_TURN = 0.05
+"""Revolutions that a record has to show before its speed is believed."""
+
+
+def align_angle(
+    angle: NDArray[Any], sample_rate: float, first_sample: int, drive: SpeedDrive, counts: int = 4096
+) -> Alignment:
+    """Align to a crank angle (rad, unwrapped, shape (n,)) by an encoder of `counts` a revolution."""
+    samples = first_sample + np.arange(len(angle))
+    known = np.isfinite(angle)
+    # a counter shows the last whole count: on average half a count less than the angle
+    centred = np.asarray(angle, dtype=float)[known] + pi / counts
+    if len(centred) < 2 or abs(centred[-1] - centred[0]) < _LEAST_TURN * 2 * pi:
+        return untouched(drive)
+    return _fit(samples[known], centred, sample_rate, drive)  # whole turns stay: the prediction has them too
+
+
+def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, drive: SpeedDrive) -> Alignment:
+    """Align to a once-per-revolution marker (V, shape (n,)) that rises at crank angle zero."""
+    high = np.asarray(marker, dtype=float)
+    level = (np.nanmin(high) + np.nanmax(high)) / 2 if len(high) else 0.0
+    rises = np.flatnonzero((high[:-1] < level) & (high[1:] >= level))
+    if len(rises) < _FEWEST_MARKS or np.nanmax(high) - np.nanmin(high) < 1.0:
+        return untouched(drive)
+    share = (level - high[rises]) / (high[rises + 1] - high[rises])
+    period = 2 * pi * sample_rate / drive.mean_speed
+    at = first_sample + rises + share
+    turns = np.round(np.concatenate([[0.0], np.cumsum(np.diff(at) / period)]))
+    fit = _fit(at, 2 * pi * turns, sample_rate, drive)
+    return replace(fit, phase=fit.phase % (2 * pi))
+
+
+def _fit(
+    samples: NDArray[Any], angle: NDArray[np.float64], sample_rate: float, drive: SpeedDrive
+) -> Alignment:
+    wanted = drive.mean_speed / (2 * pi)
+    slope, _ = np.polyfit(samples - samples[0], angle, 1)
+    found = float(slope) * sample_rate / (2 * pi)
+    frequency = float(np.clip(found, wanted * (1 - FREQUENCY_TOLERANCE), wanted * (1 + FREQUENCY_TOLERANCE)))
+    at_zero = angle - 2 * pi * frequency * samples / sample_rate
+    return Alignment(frequency, float(np.mean(at_zero)), trusted=found == frequency)
+
+
+Align = Callable[[NDArray[Any], float, int, Any], Alignment]
+_ALIGNED: Final[Mapping[Role, tuple[Align, float]]] = {
+    Role.ANGLE: (align_angle, 0.0),
+    Role.MARKER: (align_marker, MARKED_TURNS),
+    Role.DRIVE: (align, 0.0),
+}
+"""The best first, each with the cycles that it needs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A channel that phase and mean frequency are taken from.
+
+    `align(values, sample rate, first sample, drive)` takes them; it needs `cycles` of the drive or turns.
+    """
+
+    channel: str
+    align: Align
+    cycles: float = 0.0
+
+
+def reference_among(table: ChannelTable, channels: Container[str]) -> Reference:
+    """The best reference of a rig that is among `channels`; the best of all where none is."""
+    names = table.with_role(*_ALIGNED)
+    name = next((each for each in names if each in channels), names[0])
+    return Reference(name, *_ALIGNED[table[name].role])

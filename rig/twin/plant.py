@@ -1,21 +1,26 @@
-"""The emulated rig: a twin that differs from the operator's as real rigs do, driven by a generator."""
+"""The emulated rigs: twins that differ from the operator's as real rigs do, and what moves them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
+from drivers.protocols.speed_drive import InverterOutput
+from rig.twin.shaft import EmulatedMotor, ShaftCourse, SpeedChange
 from sim_twin.ranges import require
+from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
     from sim_twin.rigs.impact_beam.truth import BeamTwin
+
 
 _RESTS_WITHIN = 0.9
 """Of the clearance, which varies by 2 % from run to run."""
@@ -49,49 +54,25 @@ class ShakenPlantFactory:
     healthy: bool
 
     def __call__(self) -> Plant[DriveSettings]:
-        """Draw the rig and compile its simulation."""
-        plant = ShakenPlant(self)
-        plant.start(51_200.0)
-        plant.advance(64)
-        return plant
+        return _compiled(ShakenPlant(self))
 
 
-class ShakenPlant:
-    """A shaken rig that hears the generator's volts and gives what its sensors really show."""
+class _DrawnPlant:
+    """A rig as it was drawn; it begins at rest with the drive off."""
 
-    def __init__(self, factory: ShakenPlantFactory) -> None:
+    def __init__(self, believed: AnyTwin, factory: ShakenPlantFactory | CrankPlantFactory) -> None:
         rig_draw = np.random.default_rng([factory.seed, 0])
         self._noise = np.random.default_rng([factory.seed, 1, factory.run_seed])
-        believed = factory.believed
-        unit = replace(believed, drive=replace(believed.drive, amplitude=1.0, frequency=1.0, offset=0.0))
-        self._twin = unit.model.draw_healthy(unit, rig_draw, self._noise) if factory.healthy else unit
-        self._force_per_volt = factory.force_per_volt
+        model = believed.model
+        self._twin = model.draw_healthy(believed, rig_draw, self._noise) if factory.healthy else believed
         self._stream: TwinStream | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Rows of `advance`."""
         return self._twin.channels
 
-    @property
-    def really(self) -> AnyTwin:
-        """The rig as it was drawn; its drive is what a newton and a hertz of the bench's really are."""
-        return self._twin
-
     def start(self, sample_rate: float) -> None:
-        """Start at rest with the drive off."""
         self._stream = self._twin.model.stream(self._twin, sample_rate, self._noise, drive_changes=True)
-
-    def drive(self, output: DriveSettings, at_sample: float) -> None:
-        """Follow the generator from `at_sample` on."""
-        per_volt = self._force_per_volt * self._twin.drive.amplitude if output.on else 0.0
-        force = replace(
-            self._twin.drive,
-            amplitude=output.amplitude_v * per_volt,
-            offset=output.offset_v * per_volt,
-            frequency=output.frequency_hz * self._twin.drive.frequency,
-        )
-        self._running.drive(force, output.phase_rad, at_sample)
 
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count), noise in."""
@@ -102,3 +83,100 @@ class ShakenPlant:
         if self._stream is None:
             raise ValueError("the plant has not been started")
         return self._stream
+
+
+_Drawn = TypeVar("_Drawn", bound=_DrawnPlant)
+
+
+def _compiled(plant: _Drawn) -> _Drawn:
+    plant.start(51_200.0)
+    plant.advance(64)
+    return plant
+
+
+class ShakenPlant(_DrawnPlant):
+    """A shaken rig that hears the generator's volts and gives what its sensors really show."""
+
+    def __init__(self, factory: ShakenPlantFactory) -> None:
+        drive = replace(factory.believed.drive, amplitude=1.0, frequency=1.0, offset=0.0)
+        super().__init__(replace(factory.believed, drive=drive), factory)
+        self._force_per_volt = factory.force_per_volt
+
+    @property
+    def really(self) -> AnyTwin:
+        """The rig as it was drawn; its drive is what a newton and a hertz of the bench's really are."""
+        return self._twin
+
+    def drive(self, output: DriveSettings, at_sample: float) -> None:
+        per_volt = self._force_per_volt * self._twin.drive.amplitude if output.on else 0.0
+        force = replace(
+            self._twin.drive,
+            amplitude=output.amplitude_v * per_volt,
+            offset=output.offset_v * per_volt,
+            frequency=output.frequency_hz * self._twin.drive.frequency,
+        )
+        self._running.drive(force, output.phase_rad, at_sample)
+
+
+_AHEAD_SAMPLES = 64
+"""The twin's sensors look ahead for less: half the length of an anti-alias filter."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrankPlantFactory:
+    """Makes the plant in the emulator's process.
+
+    `believed` is the operator's twin with the hidden effects in; `healthy` draws the rig from `seed`, and the
+    noise from `run_seed` as well. `motor` turns it.
+    """
+
+    believed: AnyTwin
+    motor: EmulatedMotor
+    seed: int
+    run_seed: int
+    healthy: bool
+
+    def __call__(self) -> Plant[InverterOutput]:
+        return _compiled(CrankPlant(self))
+
+
+class CrankPlant(_DrawnPlant):
+    """A slider-crank of either kind that hears the inverter and gives what its sensors really show."""
+
+    def __init__(self, factory: CrankPlantFactory) -> None:
+        super().__init__(factory.believed, factory)
+        self._standing = SpeedChange(0.0, factory.motor.start_angle, SpeedDrive(0.0))
+        self._course = ShaftCourse(factory.motor)
+        self._rate, self._made = 1.0, 0
+        self._start_s, self._passed_s = 0.0, math.inf
+
+    def start(self, sample_rate: float) -> None:
+        """Start with a shaft that stands, until the first output says otherwise."""
+        super().start(sample_rate)
+        self._rate, self._made = sample_rate, 0
+        self._start_s, self._passed_s = 0.0, math.inf
+        self._turn(self._standing)
+
+    def drive(self, output: InverterOutput, at_sample: float) -> None:
+        self._start_s = output.started_s - at_sample / self._rate
+        self._pass_on(output.started_s)
+        self._course.hear(output)
+        self._passed_s = max(output.started_s, self._time_s(self._made))
+        self._turn(self._course.turning_at(self._passed_s))
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        self._made += count
+        self._pass_on(self._time_s(self._made + _AHEAD_SAMPLES))
+        return super().advance(count)
+
+    def _time_s(self, sample: int) -> float:
+        return self._start_s + sample / self._rate
+
+    def _pass_on(self, until_s: float) -> None:
+        for change in self._course.changes(self._passed_s, until_s):
+            self._turn(change)
+        self._passed_s = max(self._passed_s, until_s)
+
+    def _turn(self, change: SpeedChange) -> None:
+        at_sample = (change.time_s - self._start_s) * self._rate
+        self._running.drive(change.drive, change.angle, at_sample)

@@ -34,6 +34,16 @@ def skip(stream: TwinStream, count: int) -> None:
         stream.advance(min(most, count - first))
 
 
+def blocks_of(stream: TwinStream, first_sample: int, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
+    """Blocks of at most 0.1 s of every channel from where `stream` is; `start_ns` is the time of sample 0."""
+    most = max(1, round(BLOCK_S * stream.sample_rate))
+    for first in range(first_sample, end_sample, most):
+        values = stream.advance(min(most, end_sample - first))
+        time_ns = sample_time_ns(start_ns, first, stream.sample_rate)
+        for name, row in zip(stream.channels, values, strict=True):
+            yield SampleBlock(name, first, time_ns, stream.sample_rate, as_logged(name, row))
+
+
 class AlignedTwin:
     """Predicted samples of every channel on the sample grid of a run.
 
@@ -62,14 +72,9 @@ class AlignedTwin:
         return self._stream.advance(count)
 
     def blocks(self, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
-        """Blocks of at most 0.1 s of every channel up to `end_sample`; `start_ns` is the time of sample 0."""
-        most = max(1, round(BLOCK_S * self.sample_rate))
-        while self.samples < end_sample:
-            first = self.samples
-            values = self.advance(min(most, end_sample - first))
-            time_ns = sample_time_ns(start_ns, first, self.sample_rate)
-            for name, row in zip(self._stream.channels, values, strict=True):
-                yield SampleBlock(name, first, time_ns, self.sample_rate, as_logged(name, row))
+        """Blocks of every channel up to `end_sample`; `start_ns` is the time of sample 0."""
+        first, self.samples = self.samples, max(self.samples, end_sample)
+        return blocks_of(self._stream, first, end_sample, start_ns)
 
     def shape(self) -> NDArray[np.float64]:
         """What a picture of the rig needs of it now, in m: see its `Truth.shape`."""

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.block import SampleBlock, as_logged, sample_time_ns
+from daq.block import sample_time_ns
 from daq.log.writer import LogWriter
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
-from rig.twin.prediction import BLOCK_S, settling_s, skip
+from rig.twin.prediction import blocks_of, settling_s, skip
 from rig.twin.scenario_twin import predicted_channels
-from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
 
 
@@ -42,7 +41,9 @@ def write_prediction(
         phase = float(rng.uniform(0, 2 * np.pi))
         before = settling_s(twin, before)
     stream = model.stream(twin, rate, noise)
-    stream.drive(twin.drive, phase - _whole_turns(twin, phase, before))
+    # without whole turns: by sample 0 a crank's angle is below one revolution
+    cycles = phase / (2 * np.pi) + twin.drive.cycle_hz * before
+    stream.drive(twin.drive, phase - float(2 * np.pi * np.floor(cycles)))
     skip(stream, round(before * rate))
     with LogWriter(path) as log, removed_if_it_fails(path):
         log.add_metadata("scenario", {"toml": scenario.text})
@@ -51,7 +52,9 @@ def write_prediction(
         log.add_metadata("twin", twin_record(effects, fitted))
         for channel in predicted_channels(twin):
             log.declare("predicted", channel)
-        _write(log, stream, round(scenario.acquisition.duration * rate), rate)
+        count = round(scenario.acquisition.duration * rate)
+        for block in blocks_of(stream, 0, count, start_ns=0):
+            log.add_block("predicted", block, sample_time_ns(0, block.end_sample, rate))
     return twin
 
 
@@ -69,19 +72,3 @@ def removed_if_it_fails(path: Path) -> Iterator[None]:
     except BaseException:
         path.unlink(missing_ok=True)
         raise
-
-
-def _whole_turns(twin: AnyTwin, phase: float, before_s: float) -> float:
-    """What the phase has in whole turns by sample 0, rad: a crank's angle begins below one revolution."""
-    cycles = phase / (2 * np.pi) + twin.drive.cycle_hz * before_s
-    return float(2 * np.pi * np.floor(cycles))
-
-
-def _write(log: LogWriter, stream: TwinStream, count: int, rate: float) -> None:
-    most = max(1, round(BLOCK_S * rate))
-    for first in range(0, count, most):
-        values = stream.advance(min(most, count - first))
-        time_ns = sample_time_ns(0, first, rate)
-        host_ns = sample_time_ns(0, first + values.shape[1], rate)
-        for name, row in zip(stream.channels, values, strict=True):
-            log.add_block("predicted", SampleBlock(name, first, time_ns, rate, as_logged(name, row)), host_ns)

@@ -167,7 +167,6 @@ class ShaftFactory:
     initial: InverterOutput | None = None
 
     def __call__(self) -> Shaft:
-        """Return the angle as a function of time."""
         course = ShaftCourse(self.motor)
         if self.initial is not None:
             course.hear(self.initial)

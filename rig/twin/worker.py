@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.stream import Block, Shape
-from rig.twin.alignment import Alignment
-from rig.twin.reference import reference_among
+from rig.twin.alignment import Alignment, reference_among
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
@@ -61,29 +60,21 @@ class Predict:
     settle_s: float
 
     def prepare(self) -> None:
-        """Compile the twin and run it for a moment."""
         stream = self.twin.model.stream(self.twin, self.sample_rate)
         stream.drive(self.twin.drive)
         stream.advance(64)
 
     def run(self, items: Iterator[Drive | RecordedSpan], send: Callable[[object], None]) -> None:
-        """Predict up to where the record ends."""
-        _Prediction(send, self.twin, self.reference, self.sample_rate, self.settle_s).run(items)
+        _Prediction(send, self).run(items)
 
 
 class _Prediction:
     """Collects drive until it can align, then follows the record."""
 
-    def __init__(
-        self,
-        send: Callable[[object], None],
-        twin: AnyTwin,
-        reference: str,
-        sample_rate: float,
-        settle_s: float,
-    ) -> None:
-        self._send, self._twin, self._rate, self._settle_s = send, twin, sample_rate, settle_s
-        self._reference = reference_among(twin.model.channels, (reference,))
+    def __init__(self, send: Callable[[object], None], task: Predict) -> None:
+        twin = task.twin
+        self._send, self._twin, self._rate, self._settle_s = send, twin, task.sample_rate, task.settle_s
+        self._reference = reference_among(twin.model.channels, (task.reference,))
         cycle_s = 1.0 / twin.drive.cycle_hz
         self._enough_s = max(_ALIGN_ON_S, self._reference.cycles * cycle_s)
         self._drive: list[Drive] = []
@@ -97,35 +88,29 @@ class _Prediction:
                     return
             elif self._aligned is None:
                 self._drive.append(item)
-                self._forget_old()
+                # of a long settling time the newest seconds do; the rest adds nothing to the alignment
+                while (
+                    sum(len(each.values) for each in self._drive[1:])
+                    > max(_KEEP_S, self._enough_s) * self._rate
+                ):
+                    del self._drive[0]
 
     def _follow(self, record: RecordedSpan) -> None:
-        if self._aligned is None and (record.last or self._enough()):
-            self._align(record)
+        taken = sum(len(each.values) for each in self._drive)
+        if self._aligned is None and (record.last or taken >= self._enough_s * self._rate):
+            from rig.twin.prediction import AlignedTwin
+
+            seen = np.concatenate([each.values for each in self._drive]) if self._drive else np.zeros(0)
+            if record.turned_off:
+                seen = seen - record.turned_off
+            first = self._drive[0].first_sample - record.begin if self._drive else 0
+            alignment: Alignment = self._reference.align(seen, self._rate, first, self._twin.drive)
+            self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
+            self._drive.clear()
+            self._send(alignment)
         if self._aligned is None:
             return
         for block in self._aligned.blocks(record.end_sample, record.start_ns):
             self._send(Block("predicted", block))
         if record.end_sample:
             self._send(Shape(record.end_sample / self._rate, self._aligned.shape()))
-
-    def _enough(self) -> bool:
-        taken = sum(len(each.values) for each in self._drive)
-        return bool(taken >= self._enough_s * self._rate)
-
-    def _forget_old(self) -> None:
-        """Keep the newest seconds of a long settling time; the rest adds nothing to the alignment."""
-        while sum(len(each.values) for each in self._drive[1:]) > max(_KEEP_S, self._enough_s) * self._rate:
-            del self._drive[0]
-
-    def _align(self, record: RecordedSpan) -> None:
-        from rig.twin.prediction import AlignedTwin
-
-        seen = np.concatenate([each.values for each in self._drive]) if self._drive else np.zeros(0)
-        if record.turned_off:
-            seen = seen - record.turned_off
-        first = self._drive[0].first_sample - record.begin if self._drive else 0
-        alignment: Alignment = self._reference.align(seen, self._rate, first, self._twin.drive)
-        self._aligned = AlignedTwin(self._twin, alignment, self._rate, self._settle_s)
-        self._drive.clear()
-        self._send(alignment)

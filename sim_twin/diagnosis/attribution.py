@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from sim_twin.diagnosis.cause import Hypothesis, allowed_by, drawn, parts_of, values_of
+from sim_twin.diagnosis.cause import Hypothesis, allowed_by, parts_of, values_of
 from sim_twin.diagnosis.emulator import Emulator
-from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.posterior import Posterior, integrate
 from sim_twin.diagnosis.space import Moments, Space
 
@@ -30,10 +29,6 @@ TEMPER = 3.0
 """A synthetic likelihood is too sure of itself by about this factor in its logarithm: directions are not
 quite independent, scatters are estimates, and other programs differ a little. Set where twins' own draws,
 left out of the library, were about as often right as they were believed."""
-_REGION = 0.25
-"""Of the spread over all parameters that may be: how far the surroundings of some parameters reach."""
-_WITHIN = 4.5
-"""Three of their widths."""
 _INTERPLAY = 0.02
 """Share of the smaller of two responses' squares by which an unsimulated pair may differ from their sum."""
 
@@ -101,42 +96,12 @@ class Attribution:
         return np.asarray(np.mean((measured - mean) ** 2 / (self.scatter + excess), axis=1))
 
     def posterior(
-        self,
-        hypothesis: Hypothesis,
-        measured: Array,
-        rng: np.random.Generator,
-        effort: float = 1.0,
-        about: Array | None = None,
+        self, hypothesis: Hypothesis, measured: Array, rng: np.random.Generator, effort: float = 1.0
     ) -> Posterior:
-        """Posterior of the hypothesis's parameters, and its evidence; only `about` some, if given."""
+        """Posterior of the hypothesis's parameters, and its evidence."""
         dimensions = sum(len(cause.parameters) for cause in hypothesis)
         points = int(effort * _POINTS * max(1, dimensions))
-        likelihood = self.log_likelihood(hypothesis, measured)
-        if about is None:
-            return integrate(likelihood, dimensions, rng, 2 * points, points)
-        away = _distance_from(hypothesis, about, rng)
-        local = integrate(lambda u: likelihood(u) - away(u), dimensions, rng, 2 * points, points)
-        # the bell chose the surroundings; within them it must not make the posterior narrower
-        weights = local.weights * np.exp(np.minimum(away(local.places), _WITHIN))
-        return Posterior(local.places, weights / weights.sum(), local.log_evidence)
-
-    def nearest(self, hypothesis: Hypothesis, library: Library, measured: Array) -> Array:
-        """Parameters of the simulated rig that came nearest to a measured place, (parameters,)."""
-        seen = np.array([self.place(each).mean(axis=0) for each in library.fingerprints(hypothesis)])
-        far = np.mean((seen - measured) ** 2 / (self.scatter + 1.0), axis=1)
-        return np.asarray(library.values(hypothesis)[int(np.argmin(far))])
-
-
-def _distance_from(hypothesis: Hypothesis, values: Array, rng: np.random.Generator) -> LogLikelihood:
-    """Half the squared distance of places from some parameters, in the widths of their surroundings."""
-    centre = coordinates_of(hypothesis, values[None])
-    width = _REGION * coordinates_of(hypothesis, drawn(hypothesis, _POINTS, rng)).std(axis=0)
-
-    def of(u: Array) -> Array:
-        away = (coordinates_of(hypothesis, values_of(hypothesis, u)) - centre) / width
-        return np.asarray(0.5 * np.sum(away**2, axis=1))
-
-    return of
+        return integrate(self.log_likelihood(hypothesis, measured), dimensions, rng, 2 * points, points)
 
 
 def coordinates_of(hypothesis: Hypothesis, values: Array) -> Array:

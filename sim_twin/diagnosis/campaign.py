@@ -11,17 +11,16 @@ from typing import TypeAlias
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
+from scipy import fft
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.chains import through_chains
-from sim_twin.diagnosis.draw import Draw, Named, Observed, Values
-from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.diagnosis.fingerprint.layout import Layout, joined
-from sim_twin.effects.effect import Effect
+from sim_twin.diagnosis.fingerprint import Columns, Layout, joined
+from sim_twin.diagnosis.subject import Draw, Named, Observed, Values
+from sim_twin.effects import Effect
 from sim_twin.ensembles.clean_samples import clean_samples
-from sim_twin.ensembles.variant import Variant
+from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.cycles import Cycles
-from sim_twin.sensors import Encoder
+from sim_twin.sensors import Encoder, Sensor, SensorChain
 from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.floating]
@@ -31,6 +30,10 @@ Records: TypeAlias = dict[str, Array]
 _GUARD_S = 4e-3
 """Cut from both ends of a simulated record: a skew shifts its end into its start."""
 _SETTLE_S, _SETTLE_CYCLES = 0.5, 2.0
+_APART = 1e-7
+"""Rad between the two starts: less than any measurement tells, and no visible shift in time."""
+_PARTED = 0.1
+_LONGEST_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,18 +84,16 @@ class RunSetting:
         starts, length = cycles.starts(len(records[self.twin.model.reference])), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
-        signals = [_signal(self.twin, name, records[name], cycles) for name in self.columns.channels]
+        signals = []
+        for name in self.columns.channels:
+            record = records[name]
+            if isinstance(self.twin.sensors.get(name), Encoder):  # told by how it swings about its mean line
+                line = cycles.phase + 2 * pi * cycles.frequency / cycles.rate * np.arange(len(record))
+                record = record - line
+            signals.append(np.asarray(record, np.float32))
         table = self.columns.numbers(signals, starts, length)
         parts = range(0, len(table) - self.cycles + 1, self.cycles)
         return np.array([table.fingerprint(slice(first, first + self.cycles)) for first in parts])
-
-
-def _signal(twin: AnyTwin, name: str, record: Array, cycles: Cycles) -> Samples:
-    """An angle is told by how it swings about its mean line."""
-    if not isinstance(twin.sensors.get(name), Encoder):
-        return np.asarray(record, np.float32)
-    line = cycles.phase + 2 * pi * cycles.frequency / cycles.rate * np.arange(len(record))
-    return np.asarray(record - line, np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,49 +133,47 @@ class Campaign:
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate some draws side by side."""
-        found = [self._observe_run(k, setting, draws) for k, setting in enumerate(self.runs)]
+        found: list[list[list[Samples | None]]] = []
+        for k, setting in enumerate(self.runs):
+            variants, clean = self._simulated(k, setting, draws)
+            found.append(
+                [
+                    [
+                        None if one is None else _observed(setting, k, variant, draw, one, extra)
+                        for extra in draw.sensing
+                    ]
+                    for draw, variant, one in zip(draws, variants, clean, strict=True)
+                ]
+            )
         return [_joined([run[number] for run in found]) for number in range(len(draws))]
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""
-        return [self._records_of_run(k, setting, draws) for k, setting in enumerate(self.runs)]
-
-    def _records_of_run(
-        self, number: int, setting: RunSetting, draws: Sequence[Draw]
-    ) -> list[Records | None]:
-        variants, clean = self._simulated(number, setting, draws)
-        return [
-            None if one is None else setting.inner(_shown(setting, number, variant, draw, one, ()))
-            for draw, variant, one in zip(draws, variants, clean, strict=True)
-        ]
-
-    def _observe_run(
-        self, number: int, setting: RunSetting, draws: Sequence[Draw]
-    ) -> list[list[Samples | None]]:
-        variants, clean = self._simulated(number, setting, draws)
-        return [
-            [None] * len(draw.sensing)
-            if one is None
-            else [_observed(setting, number, variant, draw, one, extra) for extra in draw.sensing]
-            for draw, variant, one in zip(draws, variants, clean, strict=True)
-        ]
+        found: list[list[Records | None]] = []
+        for k, setting in enumerate(self.runs):
+            variants, clean = self._simulated(k, setting, draws)
+            found.append(
+                [
+                    None if one is None else setting.inner(_shown(setting, k, variant, draw, one, ()))
+                    for draw, variant, one in zip(draws, variants, clean, strict=True)
+                ]
+            )
+        return found
 
     def _simulated(
         self, number: int, setting: RunSetting, draws: Sequence[Draw]
     ) -> tuple[list[Variant], list[NDArray[np.float64] | None]]:
         """The rigs of some draws, and the clean signals of each; None for one that failed."""
-        variants = [self._variant(number, setting, draw) for draw in draws]
+        variants, model = [], setting.twin.model
+        for draw in draws:
+            # the same rig in every run, set up anew in each
+            rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
+            run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
+            twin = model.draw_healthy(model.with_effects(setting.twin, draw.effects), rig_rng, run_rng)
+            variants.append(Variant(twin, float(run_rng.uniform(0, 2 * pi))))
         count = setting.samples(max(draw.blocks for draw in draws))
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
         return variants, [None if one is None or not np.isfinite(one).all() else one for one in clean]
-
-    def _variant(self, number: int, setting: RunSetting, draw: Draw) -> Variant:
-        """The same rig in every run, set up anew in each."""
-        model = setting.twin.model
-        rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
-        run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
-        twin = model.draw_healthy(model.with_effects(setting.twin, draw.effects), rig_rng, run_rng)
-        return Variant(twin, float(run_rng.uniform(0, 2 * pi)))
 
 
 def _fine_together(effect: Effect, values: Values) -> bool:
@@ -202,6 +201,50 @@ def _shown(
     return dict(zip(twin.channels, shown, strict=True))
 
 
+def through_chains(
+    clean: NDArray[np.float64], sensors: Sequence[Sensor], rate: float, quiet: float, rng: np.random.Generator
+) -> list[Array]:
+    """Samples of `clean` signals, shape (channels, n), as their sensors show them.
+
+    Of the noise that they were recorded with, the share `quiet` (rms) is left at this `rate`. Each record is
+    taken as one period, so that a high-pass is in its steady state.
+    """
+    shown: list[Array] = []
+    for row, sensor in zip(clean, sensors, strict=True):
+        if isinstance(sensor, Encoder):
+            count = 2 * np.pi / sensor.counts
+            shown.append(np.asarray(np.floor(row / count) * count))
+            continue
+        noise = np.float32(quiet * sensor.noise) * rng.standard_normal(len(row), np.float32)
+        if row.any():
+            length = fft.next_fast_len(len(row), real=True)
+            padded = np.empty(length, np.float32)
+            padded[: len(row)] = row
+            padded[len(row) :] = np.linspace(row[-1], row[0], length - len(row))
+            turned = fft.rfft(padded)
+            turned *= _response(sensor, len(turned), rate / length)
+            noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
+        shown.append(noise)
+    return shown
+
+
+def _response(chain: SensorChain, count: int, resolution: float) -> NDArray[np.complex64]:
+    """At multiples of `resolution` (Hz)."""
+    # exp(-2 pi i f skew) at all of them by products
+    wide, step = 512, -2 * np.pi * chain.skew * resolution
+    coarse = np.exp(1j * step * wide * np.arange(-(-count // wide)))
+    response = chain.gain * np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count]
+    if chain.bandwidth_corner is None and chain.droop_corner is None:
+        return response.astype(np.complex64)
+    frequency = resolution * np.arange(count)
+    if chain.bandwidth_corner is not None:
+        x = 1j * frequency / chain.bandwidth_corner
+        response /= 1 + np.sqrt(2) * x + x**2
+    if chain.droop_corner is not None:
+        response *= 1j * frequency / (chain.droop_corner + 1j * frequency)
+    return response.astype(np.complex64)
+
+
 def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
     """Of each observation, the fingerprints of all runs side by side."""
     together = zip(*runs, strict=True)
@@ -211,3 +254,23 @@ def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
         else np.concatenate([one for one in each if one is not None], axis=1)
         for each in together
     )
+
+
+def horizon_s(setting: RunSetting, response: int) -> float | None:
+    """Seconds after which two motions from starts that nobody can tell apart differ by a tenth of their rms.
+
+    `response` is the row of the channel that is compared. 2 s are the longest that is looked at; None where
+    the motion could not be simulated.
+    """
+    columns = setting.columns
+    starts = [Variant(setting.twin, pi / 3), Variant(setting.twin, pi / 3 + _APART)]
+    pair = clean_samples(starts, columns.rate, 0.0, round(_LONGEST_S * columns.rate), setting.oversampling)
+    if pair[0] is None or pair[1] is None:
+        return None
+    one, other = (rows[response] for rows in (pair[0], pair[1]))
+    size = float(np.sqrt(np.mean(one**2)))
+    length = max(1, round(columns.rate / columns.frequency / 8))
+    count = len(one) // length
+    apart = np.sqrt(np.mean((one - other)[: count * length].reshape(count, length) ** 2, axis=1))
+    parted = np.flatnonzero(apart > _PARTED * size)
+    return float(parted[0] * length / columns.rate) if len(parted) else _LONGEST_S

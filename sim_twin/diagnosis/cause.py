@@ -10,8 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.draw import Named
-from sim_twin.effects.effect import Coordinates, Parameter
+from sim_twin.diagnosis.subject import Named
+from sim_twin.effects import Coordinates, Parameter
 
 Array = NDArray[np.float64]
 _WIDE = 3.0

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.belief import Belief, belief_of, contributions
+from sim_twin.diagnosis.belief import Belief, belief_of, contributions, unexplained
+from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Cause, Hypothesis, named, parts_of
-from sim_twin.diagnosis.effort import Effort
-from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
 from sim_twin.diagnosis.judging import (
@@ -25,19 +24,47 @@ from sim_twin.diagnosis.judging import (
     without_idle_partner,
 )
 from sim_twin.diagnosis.library import Library
+from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Execute, Subject
-from sim_twin.diagnosis.unexplained import Unexplained, unexplained
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
+_SIMULATING = 0.58
+"""Of a budget; the rest goes into what is made of it."""
+_CORES = 2
+_LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000
 _JUDGED = 4
 _CONFIRMING = 3
 """One in so many motions of the judging goes into rigs as the best hypothesis says."""
 _NEAREST = 12
-_DOUBTED = 0.3
-"""Probability of something unknown from which on the best hypothesis is looked at a second time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How often all runs of a campaign may be simulated: for the search, and for the judging after it.
+
+    Fixed beforehand, so that the same seed gives the same answer anywhere.
+    """
+
+    search: int
+    judge: int
+
+    @property
+    def motions(self) -> int:
+        """All of them."""
+        return self.search + self.judge
+
+
+def effort_for(campaign: Campaign, budget_s: float) -> Effort:
+    """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
+    seconds = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
+    rated = campaign.runs[0].twin.model.speed
+    motions = _SIMULATING * budget_s * _CORES * rated / seconds
+    motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
+    judge = max(36, motions // 6)
+    return Effort(motions - judge, judge)
 
 
 def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execute, seed: int) -> Findings:
@@ -50,22 +77,10 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     library = Library()
     attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
     measure = gap_measure(library.fingerprints(()), subject.layout)
-    fitted_to, judged_on = halves(measured)
-    confirming = effort.judge // _CONFIRMING
-
-    def left_by(best: Ranked, like: Array) -> Unexplained:
-        return unexplained(attribution, measure, like, measured, healthy=not best.hypothesis)
-
-    like = _like_rigs(ranked[0], library, confirming, execute, rng)
-    left, confirmed = left_by(ranked[0], like), len(like) if ranked[0].hypothesis else 0
-    if ranked[0].hypothesis and left.unknown > _DOUBTED:
-        other = _where_rigs_came_nearest(ranked[0], attribution, library, measured, rng)
-        found = rigs_with({other.hypothesis: other.best()}, confirming, execute, rng)
-        for simulated in found.values():  # none where time ran out
-            confirmed += len(simulated)
-            if left_by(other, simulated).unknown < left.unknown:
-                ranked, left = [other, *ranked[1:]], left_by(other, simulated)
+    like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
+    left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
     belief = belief_of(attribution, ranked, left)
+    fitted_to, judged_on = halves(measured)
     candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
     judging = effort.judge - effort.judge // _CONFIRMING
     repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
@@ -94,22 +109,11 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         repaired=None if twins is None else twins.mean(axis=0),
         floor=measure.floor,
         held_out=len(measured) > 1,
-        simulations=library.observations + confirmed + sum(len(each) for each in repaired.values()),
+        simulations=library.observations
+        + (len(like) if ranked[0].hypothesis else 0)
+        + sum(len(each) for each in repaired.values()),
         left=left,
     )
-
-
-def _where_rigs_came_nearest(
-    best: Ranked, attribution: Attribution, library: Library, measured: Blocks, rng: np.random.Generator
-) -> Ranked:
-    """The same hypothesis about the simulated rig that is most like the measured one.
-
-    Emulated responses can fit where no simulated rig does, and then lead away from where one does.
-    """
-    place = attribution.place(measured).mean(axis=0)
-    nearest = attribution.nearest(best.hypothesis, library, place)
-    posterior = attribution.posterior(best.hypothesis, place, rng, 2.0, about=nearest)
-    return replace(best, posterior=posterior, about=nearest)
 
 
 def _like_rigs(

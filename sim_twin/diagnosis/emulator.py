@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_LENGTHS = (0.35, 0.7, 1.5, 4.0)
+_LENGTHS = (0.05, 0.1, 0.2, 0.35, 0.7, 1.5, 4.0)
 _NOISES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 _LEAST_NOISE = 1e-3
 _TREND = 0.5
@@ -49,20 +49,17 @@ class Emulator:
         """
         x = (coordinates - self.centre) / self.scale
         kernel = _kernel(x, self.known, self.lengths)
-        excess = self._nearby(x)
+        near = np.exp(-0.5 * _distances(x, self.known, np.full(x.shape[1], _LOCAL)))
+        residuals = np.minimum(self.left_out**2, _OUTLIER)
+        residuals = (1 - _UNIFORM_SHARE) * residuals + _UNIFORM_SHARE * residuals.mean(axis=1, keepdims=True)
+        local = (near @ residuals + _PRIOR_WEIGHT) / (near.sum(axis=1, keepdims=True) + _PRIOR_WEIGHT)
+        excess = np.maximum(local - 1.0, 0.0)
         own = 1.0 + _TREND * (1 + np.sum(x**2, axis=1) / 4)
         squares = (kernel @ self.vectors) ** 2
         for noise in np.unique(self.noises):
             variance = np.maximum(own - squares @ (1 / (self.values + noise)), 0.0)
             excess[:, self.noises == noise] += (variance / max(noise, _LEAST_NOISE))[:, None]
         return kernel @ self.weights, excess
-
-    def _nearby(self, x: Array) -> Array:
-        near = np.exp(-0.5 * _distances(x, self.known, np.full(x.shape[1], _LOCAL)))
-        squares = np.minimum(self.left_out**2, _OUTLIER)
-        squares = (1 - _UNIFORM_SHARE) * squares + _UNIFORM_SHARE * squares.mean(axis=1, keepdims=True)
-        local = (near @ squares + _PRIOR_WEIGHT) / (near.sum(axis=1, keepdims=True) + _PRIOR_WEIGHT)
-        return np.asarray(np.maximum(local - 1.0, 0.0))
 
 
 def fitted(coordinates: Array, responses: Array) -> Emulator:

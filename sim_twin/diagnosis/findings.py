@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.belief import verdict_of
+from sim_twin.diagnosis.belief import Unexplained, verdict_of
 from sim_twin.diagnosis.cause import Cause, Hypothesis
-from sim_twin.diagnosis.draw import Named
-from sim_twin.diagnosis.estimate import Estimate
-from sim_twin.diagnosis.fingerprint.layout import Layout
-from sim_twin.diagnosis.unexplained import Unexplained
+from sim_twin.diagnosis.fingerprint import Layout
+from sim_twin.diagnosis.posterior import Estimate
+from sim_twin.diagnosis.subject import Named
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.fingerprint import Cell, Layout
 from sim_twin.diagnosis.space import TOLERANCE
 
 Array = NDArray[np.float64]

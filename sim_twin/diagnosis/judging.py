@@ -44,7 +44,7 @@ def repaired_twins(
     place = attribution.place(fitted_to).mean(axis=0)
     wanted = {}
     for candidate in candidates:
-        posterior = attribution.posterior(candidate.hypothesis, place, rng, about=candidate.about)
+        posterior = attribution.posterior(candidate.hypothesis, place, rng)
         wanted[candidate.hypothesis] = Ranked(candidate.hypothesis, 1.0, posterior, 0.0).best()
     return rigs_with(wanted, motions, execute, rng)
 

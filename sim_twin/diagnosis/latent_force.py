@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
-from sim_twin.diagnosis.draw import Draw
-from sim_twin.rigs.joint_record import JointRecord
+from sim_twin.diagnosis.subject import Draw
+from sim_twin.rigs.rig_model import JointRecord
 
 Array = NDArray[np.float64]
 _RARE = 0.02
@@ -105,7 +105,9 @@ def latent_forces(
         for name in measured:
             others = [each[name] for each in healthy if name in each]
             if len(others) >= _FEWEST_TWINS:
-                found.append(_latent(number, measured[name], others))
+                joint = measured[name]
+                curves = tuple(_curve(axis, joint, others) for axis in (DISPLACEMENT, VELOCITY, TIME))
+                found.append(LatentForce(number, name, joint.record.location, curves))
     return sorted(found, key=lambda each: -each.size)
 
 
@@ -140,14 +142,11 @@ def _joints(
     return {each.joint: _Seen(each, phase, usable) for each in joints}
 
 
-def _latent(run: int, measured: _Seen, twins: Sequence[_Seen]) -> LatentForce:
-    curves = tuple(_curve(axis, measured, twins) for axis in (DISPLACEMENT, VELOCITY, TIME))
-    return LatentForce(run, measured.record.joint, measured.record.location, curves)
-
-
 def _curve(axis: Axis, measured: _Seen, twins: Sequence[_Seen]) -> Curve:
     seen, healthy = measured.samples(axis), [twin.samples(axis) for twin in twins]
-    edges = _edges(axis, np.concatenate([seen[0], *(at for at, _ in healthy)]))
+    at = np.concatenate([seen[0], *(at for at, _ in healthy)])
+    low, high = np.quantile(at, (_RARE, 1 - _RARE)) if axis is not TIME and len(at) else (0.0, 1.0)
+    edges = np.linspace(low, high, _BINS + 1)
     means = np.array([_means(edges, *each) for each in healthy])
     enough = np.isfinite(means).sum(axis=0) >= _FEWEST_TWINS
     twin, scatter = np.full(_BINS, np.nan), np.full(_BINS, np.nan)
@@ -155,13 +154,6 @@ def _curve(axis: Axis, measured: _Seen, twins: Sequence[_Seen]) -> Curve:
     scatter[enough] = np.nanstd(means[:, enough], axis=0, ddof=1)
     least = _LEAST_SCATTER * np.nanmax(np.abs(twin)) if enough.any() else 0.0
     return Curve(axis, edges, _means(edges, *seen), twin, np.maximum(scatter, least))
-
-
-def _edges(axis: Axis, at: Array) -> Array:
-    if axis is TIME:
-        return np.linspace(0.0, 1.0, _BINS + 1)
-    low, high = np.quantile(at, (_RARE, 1 - _RARE)) if len(at) else (0.0, 1.0)
-    return np.linspace(low, high, _BINS + 1)
 
 
 def _means(edges: Array, at: Array, force: Array) -> Array:

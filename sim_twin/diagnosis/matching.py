@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.diagnosis.draw import Draw, Observed
-from sim_twin.diagnosis.space import Moments, Space, space_of
-from sim_twin.healthy import drawn_places
-from sim_twin.matched import Matched
+from sim_twin.diagnosis.space import Moments, space_of
+from sim_twin.diagnosis.subject import Draw, Observed
+from sim_twin.healthy import Matched, drawn_places
 
 Array = NDArray[np.float64]
 SimulateAll: TypeAlias = Callable[[Sequence[Draw]], Sequence[Observed]]
@@ -91,12 +90,13 @@ def match(
 
 def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence[Observed]) -> Rigs:
     """What became of `healthy_draws`, less those that failed; SimulationFailed where few are left."""
-    moments = Moments(campaign.layout)
-    kept = [
-        (_places(campaign, draw), moments(shown[0]))
-        for draw, shown in zip(draws, observed, strict=True)
-        if shown and shown[0] is not None
-    ]
+    moments, twin = Moments(campaign.layout), campaign.runs[0].twin
+    kept = []
+    for draw, shown in zip(draws, observed, strict=True):
+        if shown and shown[0] is not None:
+            # where the rig lies: the campaign draws it from the same seed
+            rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
+            kept.append((drawn_places(twin, twin.model.tolerances(twin), rng), moments(shown[0])))
     names = tolerances_of(campaign)
     if len(kept) < 2 * len(names):
         raise SimulationFailed(
@@ -120,13 +120,6 @@ def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:
     )
 
 
-def _places(campaign: Campaign, draw: Draw) -> Array:
-    """Where the rig of a draw lies: the campaign draws it from the same seed."""
-    twin = campaign.runs[0].twin
-    rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
-    return drawn_places(twin, twin.model.tolerances(twin), rng)
-
-
 def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Match:
     """Match `measured` fingerprints (blocks, numbers) by what simulated healthy rigs show."""
     space = space_of(rigs.features[:, 0], rigs.features[:0, 0], moments.tolerance, _DIRECTIONS)
@@ -135,20 +128,15 @@ def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) ->
     regression = _regressed(shown.mean(axis=1), rigs.places)
     response = _response(rigs.places, regression, shown, len(seen))
     place = regression(seen.mean(axis=0)) - response.centre
-    misfit = max(
-        response.misfit(place[None])[0] / np.quantile(response.misfit(response.of_rigs), _RARE),
-        _distance(space, shown.mean(axis=1), seen.mean(axis=0)),
-    )
-    return Match(response.posterior(place, rigs.names), float(misfit))
-
-
-def _distance(space: Space, shown: Array, seen: Array) -> float:
-    """How far a fingerprint lies from healthy rigs' in the directions in which these differ most."""
-    centre = shown.mean(axis=0)
-    along = (shown - centre) @ space.basis
+    told = response.misfit(place[None])[0] / np.quantile(response.misfit(response.of_rigs), _RARE)
+    # how far the fingerprint lies from healthy rigs' in the directions in which these differ most
+    centre = shown.mean(axis=1).mean(axis=0)
+    along = (shown.mean(axis=1) - centre) @ space.basis
     scatter = np.sqrt(np.mean(along**2, axis=0))
     squares = np.mean((along / scatter) ** 2, axis=1)
-    return float(np.mean(((seen - centre) @ space.basis / scatter) ** 2) / np.quantile(squares, _RARE))
+    off = (seen.mean(axis=0) - centre) @ space.basis / scatter
+    misfit = max(told, float(np.mean(off**2) / np.quantile(squares, _RARE)))
+    return Match(response.posterior(place, rigs.names), float(misfit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,20 +166,15 @@ def _regressed(features: Array, places: Array) -> _Regression:
         share = values / (values + penalty)
         leverage = 1 / len(z) + (vectors**2) @ share
         left_out = z - (z - (vectors * share) @ turned) / (1 - leverage[:, None])
-        correlation = _correlation(left_out, z)
+        spread = left_out - left_out.mean(axis=0)
+        size = np.sqrt(np.sum(spread**2, axis=0) * np.sum(z**2, axis=0)) + 1e-12
+        correlation = np.clip(np.sum(spread * z, axis=0) / size, 0.0, 0.999)  # none where it is negative
         found.append((-np.sum(np.log(1 - correlation**2)), penalty, left_out, correlation))
     _, penalty, left_out, correlation = max(found, key=lambda each: each[0])
     weights = x.T @ (vectors / (values + penalty)) @ turned / x.shape[1]
     # Where nothing tells, the guess is the mean of the others, which gives away the one left out.
     told = correlation >= min(_TOLD / np.sqrt(len(z)), correlation.max())
     return _Regression(centre, mean[told], weights[:, told], (left_out + mean)[:, told])
-
-
-def _correlation(guessed: Array, places: Array) -> Array:
-    """Between guesses (n, tolerances) and places, shape (tolerances,); none where it is negative."""
-    spread = guessed - guessed.mean(axis=0)
-    size = np.sqrt(np.sum(spread**2, axis=0) * np.sum(places**2, axis=0)) + 1e-12
-    return np.asarray(np.clip(np.sum(spread * places, axis=0) / size, 0.0, 0.999))
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +206,10 @@ def _response(places: Array, regression: _Regression, shown: Array, blocks: int)
     fit = solved @ regression.left_out
     leverage = np.sum(given * solved.T, axis=1)
     residual = (regression.left_out - given @ fit) / (1 - leverage[:, None])
-    scatter = residual.T @ residual / count - _averaged(regression, shown, blocks)
+    # what measured summaries scatter less than simulated ones, being of more blocks
+    apart = (shown[:, 0] - shown[:, 1]) @ regression.weights
+    of_a_block = apart.T @ apart / (2 * len(apart))
+    scatter = residual.T @ residual / count - np.asarray((1 / _BLOCKS - 1 / blocks) * of_a_block)
     values, vectors = np.linalg.eigh(scatter)
     precision = (vectors / np.maximum(values, _LEAST_SCATTER * np.median(values))) @ vectors.T
     slope = fit[1:].T
@@ -231,10 +217,3 @@ def _response(places: Array, regression: _Regression, shown: Array, blocks: int)
     strength = count * np.sum(slope * (precision @ slope), axis=0)
     slope = slope * np.maximum(0.0, 1 - size / np.maximum(strength, 1e-12))
     return _Response(fit[0], slope, precision, regression.left_out - fit[0])
-
-
-def _averaged(regression: _Regression, shown: Array, blocks: int) -> Array:
-    """Covariance that measured summaries have less than simulated ones, being of more blocks."""
-    apart = (shown[:, 0] - shown[:, 1]) @ regression.weights
-    of_a_block = apart.T @ apart / (2 * len(apart))
-    return np.asarray((1 / _BLOCKS - 1 / blocks) * of_a_block)

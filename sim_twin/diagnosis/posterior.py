@@ -7,7 +7,7 @@ kept, weighted by the mixture of their proposals (Cornuet et al. 2012, doi:10.11
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,23 @@ Array = NDArray[np.float64]
 _CENTRES = 60
 _UNIFORM = 0.15
 _LEAST_WIDTH = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A parameter's best value and the interval that holds it with 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+    def widened(self, times: float, least: float, most: float) -> Estimate:
+        """The interval stretched about the value, but not beyond `least` and `most`."""
+        low, high = (
+            self.value - times * (self.value - self.low),
+            self.value + times * (self.high - self.value),
+        )
+        return Estimate(self.value, max(low, min(least, self.low)), min(high, max(most, self.high)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +53,17 @@ class Posterior:
         for _ in range(40):
             if 1 / np.sum(weights**2) >= min(distinct, 0.5 * len(weights)):
                 break
-            weights = np.maximum(weights, 1e-300) ** 0.75
-            weights /= weights.sum()
-        return Posterior(self.places, weights, self.log_evidence)
+            weights = _power(weights, 0.75)
+        return replace(self, weights=weights)
+
+    def tempered(self, power: float) -> Posterior:
+        """The same places, their weights to some power."""
+        return replace(self, weights=_power(self.weights, power))
+
+
+def _power(weights: Array, power: float) -> Array:
+    raised = np.maximum(weights, 1e-300) ** power
+    return np.asarray(raised / raised.sum())
 
 
 def integrate(
@@ -52,12 +77,17 @@ def integrate(
     """Integrate a likelihood over the unit cube."""
     if dimensions == 0:
         return Posterior(np.zeros((1, 0)), np.ones(1), float(log_likelihood(np.zeros((1, 0)))[0]))
-    places = _spread(first, dimensions, rng)
+    strata = np.column_stack([rng.permutation(first) for _ in range(dimensions)])
+    places = np.asarray((strata + rng.uniform(size=(first, dimensions))) / first)
     logs = log_likelihood(places)
     density = np.full(first, float(first))
     proposals: list[_Kernels] = []
     for _ in range(rounds):
-        kernels = _around(places, _weights(logs, density), rng)
+        weights = _weights(logs, density)
+        chosen = places[rng.choice(len(places), _CENTRES, p=weights)]
+        spread = np.sqrt(np.maximum(weights @ (places - weights @ places) ** 2, 0.0))
+        shrunk = _CENTRES ** (-1 / (places.shape[1] + 4))
+        kernels = _Kernels(chosen, np.maximum(1.5 * shrunk * spread, _LEAST_WIDTH))
         added = kernels.sample(each, rng)
         before = sum((each * k.density(added) for k in proposals), np.full(each, float(first)))
         density = np.concatenate(
@@ -90,18 +120,10 @@ class _Kernels:
         product = np.ones((len(places), len(self.centres)))
         for k, width in enumerate(self.widths):
             here, centres = places[:, k, None], self.centres[None, :, k]
-            mirrored = (_bell(here - image, width) for image in (centres, -centres, 2 - centres))
-            product *= sum(mirrored)
+            scale = width * np.sqrt(2 * np.pi)
+            images = (centres, -centres, 2 - centres)
+            product *= sum(np.exp(-0.5 * ((here - image) / width) ** 2) / scale for image in images)
         return np.asarray(_UNIFORM + (1 - _UNIFORM) * product.mean(axis=1))
-
-
-def _bell(distance: Array, width: float) -> Array:
-    return np.asarray(np.exp(-0.5 * (distance / width) ** 2) / (width * np.sqrt(2 * np.pi)))
-
-
-def _spread(count: int, dimensions: int, rng: np.random.Generator) -> Array:
-    strata = np.column_stack([rng.permutation(count) for _ in range(dimensions)])
-    return np.asarray((strata + rng.uniform(size=(count, dimensions))) / count)
 
 
 def _weights(logs: Array, density: Array) -> Array:
@@ -115,10 +137,3 @@ def _weights(logs: Array, density: Array) -> Array:
             break
         flat *= 0.7
     return weights
-
-
-def _around(places: Array, weights: Array, rng: np.random.Generator) -> _Kernels:
-    chosen = places[rng.choice(len(places), _CENTRES, p=weights)]
-    spread = np.sqrt(np.maximum(weights @ (places - weights @ places) ** 2, 0.0))
-    shrunk = _CENTRES ** (-1 / (places.shape[1] + 4))
-    return _Kernels(chosen, np.maximum(1.5 * shrunk * spread, _LEAST_WIDTH))

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, values_of
-from sim_twin.diagnosis.estimate import Estimate
-from sim_twin.diagnosis.learning import FEWEST, learned
-from sim_twin.diagnosis.library import Library, Order, order_of
-from sim_twin.diagnosis.posterior import Posterior
+from sim_twin.diagnosis.library import FEWEST, Library, Order, learned, order_of
+from sim_twin.diagnosis.posterior import Estimate, Posterior
 from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Execute, Subject
 
@@ -40,6 +38,8 @@ _LEAVES_ROOM = 0.2
 """Misfit of the best explanation by one effect, below which a second one has nothing to explain."""
 _LEAST_SHARE = 0.004
 _FROM_PRIOR = 0.1
+_FROM_WIDER, _WIDER = (0.3, 0.3, 0.1, 0.0), 0.2
+"""Of each round's motions, the share about places of the posterior whose weights are taken to that power."""
 _DISTINCT = 40
 _STEP = 0.02
 """Of a parameter's whole range."""
@@ -47,16 +47,12 @@ _STEP = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
-    """One hypothesis after the search: its share of belief among all, its posterior, what it leaves.
-
-    `about` are the parameters (parameters,) in whose surroundings the posterior was taken; None: anywhere.
-    """
+    """One hypothesis after the search: its share of belief among all, its posterior, what it leaves."""
 
     hypothesis: Hypothesis
     probability: float
     posterior: Posterior
     misfit: float
-    about: Array | None = None
 
     def values(self) -> Array:
         """Parameters of the posterior's places, shape (n, parameters)."""
@@ -149,11 +145,11 @@ class Search:
             leading = believed(weighed)[0]
             order = Order()
             if number == _PARTNERS_IN and leading.misfit > _NEEDS_PARTNER:
-                order = self.partners(leading, motions)
+                order = self.partners(leading, motions, _FROM_WIDER[number])
             if leading.misfit > _LEAVES_ROOM:
                 pairs = self.promising_pairs(attribution, believed(weighed))
                 weighed += self.weigh(attribution, pairs)
-            order += self.next_order(believed(weighed), motions - len(order))
+            order += self.next_order(believed(weighed), motions - len(order), _FROM_WIDER[number])
             rest -= len(order)
             self._do(order)
         attribution = self.learn()
@@ -202,7 +198,7 @@ class Search:
         found = [attribution.posterior(pair, place, self.rng, 0.5).log_evidence for pair in pairs]
         return [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
 
-    def partners(self, leading: Ranked, motions: int) -> Order:
+    def partners(self, leading: Ranked, motions: int, wider: float) -> Order:
         """The leading effect, as it may be here, with each other one that moves: their sum need not hold."""
         moving = [c for c in self.subject.causes if not c.sensing and (c,) != leading.hypothesis]
         if len(leading.hypothesis) != 1 or not moving:
@@ -215,7 +211,7 @@ class Search:
             pair = _in_order(leading.hypothesis[0], partner)
             values = drawn(pair, each, self.rng)
             at = parts_of(pair)[pair.index(leading.hypothesis[0])]
-            values[:, at] = self._around(leading, each)
+            values[:, at] = self._around(leading, each, wider)
             cases[pair] = values
         return order_of(cases, self.rng)
 
@@ -254,7 +250,7 @@ class Search:
                 advice = f"{failed} simulations failed; try the scenario's [model] by rattle predict"
             raise SimulationFailed(f"not enough was simulated of {what}", advice, None)
 
-    def next_order(self, ranked: Sequence[Ranked], motions: int) -> Order:
+    def next_order(self, ranked: Sequence[Ranked], motions: int, wider: float) -> Order:
         """More of what is believed, about where it is believed."""
         if motions < _FEWEST_AT_ONCE:
             return Order()
@@ -268,14 +264,19 @@ class Search:
         counts = np.maximum(_FEWEST_AT_ONCE, motions * weight / np.sum(weight * cost)).astype(int)
         counts = np.minimum(counts, np.where(cost < 1, 150, motions))
         cases = {
-            each.hypothesis: self._around(each, int(count))
+            each.hypothesis: self._around(each, int(count), wider)
             for each, count in zip(chosen, counts, strict=True)
         }
         return order_of(cases, self.rng)
 
-    def _around(self, ranked: Ranked, count: int) -> Array:
-        """Parameters from the posterior, flattened, and some from anywhere."""
+    def _around(self, ranked: Ranked, count: int, wider: float) -> Array:
+        """Parameters from the posterior, flattened, a share from `wider` about it, and some from anywhere.
+
+        Where responses are emulated from few rigs, the truth may lie in what is believed little as yet.
+        """
         some = ranked.posterior.flattened(_DISTINCT).sample(count, self.rng)
+        far = self.rng.uniform(size=count) < wider
+        some[far] = ranked.posterior.tempered(_WIDER).sample(int(far.sum()), self.rng)
         moved = some + _STEP * self.rng.standard_normal(some.shape)
         near = values_of(ranked.hypothesis, np.clip(moved, 0.0, np.nextafter(1.0, 0.0)))
         anywhere = self.rng.uniform(size=count) < _FROM_PRIOR

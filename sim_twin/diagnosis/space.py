@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from sim_twin.diagnosis.fingerprint.layout import SLICES, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Layout
 
 Array = NDArray[np.float64]
 _LINEAR_TO = 5.0
@@ -36,9 +36,11 @@ class Moments:
     def __call__(self, fingerprints: NDArray[np.floating]) -> Array:
         """From shape (..., numbers) to (..., features): means, spreads, others."""
         values = np.asarray(fingerprints, dtype=np.float64)
-        distributed = values[..., self._distributed]
-        alone = values[..., self._alone]
-        return np.concatenate([distributed.mean(axis=-1), distributed @ _SPREAD, alone], axis=-1)
+        of_distributions, of_others = self._places
+        distributed = values[..., of_distributions]
+        return np.concatenate(
+            [distributed.mean(axis=-1), distributed @ _SPREAD, values[..., of_others]], axis=-1
+        )
 
     @cached_property
     def tolerance(self) -> Array:
@@ -63,14 +65,11 @@ class Moments:
         return np.array([cell.size for cell in self.layout.cells], dtype=np.intp)
 
     @cached_property
-    def _distributed(self) -> NDArray[np.intp]:
+    def _places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Of the numbers of each distribution, (distributions, SLICES), and of all others."""
         starts = self.layout.starts[:-1][self._sizes == SLICES]
-        return np.asarray(starts[:, None] + np.arange(SLICES))
-
-    @cached_property
-    def _alone(self) -> NDArray[np.intp]:
         of_cell = np.repeat(self._sizes, self._sizes)
-        return np.flatnonzero(of_cell != SLICES)
+        return np.asarray(starts[:, None] + np.arange(SLICES)), np.flatnonzero(of_cell != SLICES)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Protocol, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
-from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Observed
-from sim_twin.diagnosis.fingerprint.layout import Layout
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.fingerprint import Layout
+
+if TYPE_CHECKING:
+    from sim_twin.diagnosis.cause import Cause
+
+Values: TypeAlias = Mapping[str, float | str]
+Named: TypeAlias = tuple[str, Values]
+"""An effect and its parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """A healthy rig of `seed` with `effects` in, observed over `blocks` blocks of each run.
+
+    `sensing` lists what may be wrong with the sensors besides: each entry is one more observation of the
+    same motion, with those effects in.
+    """
+
+    effects: tuple[Named, ...]
+    seed: int
+    sensing: tuple[tuple[Named, ...], ...] = ((),)
+    blocks: int = 1
+
+
+Observed: TypeAlias = tuple[NDArray[np.float32] | None, ...]
+"""A fingerprint for each entry of `sensing`, shape (blocks, numbers); None for a run that failed."""
 
 
 class Subject(Protocol):

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sim_twin.decimation import decimated
-from sim_twin.ensembles.samples import truths_of
-from sim_twin.ensembles.variant import Variant
-from sim_twin.rigs.side_by_side import Truths
+from sim_twin.ensembles.simulate import Variant
+from sim_twin.rigs.rig_model import Truths
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.status import Status
+from sim_twin.stream import Truth
 
 Array = NDArray[np.float64]
 _CHUNK = 2048
@@ -33,24 +33,54 @@ def clean_samples(
     `sample_rate` (Hz). Encoders give their angle at the sample instants, not counted.
     """
     truths = truths_of(variants, sample_rate * oversampling)
-    stages = [_Stage(_taps(oversampling // _LAST_FACTOR), oversampling // _LAST_FACTOR)]
-    stages.append(_Stage(anti_alias_taps(_LAST_FACTOR, 0.0), _LAST_FACTOR))
-    smooth = _smooth(variants)
+    coarse = _Stage(_taps(oversampling // _LAST_FACTOR), oversampling // _LAST_FACTOR)
+    last = _Stage(anti_alias_taps(_LAST_FACTOR, 0.0), _LAST_FACTOR)
+    twin = variants[0].twin
+    smooth = np.array(  # read as they are
+        [
+            name in twin.model.smooth_channels or isinstance(twin.sensors.get(name), Encoder)
+            for name in twin.channels
+        ]
+    )
     total = round(settle * sample_rate) + count
     parts = []
     for first in range(0, total, _CHUNK):
-        parts.append(_advanced(truths, stages, smooth, min(_CHUNK, total - first)))
+        wanted = min(_CHUNK, total - first)
+        between = last.missing(wanted)
+        moved = coarse.advance(truths.advance(coarse.missing(between)), between, smooth)
+        parts.append(last.advance(moved, wanted, smooth))
     samples = np.concatenate(parts, axis=2)[:, :, total - count :]
     finished = (status is Status.COMPLETED for status in truths.statuses)
     return [one if ended else None for one, ended in zip(samples, finished, strict=True)]
 
 
-def _smooth(variants: Sequence[Variant]) -> NDArray[np.bool_]:
-    """Which channels are read as they are."""
-    twin = variants[0].twin
-    smooth = twin.model.smooth_channels
-    encoders = (isinstance(twin.sensors.get(name), Encoder) for name in twin.channels)
-    return np.array([name in smooth or one for name, one in zip(twin.channels, encoders, strict=True)])
+def truths_of(variants: Sequence[Variant], rate: float) -> Truths:
+    """Motions of some runs of one rig from rest, on a grid of `rate` Hz; together where the rig can."""
+    model = variants[0].twin.model
+    twins, phases = [each.twin for each in variants], [each.phase for each in variants]
+    if model.side_by_side is not None:
+        return model.side_by_side.truths(twins, phases, rate)
+    truths = [model.truth(twin, rate, False) for twin in twins]
+    for truth, each in zip(truths, variants, strict=True):
+        truth.change_drive(each.twin.drive, each.phase, 0.0)
+    return OneByOne(truths)
+
+
+class OneByOne:
+    """Motions that nothing makes faster together; rows of a failed one are filled up with zeros."""
+
+    def __init__(self, truths: Sequence[Truth]) -> None:
+        self._truths = truths
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (truths, channels, steps)."""
+        moved = [truth.advance(steps) for truth in self._truths]
+        return np.array([np.pad(rows, ((0, 0), (0, steps - rows.shape[1]))) for rows in moved])
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        """How each run stands."""
+        return [truth.status for truth in self._truths]
 
 
 def _taps(factor: int) -> Array:
@@ -81,18 +111,9 @@ class _Stage:
         self.held = fine[:, :, count * self.factor :].copy()
         out = np.zeros((*fine.shape[:2], count))
         for run, channel in np.ndindex(fine.shape[:2]):
-            self._decimate(fine[run, channel], bool(smooth[channel]), out[run, channel])
+            row = fine[run, channel]
+            if smooth[channel] or len(self.taps) == 1:
+                out[run, channel] = row[self.half : self.half + count * self.factor : self.factor]
+            elif row.any():
+                out[run, channel] = decimated(row, self.taps, self.factor, count)
         return out
-
-    def _decimate(self, fine: Array, smooth: bool, out: Array) -> None:
-        if smooth or len(self.taps) == 1:
-            out[:] = fine[self.half : self.half + len(out) * self.factor : self.factor]
-        elif fine.any():
-            out[:] = decimated(fine, self.taps, self.factor, len(out))
-
-
-def _advanced(truths: Truths, stages: Sequence[_Stage], smooth: NDArray[np.bool_], count: int) -> Array:
-    first, last = stages
-    between = last.missing(count)
-    moved = first.advance(truths.advance(first.missing(between)), between, smooth)
-    return last.advance(moved, count, smooth)

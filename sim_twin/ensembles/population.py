@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.random import Generator, SeedSequence
 
-from sim_twin.effects.effect import Effect, Parameter
-from sim_twin.ensembles.variant import Variant
+from sim_twin.effects import Effect
+from sim_twin.ensembles.simulate import Variant
 from sim_twin.twin import AnyTwin
 
 PartOfAnEffect: TypeAlias = tuple[str, Mapping[str, float | str]]
@@ -23,6 +23,15 @@ class Between:
 
     low: Any
     high: Any
+
+    def drawn(self, rng: Generator) -> Any:
+        """One of them."""
+        numbers = {}
+        for each in fields(self.low):
+            low, high = getattr(self.low, each.name), getattr(self.high, each.name)
+            if low != high:
+                numbers[each.name] = float(rng.uniform(low, high))
+        return replace(self.low, **numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +56,12 @@ class Population:
         """
         rng = np.random.default_rng(SeedSequence(seed, spawn_key=(index, 0)))
         model = self.twin.model
-        twin = replace(self.twin, drive=self._drive(rng, index))
+        drive = self.twin.drive
+        if isinstance(self.points, Between):
+            drive = self.points.drawn(rng)
+        elif self.points:
+            drive = self.points[index % len(self.points)]
+        twin = replace(self.twin, drive=drive)
         for name, given in self.effects:
             if name not in model.effects:
                 raise ValueError(f"no effect {name!r}; known: {', '.join(model.effects)}")
@@ -63,20 +77,6 @@ class Population:
         """Draw runs 0 ... `runs` - 1 of `seed`."""
         return tuple(self.variant(seed, index) for index in range(runs))
 
-    def _drive(self, rng: Generator, index: int) -> Any:
-        if isinstance(self.points, Between):
-            return _between(self.points, rng)
-        return self.points[index % len(self.points)] if self.points else self.twin.drive
-
-
-def _between(span: Between, rng: Generator) -> Any:
-    drawn = {}
-    for each in fields(span.low):
-        low, high = getattr(span.low, each.name), getattr(span.high, each.name)
-        if low != high:
-            drawn[each.name] = float(rng.uniform(low, high))
-    return replace(span.low, **drawn)
-
 
 def _with_effect(effect: Effect, twin: AnyTwin, given: Mapping[str, float | str], rng: Generator) -> AnyTwin:
     """Parameters that are fine one by one may be refused together; such a draw is drawn again."""
@@ -89,14 +89,11 @@ def _with_effect(effect: Effect, twin: AnyTwin, given: Mapping[str, float | str]
 
 
 def _drawn(effect: Effect, rng: Generator) -> dict[str, float | str]:
-    values: dict[str, float | str] = {each.name: _within(each, rng) for each in effect.parameters}
+    values: dict[str, float | str] = {}
+    for parameter in effect.parameters:  # uniform over all its intervals
+        low, high = np.array(parameter.intervals).T
+        chosen = rng.choice(len(low), p=(high - low) / np.sum(high - low))
+        values[parameter.name] = float(rng.uniform(low[chosen], high[chosen]))
     if effect.channels:
         values["channel"] = effect.channels[int(rng.integers(len(effect.channels)))]
     return values
-
-
-def _within(parameter: Parameter, rng: Generator) -> float:
-    """Uniform over all intervals."""
-    low, high = np.array(parameter.intervals).T
-    chosen = rng.choice(len(low), p=(high - low) / np.sum(high - low))
-    return float(rng.uniform(low[chosen], high[chosen]))

@@ -2,23 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import closing
+from dataclasses import dataclass
 from itertools import groupby, islice
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.random import SeedSequence
 from threadpoolctl import threadpool_limits
 
 from daq.errors import SimulationFailed
-from sim_twin.ensembles.variant import Outcome, Variant, status_of
+from sim_twin.status import Status
+from sim_twin.twin import AnyTwin
 
-T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
+T = TypeVar("T")
 Progress = Callable[[int, int], None]
 _OF_THE_RUN = (SimulationFailed, np.linalg.LinAlgError, OverflowError, FloatingPointError)
 """What a run's own numbers may raise; anything else is a fault of the program."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """What is simulated and from where: parameters, effects and operating point are all in the `twin`.
+
+    `phase` in rad is the drive's (of a crank: its angle) at t = 0; in a chaotic motion 1e-9 rad more is
+    another start. `noise` seeds noise and quantisation of the samples; None: none.
+    """
+
+    twin: AnyTwin
+    phase: float = 0.0
+    noise: SeedSequence | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[T_co]):
+    """How a run ended, and what was observed; None unless it completed."""
+
+    status: Status
+    value: T_co | None = None
+
+
+def status_of(error: Exception) -> Status:
+    """How a run ended that raised `error`; DIVERGED where the error does not say."""
+    said = error.status if isinstance(error, SimulationFailed) else None
+    return said if isinstance(said, Status) else Status.DIVERGED
 
 
 class Observation(Protocol[T_co]):
@@ -45,7 +75,10 @@ def simulate(
     `in_flight` of them are with it at a time. `progress(done, all)` counts runs, in this thread. Whatever is
     raised, here or in a worker, cancels the rest and is raised.
     """
-    pieces = list(_pieces(variants, observation.together))
+    pieces: list[Sequence[Variant]] = []
+    for _, group in groupby(variants, lambda each: (each.twin.model.name, each.twin.channels)):
+        while piece := tuple(islice(group, observation.together)):
+            pieces.append(piece)
     found: list[Sequence[Outcome[T]]] = [()] * len(pieces)
     done = 0
     one_thread = threadpool_limits(1, user_api="blas")  # the order of its sums changes last bits
@@ -56,13 +89,6 @@ def simulate(
             if progress is not None:
                 progress(done, len(variants))
     return tuple(outcome for outcomes in found for outcome in outcomes)
-
-
-def _pieces(variants: Sequence[Variant], together: int) -> Iterator[Sequence[Variant]]:
-    """Neighbours of one rig with the same channels, at most `together` of them."""
-    for _, group in groupby(variants, lambda each: (each.twin.model.name, each.twin.channels)):
-        while piece := tuple(islice(group, together)):
-            yield piece
 
 
 def _finished(

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from math import sqrt
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sim_twin.compiled import inlined
-from sim_twin.contact.laws import ContactLaw, Friction, elastic_force, friction_share, normal_force
+from sim_twin.contact import ContactLaw, Friction, elastic_force, friction_share, normal_force
 
 
 class RevoluteClearance(NamedTuple):
@@ -38,14 +34,6 @@ class RevoluteForce(NamedTuple):
 
 
 NO_FORCE = RevoluteForce(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-class MotionMode(Enum):
-    """The three motions of a journal in its bearing (seed 001 section 2)."""
-
-    FREE_FLIGHT = 0
-    IMPACT = 1
-    CONTINUOUS_CONTACT = 2
 
 
 @inlined
@@ -86,17 +74,3 @@ def revolute_force(
         -journal_arm * tangential,
         lost,
     )
-
-
-def motion_mode(
-    penetration: NDArray[np.float64], touching_since: NDArray[np.float64], impact_lasts: float
-) -> list[MotionMode]:
-    """Classify the motion at some instants, shapes (n,).
-
-    `penetration` in m; `touching_since` s is how long the contact has lasted, and `impact_lasts` s how long
-    one that comes apart again lasts at most (half a period on the contact's spring, say).
-    """
-    touching = penetration > 0.0
-    longer = touching_since > impact_lasts
-    codes = np.where(touching, np.where(longer, 2, 1), 0)
-    return [MotionMode(int(code)) for code in codes]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sim_twin.mechanisms.generic import generic, mechanical
+from sim_twin.compiled import generic, mechanical
 from sim_twin.mechanisms.run import Real, Run
 
 Rates = Callable[..., None]

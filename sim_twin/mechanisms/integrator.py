@@ -21,10 +21,17 @@ from collections.abc import Callable
 from math import isfinite
 from typing import Any
 
+from sim_twin.compiled import generic, mechanical
+from sim_twin.mechanisms.contacts import (
+    Depths,
+    first_onset,
+    follow_contacts,
+    follow_peaks,
+    latch_overlaps,
+    may_touch,
+    refine_onset,
+)
 from sim_twin.mechanisms.dormand_prince import Rates, attempt, dense, set_dense, squared_error
-from sim_twin.mechanisms.generic import generic, mechanical
-from sim_twin.mechanisms.onset import Depths, first_onset, may_touch, refine_onset
-from sim_twin.mechanisms.peaks import follow_peaks
 from sim_twin.mechanisms.run import (
     BEFORE,
     EPISODES,
@@ -40,7 +47,6 @@ from sim_twin.mechanisms.run import (
     Run,
     StepLimits,
 )
-from sim_twin.mechanisms.touch import follow_contacts, latch_overlaps
 
 Observe = Callable[..., None]
 COMPLETED, DIVERGED, STEPS_EXHAUSTED = range(3)

@@ -68,18 +68,15 @@ def frame(nodes: Array, members: tuple[Member, ...]) -> Elastic:
     M, B = np.zeros((size, size)), np.zeros((len(members), DOFS, size))
     for member, strains in zip(members, B, strict=True):
         way = nodes[member.end] - nodes[member.start]
-        own = _element(member.bar, float(np.linalg.norm(way))).by(_turn(way, np.array(member.across)))
+        length = np.linalg.norm(way)
+        along, across = way / length, np.array(member.across)
+        # the twelve degrees of freedom in the member's axes: along, across (width), the third
+        turn = np.kron(np.eye(4), np.array([along, across, np.cross(along, across)]))
+        own = _element(member.bar, float(length)).by(turn)
         where = np.concatenate([DOFS * node + np.arange(DOFS) for node in (member.start, member.end)])
         M[np.ix_(where, where)] += own.M
         strains[:, where] = own.B
     return Elastic(M, B.reshape(-1, size))
-
-
-def _turn(along: Array, across: Array) -> Array:
-    """Rotation of the twelve degrees of freedom into the member's axes: along, across (width), the third."""
-    first = along / np.linalg.norm(along)
-    axes = np.array([first, across, np.cross(first, across)])
-    return np.kron(np.eye(4), axes)
 
 
 def _element(bar: Bar, length: float) -> Elastic:

@@ -61,8 +61,8 @@ class Plate:
 
     def elastic(self) -> Elastic:
         """The free plate, by 4 degrees of freedom a node."""
-        mass = (_line_mass(np.array(line)) for line in (self.x, self.y))
-        M = np.asarray(self.sheet.mass_per_area * np.kron(*mass), dtype=np.float64)
+        values = (_weighted_rows(np.array(line))[0] for line in (self.x, self.y))
+        M = np.asarray(self.sheet.mass_per_area * np.kron(*(each.T @ each for each in values)), np.float64)
         B = np.zeros((len(self.x) - 1, len(self.y) - 1, 16, len(M)))
         for i, width in enumerate(np.diff(self.x)):
             for j, depth in enumerate(np.diff(self.y)):
@@ -134,11 +134,6 @@ def _weighted_rows(nodes: Array) -> Array:
     places = (nodes[:-1, None] + half * (1 + at)).ravel()
     roots = np.sqrt(half * weights).reshape(-1, 1)
     return np.array([roots * hermite_rows(nodes, places, derivative) for derivative in range(3)])
-
-
-def _line_mass(nodes: Array) -> Array:
-    value = _weighted_rows(nodes)[0]
-    return np.asarray(value.T @ value)
 
 
 def mesh_lines(length: float, elements: int, *through: float) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, eigh, qr
+from scipy.linalg import block_diag, qr
 
 from sim_twin.parts.modal import Elastic, lowest_modes
 from sim_twin.ranges import require
@@ -55,40 +55,30 @@ def craig_bampton(
     Modes that the boundary cannot excite are passed over. K must hold what the boundary leaves free. Raises
     UnphysicalParameter (of `owner`) where there are fewer modes than asked for.
     """
-    free, unit = _split(boundary)
+    # motions that keep the boundary at rest, and motions that move one row of it by one
+    Q, R = qr(boundary.T)[:2]
+    free: Array = np.asarray(Q[:, len(boundary) :])
+    unit: Array = np.asarray(Q[:, : len(boundary)] @ np.linalg.inv(R[: len(boundary)].T))
     interior = whole.by(free)
     constraint = unit - free @ interior.deflection(interior.B.T @ (whole.B @ unit))
-    squared, shapes = eigh(interior.K, interior.M)
+    # rounding mixes modes of nearly one frequency: shares and order are those of the sharp ones
+    sharp = lowest_modes(interior, len(interior.M))
     pushed = free.T @ whole.M @ constraint
-    shares = _effective_shares(shapes.T @ pushed, constraint.T @ whole.M @ constraint)
+    # effective mass of each mode for each boundary motion, over what moves with that, (modes, b)
+    diagonal = np.diag(constraint.T @ whole.M @ constraint)
+    shares = (sharp.shapes.T @ pushed) ** 2 / np.where(diagonal > 0, diagonal, np.inf)
     reached = np.flatnonzero(shares.sum(axis=1) > _UNMOVED)
     require(owner, "modes", modes + (leading.modes if leading else 0), 0, len(reached))
-    kept = reached[_kept(shares[reached] / squared[reached, None], modes, leading)]
-    sharp = lowest_modes(interior, int(kept.max(initial=-1)) + 1)
+    chosen = np.arange(modes)
+    if leading is not None:
+        # share of mass over omega^2: what a mode adds to the stiffness of the boundary when that moves
+        weights = shares[reached[modes:], leading.row] / sharp.omega[reached[modes:]] ** 2
+        ranked = modes + np.argsort(-weights, kind="stable")
+        chosen = np.sort(np.concatenate([chosen, ranked[: leading.modes]]))
+    kept = reached[chosen]
     basis = np.hstack([constraint, free @ sharp.shapes[:, kept]])
     strains = block_diag(qr(whole.B @ constraint, mode="r")[0][: len(boundary)], np.diag(sharp.omega[kept]))
     return Component(Elastic(basis.T @ whole.M @ basis, strains), basis, len(boundary), sharp.omega[kept])
-
-
-def _kept(weights: Array, modes: int, leading: Leading | None) -> Index:
-    """Share of mass over omega^2: what a mode adds to the stiffness of the boundary when that moves."""
-    if leading is None:
-        return np.arange(modes)
-    ranked = modes + np.argsort(-weights[modes:, leading.row], kind="stable")
-    return np.sort(np.concatenate([np.arange(modes), ranked[: leading.modes]]))
-
-
-def _split(boundary: Array) -> tuple[Array, Array]:
-    """Motions that keep the boundary at rest, and motions that move one row of it by one, as columns."""
-    count = len(boundary)
-    Q, R = qr(boundary.T)[:2]
-    return np.asarray(Q[:, count:]), np.asarray(Q[:, :count] @ np.linalg.inv(R[:count].T))
-
-
-def _effective_shares(participation: Array, boundary_mass: Array) -> Array:
-    """Effective mass of each mode for each boundary motion, as a share of what moves with it, (modes, b)."""
-    diagonal = np.diag(boundary_mass)
-    return np.asarray(participation**2 / np.where(diagonal > 0, diagonal, np.inf))
 
 
 def modal_damping(structure: Elastic, ratio: float) -> Array:

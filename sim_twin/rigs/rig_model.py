@@ -2,28 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.effects.effect import Catalogue, ParameterValues, apply_effects
-from sim_twin.healthy import Tolerance, moved
-from sim_twin.matched import Matched
+from sim_twin.effects import Catalogue, ParameterValues, apply_effects
+from sim_twin.healthy import Matched, Tolerance, drawn, moved
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.cycles import Cycles
-from sim_twin.rigs.joint_record import JointRecord
-from sim_twin.rigs.side_by_side import SideBySide
 from sim_twin.sensors import Sensor, oversampling
+from sim_twin.status import Status
 from sim_twin.stream import Truth, TwinStream
 from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.float64]
 SolverValues: TypeAlias = dict[str, float | int | None]
 Follow: TypeAlias = Callable[[NDArray[np.floating], float, float], Cycles]
+
+
+@dataclass(frozen=True, slots=True)
+class JointRecord:
+    """A joint's force (N), displacement (m) and velocity (m/s), each of shape (n,).
+
+    `location` is a word of the effect table. Not a number: what is not known, or of a joint that is open.
+    """
+
+    joint: str
+    location: str
+    force: Array
+    displacement: Array
+    velocity: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RunFigures:
+    """Figures of one run, as `RigModel.solver_values` names them; none after a failure.
+
+    `series` holds what there are many of in a run (the peaks of all half cycles), each of shape (n,).
+    """
+
+    status: Status
+    values: Mapping[str, float | int | None] = field(default_factory=dict)
+    series: Mapping[str, Array] = field(default_factory=dict)
+
+
+class Truths(Protocol):
+    """True motions at the channels of several twins, on one grid from t = 0 on, each in its drive."""
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (twins, channels, steps), rows in the order of the channels."""
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        """How each run stands; the values of one that has failed mean nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class SideBySide:
+    """Runs of several twins at once, each from rest with its drive at a phase (rad) at t = 0.
+
+    A run's numbers must be the same bits in whatever company it runs.
+
+    - `figures(twins, phases, settle, duration)`: figures of each, in order.
+    - `truths(twins, phases, rate)`: their motions on a grid of `rate` Hz; all have the same channels.
+    """
+
+    figures: Callable[[Sequence[Any], Sequence[float], float, float], Sequence[RunFigures]]
+    truths: Callable[[Sequence[Any], Sequence[float], float], Truths]
+
+
 JointRecords: TypeAlias = Callable[
     [AnyTwin, Mapping[str, NDArray[np.floating]], Cycles], tuple[JointRecord, ...]
 ]
@@ -49,8 +100,6 @@ class RigModel:
 
     - `channels`: all that its sensors can show.
     - `nominal_sensors(rig, drive)`: the chains without tolerances, noise in place.
-    - `draw_healthy(twin, rng, run_rng)`: the twin as a healthy rig may really be; `rng` draws what belongs to
-      the rig, `run_rng` what is set anew for each run.
     - `tolerances(twin)`: all that a healthy rig like it may differ by, by name.
     - `truth(twin, rate, drive_changes)`: its motion on a grid of `rate` Hz; `drive_changes` where the drive
       will get an offset or harmonics later on.
@@ -70,7 +119,6 @@ class RigModel:
     effects: Catalogue
     channels: ChannelTable
     nominal_sensors: Callable[[Any, Any], dict[str, Sensor]]
-    draw_healthy: Callable[[Any, np.random.Generator, np.random.Generator], Any]
     truth: Callable[[Any, float, bool], Truth]
     solver_values: Callable[[Any, float, float], SolverValues]
     reference: str
@@ -111,10 +159,23 @@ class RigModel:
         """Those that belong to the rig of `twin`, not to one run."""
         return tuple(each for each in self.tolerances(twin) if not each.each_run)
 
+    def draw_healthy(
+        self, twin: AnyTwin, rng: np.random.Generator, run_rng: np.random.Generator | None = None
+    ) -> AnyTwin:
+        """Return `twin` as a healthy rig may really be, on one run.
+
+        `rng` draws what belongs to the rig, `run_rng` (default: the same) what is set anew for each run.
+        """
+        noisy = self._with_sensors(twin)
+        return drawn(noisy, self.tolerances(noisy), rng, run_rng)
+
     def matched(self, twin: AnyTwin, matched: Matched) -> AnyTwin:
         """Return the nominal `twin` as a calibration found its rig.
 
         It has the means of what was found; `draw_healthy` about it differs by what was left open.
         """
-        full = replace(twin, sensors={**self.nominal_sensors(twin.rig, twin.drive), **twin.sensors})
+        full = self._with_sensors(twin)
         return moved(full, self.tolerances(full), matched)
+
+    def _with_sensors(self, twin: AnyTwin) -> AnyTwin:
+        return replace(twin, sensors={**self.nominal_sensors(twin.rig, twin.drive), **twin.sensors})

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.switched.modes import complex_modes
-from sim_twin.switched.system import Regime, Row, SwitchedSystem
+from sim_twin.switched.simulation import Regime, Row, SwitchedSystem
 from sim_twin.vector import LANES, aligned
 
+_WORST_CONDITION = 1e10
 DIGIT = 7
 FINE_LEVEL = 2 * DIGIT
 """A fine step (one output sample) is 2^14 ticks; a switch is located to one tick (0.3 ns at 204.8 kHz).
@@ -23,10 +23,33 @@ A contact then begins at most 0.2 nm late, which is 1e-9 of the energy of a typi
 """
 _LONGEST_LEVEL = 6
 _PADDING = 16
-
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class ComplexModes(NamedTuple):
+    """x = Re(`shapes` s), s' = `rates` s, s = `left` x; of a conjugate pair one is kept, with weight two."""
+
+    rates: NDArray[np.complex128]  # (mode,)
+    shapes: NDArray[np.complex128]  # (state, mode)
+    left: NDArray[np.complex128]  # (mode, state)
+
+
+def complex_modes(A: NDArray[np.float64]) -> ComplexModes:
+    """Modes of A, shape (2 n, 2 n), which has the form [[0, 1], [-K, -C]] or is a projection of it."""
+    rates, V = np.linalg.eig(A)
+    if np.linalg.cond(V) > _WORST_CONDITION * np.linalg.norm(A):
+        # a critically damped pair makes its modes coincide: its damping is moved by 1e-7
+        moved, n = A.copy(), len(A) // 2
+        moved[n:, n:] *= 1 + 1e-7
+        rates, V = np.linalg.eig(moved)
+    left = np.linalg.inv(V)
+    keep = np.flatnonzero(rates.imag >= 0)
+    weight = np.where(rates[keep].imag > 0, 2.0, 1.0)
+    return ComplexModes(
+        rates[keep].astype(complex), (V[:, keep] * weight).astype(complex), left[keep].astype(complex)
+    )
 
 
 class Tables(NamedTuple):
@@ -82,14 +105,24 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
     drives = len(system.excitations)
     slots = -(-(widest + drives) // _PADDING) * _PADDING
     padded = [_pad(each, widest, drives, slots) for each in modes]
-    ticks = _step_lengths()
+    short, fine = np.arange((1 << DIGIT) + 1), 1 << FINE_LEVEL
+    ticks = np.concatenate([short, short << DIGIT, fine << np.arange(1, _LONGEST_LEVEL + 1)])
     dt = np.asarray(fine_step * 0.5**FINE_LEVEL * ticks, dtype=np.float64)
-    planes = np.array([_steps(r, m, dt) for r, m in zip(system.regimes, padded, strict=True)])
-    if all(regime.residual is None for regime in system.regimes):
+    steps = []
+    for regime, each in zip(system.regimes, padded, strict=True):
+        factors = [np.exp(np.outer(span, each.lam)) for span in (dt, dt / 2)]
+        factors += [_push(regime, each, span) for span in (dt, dt / 2)]
+        steps.append(np.stack([part for factor in factors for part in (factor.real, factor.imag)], axis=1))
+    planes = np.array(steps)
+    laws = [regime.residual for regime in system.regimes]
+    if not any(laws):
         planes = planes[:, :, :2]
     rows, event_numbers, target = _event_tables(system, padded, widest)
     output, output_numbers, used, mirrored, recorded = _output_tables(system, padded, widest)
     lam = np.array([each.lam for each in padded])
+    turns = np.exp(fine_step * np.arange(1, LANES + 1)[:, None] * lam[:, None, :])
+    ahead = aligned((len(lam), 2 * slots, LANES))
+    ahead[:] = np.swapaxes(_rows(rows[:, 0][:, None] * turns).reshape(len(lam), LANES, -1), 1, 2)
     return Tables(
         DIGIT,
         (1 << DIGIT) + 1,
@@ -105,21 +138,14 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
         target,
         fine_step * np.abs(rows[:, 0] * lam),
         np.array([_opposite(*each) for each in zip(system.regimes, rows, event_numbers, strict=True)]),
-        _ahead(rows[:, 0], lam, fine_step),
+        ahead,
         output,
         output_numbers,
         used,
         mirrored,
         recorded,
-        np.array([_residual_law(regime) for regime in system.regimes]),
+        np.array([(law.stiffness, law.linear) if law else (0.0, 0.0) for law in laws]),
     )
-
-
-def _ahead(first: Complex, lam: Complex, fine_step: float) -> Real:
-    coming = _rows(first[:, None] * np.exp(fine_step * np.arange(1, LANES + 1)[:, None] * lam[:, None, :]))
-    made = aligned((len(lam), 2 * lam.shape[1], LANES))
-    made[:] = np.swapaxes(coming.reshape(len(lam), LANES, -1), 1, 2)
-    return made
 
 
 def _opposite(regime: Regime, rows: Complex, numbers: Real) -> tuple[float, float, float]:
@@ -129,21 +155,6 @@ def _opposite(regime: Regime, rows: Complex, numbers: Real) -> tuple[float, floa
     if regime.residual is None and mirror:
         return 1.0, numbers[0, 0] + numbers[2, 0], -1.0
     return 0.0, -1.0, 0.0
-
-
-def _residual_law(regime: Regime) -> tuple[float, float]:
-    return (0.0, 0.0) if regime.residual is None else (regime.residual.stiffness, regime.residual.linear)
-
-
-def _steps(regime: Regime, modes: _RegimeModes, dt: Real) -> Real:
-    turns = [np.exp(np.outer(span, modes.lam)) for span in (dt, dt / 2)]
-    factors = [*turns, _push(regime, modes, dt), _push(regime, modes, dt / 2)]
-    return np.stack([part for each in factors for part in (each.real, each.imag)], axis=1)
-
-
-def _step_lengths() -> Index:
-    short, fine = np.arange((1 << DIGIT) + 1), 1 << FINE_LEVEL
-    return np.concatenate([short, short << DIGIT, fine << np.arange(1, _LONGEST_LEVEL + 1)])
 
 
 def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeModes:

@@ -22,7 +22,7 @@ SEED = 35
 """Three campaigns of one run each, with effects that stand out."""
 FULL_S, SHORT_S = "60", "20"
 """The full check's budget where a parameter is asserted, a third of it for the others."""
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,12 @@ OPEN = CardChannel("nothing", "cDAQ1Mod1/ai3", "force_iepe", 0.01, 100.0, unit="
 def card_settings(
     address: str | None, *channels: CardChannel, rate: float = 51200.0, buffer_s: float = 4.0
 ) -> CardSettings:
-    return CardSettings(address, rate, buffer_s, channels or (FORCE, ACCELERATION, CONSTANT))
+    return CardSettings(
+        grpc=address,
+        sample_rate_hz=rate,
+        buffer_s=buffer_s,
+        channels=channels or (FORCE, ACCELERATION, CONSTANT),
+    )
 
 
 @pytest.fixture(scope="module")

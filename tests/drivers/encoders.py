@@ -11,7 +11,7 @@ from typing import Any
 
 from daq.clock import SystemClock
 from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.settings import EncoderIdentity, EncoderSettings
 from drivers.protocols.encoder import Shaft

@@ -78,7 +78,9 @@ def served(
 ) -> Iterator[NiDaqCard]:
     """A card, not opened yet, on an emulator that has the first `seconds` ready as soon as it starts."""
     server = CardServer(servicer(plant, wiring, DriveInbox(), RunningClock(seconds + 1.0)))
-    driver = NiDaqCard(CardSettings(server.open(), rate, BUFFER_S, channels))
+    driver = NiDaqCard(
+        CardSettings(grpc=server.open(), sample_rate_hz=rate, buffer_s=BUFFER_S, channels=channels)
+    )
     with (
         patch.multiple(session, CALL_DEADLINE_S=PATIENCE_S, ANSWER_MARGIN_S=PATIENCE_S),
         patch.object(card, "WAIT_MARGIN_S", PATIENCE_S),

@@ -20,7 +20,7 @@ from daq.errors import (
     InstrumentRefused,
     InstrumentSilent,
 )
-from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup, FaultKind, random_faults
+from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup, FaultKind, random_faults
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.link import SocketcandBus
 from drivers.protocols.encoder import PositionBlock, PositionStatistics

@@ -12,7 +12,7 @@ from daq.errors import (
     InstrumentAbsent,
     InstrumentSilent,
 )
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.link import SocketcandBus
 from tests.drivers.encoders import PATIENCE_S, emulated, opened, socketcand

@@ -7,8 +7,7 @@ import time
 import numpy as np
 
 from daq.block import Flag
-from drivers.canopen_cia406.emulator.process import start_encoder
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from tests.drivers.encoders import CALM_MS, opened, slow_shaft, socketcand
 
 FRAMES = 2500

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import pytest
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentSilent
-from drivers.canopen_cia406.emulator.process import start_encoder
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.emulator_process import EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup

@@ -157,7 +157,7 @@ def test_initial_settings_drive_a_plant_without_an_emulated_generator() -> None:
 
 
 def test_open_sensor_and_idle_input(card_emulator: EmulatedInstrument) -> None:
-    idle = CardChannel("idle", "cDAQ1Mod1/ai3", "voltage", 1.0, 5.0)
+    idle = CardChannel("idle", "cDAQ1Mod1/ai3", "voltage", 1.0, 5.0, unit="N")
     for channel, flag in ((OPEN, Flag.OPEN_SENSOR), (idle, Flag.GOOD)):
         with opened(card_settings(card_emulator.address, CONSTANT, channel)) as card:
             card.start()
@@ -217,7 +217,7 @@ def test_unread_samples_that_are_overwritten_end_the_run(card_emulator: Emulated
 def test_a_plant_that_fails_is_a_lost_device(capfd: pytest.CaptureFixture[str]) -> None:
     wiring = CardWiring({"cDAQ1Mod1/ai0": Wire("ramp", 1e-6)})
     with start_daq_card(BrokenPlant, wiring) as emulator:
-        channel = CardChannel("ramp", "cDAQ1Mod1/ai0", "voltage", 1e-6, 1e6)
+        channel = CardChannel("ramp", "cDAQ1Mod1/ai0", "voltage", 1e-6, 1e6, unit="N")
         with opened(card_settings(emulator.address, channel)) as card:
             card.start()
             with pytest.raises(DeviceLost, match="-201003") as caught:
@@ -304,10 +304,10 @@ def test_everything_wrong_with_the_settings_at_once() -> None:
         replace(FORCE, kind="encoder"),
         CardChannel("a", "cDAQ1Mod1/ai1", "charge_amplifier", -1.0, 0.0, unit="V"),
         CardChannel("b", "cDAQ1Mod1/ai2", "thermocouple", 1.0, 1.0),
-        CardChannel("c", "cDAQ1Mod1/ai3", "voltage", math.nan, 1.0, gain=2.0),
+        CardChannel("c", "cDAQ1Mod1/ai3", "voltage", math.nan, 1.0, gain=2.0, unit="N"),
     )
     with pytest.raises(ConfigurationError, match="DAQ card") as caught:
-        NiDaqCard(CardSettings(None, -1.0, math.inf, channels)).open()
+        NiDaqCard(CardSettings(sample_rate_hz=-1.0, buffer_s=math.inf, channels=channels)).open()
     assert {problem.key for problem in caught.value.problems} == {
         "sample_rate_hz",
         "buffer_s",
@@ -373,7 +373,7 @@ def test_expired_calibration_is_a_warning(card_emulator: EmulatedInstrument) -> 
 def test_sixteen_channels_at_51200_hz_without_loss() -> None:
     wires = {f"cDAQ1Mod{1 + i // 4}/ai{i % 4}": Wire("ramp", 4.5 / 2**20) for i in range(16)}
     channels = [
-        CardChannel(f"channel_{i}", physical, "voltage", 4.5 / 2**20, 2.0**20)
+        CardChannel(f"channel_{i}", physical, "voltage", 4.5 / 2**20, 2.0**20, unit="N")
         for i, physical in enumerate(wires)
     ]
     with (

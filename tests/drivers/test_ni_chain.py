@@ -102,7 +102,9 @@ def test_stages_stand_in_the_log_with_their_serial_numbers() -> None:
     channel = replace(
         FORCE, serial="SN2", amplifier=Amplifier("CA-7", 0.16, 10.0), anti_alias=AntiAliasFilter("AF-3", 10e3)
     )
-    described = NiDaqCard(CardSettings(None, RATE, 1.0, (channel,))).channels[0].metadata()
+    described = (
+        NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))).channels[0].metadata()
+    )
     assert described["sensor"] == "charge_amplifier + amplifier + filter"
     assert described["serial"] == "SN2, amplifier CA-7, filter AF-3"
     assert described["raw_unit"] == "V"
@@ -111,7 +113,7 @@ def test_stages_stand_in_the_log_with_their_serial_numbers() -> None:
 
 def test_the_calibration_of_a_stage_expires_too() -> None:
     channel = replace(FORCE, amplifier=Amplifier("CA-7", valid_until=date(1969, 12, 31)))
-    card = NiDaqCard(CardSettings(None, RATE, 1.0, (channel,)), Epoch())
+    card = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,)), Epoch())
     assert card.warnings == ("force: the calibration of amplifier CA-7 expired on 1969-12-31",)
 
 
@@ -144,7 +146,7 @@ def watch(channel: CardChannel, *blocks: list[float]) -> tuple[list[Flag], list[
     return flags, [finding.code for array in arrays for finding in quality.findings(array)]
 
 
-PLAIN = CardChannel("x", "D/ai0", "voltage", 1.0, 10.0)
+PLAIN = CardChannel("x", "D/ai0", "voltage", 1.0, 10.0, unit="N")
 
 
 @pytest.mark.parametrize(

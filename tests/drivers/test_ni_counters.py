@@ -17,12 +17,12 @@ from daq.block import Flag
 from daq.errors import ConfigurationError, InstrumentRefused, InstrumentSilent, RecorderFailed
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardChannel, CardSettings, Pulses
-from drivers.ni_daq.counting import COUNTER_STATES, MarkPulses, UnwrappedCount
 from drivers.ni_daq.emulator.acquisition import CounterRun
-from drivers.ni_daq.emulator.counters import AngleCount
+from drivers.ni_daq.emulator.converter import AngleCount
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
+from drivers.ni_daq.sensors import COUNTER_STATES, MarkPulses, UnwrappedCount
 from tests.drivers.in_process import BUFFER_S, RowsPlant, opened, served
 from tests.drivers.plants import TurningPlant
 
@@ -80,7 +80,11 @@ def test_a_card_in_a_process_of_its_own_counts_in_real_time() -> None:
     )
     ramp = CardChannel("ramp", "cDAQ1Mod1/ai0", "voltage", 1e-6, 4e6, unit="N")
     with start_daq_card(TurningPlant, wiring) as emulator:
-        card = NiDaqCard(CardSettings(emulator.address, 51200.0, BUFFER_S, (ENCODER, ramp)))
+        card = NiDaqCard(
+            CardSettings(
+                grpc=emulator.address, sample_rate_hz=51200.0, buffer_s=BUFFER_S, channels=(ENCODER, ramp)
+            )
+        )
         card.open()
         card.start()
         values = np.concatenate([card.read(2048).values for _ in range(5)], axis=1)
@@ -233,7 +237,9 @@ def test_a_second_start_begins_at_the_first_sample_again() -> None:
 
 
 def test_a_counter_is_declared_in_the_log() -> None:
-    described = NiDaqCard(CardSettings(None, RATE, 1.0, (ANALOG, ENCODER))).channels[1]
+    described = NiDaqCard(
+        CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(ANALOG, ENCODER))
+    ).channels[1]
     assert (described.sensor, described.raw_unit, described.scale) == ("encoder", "count", COUNT)
 
 
@@ -367,7 +373,7 @@ def test_a_counter_in_use_is_refused() -> None:
 )
 def test_a_counter_that_cannot_be_is_told(channels: tuple[CardChannel, ...], key: str, allowed: str) -> None:
     with pytest.raises(ConfigurationError, match="DAQ card") as caught:
-        NiDaqCard(CardSettings(None, RATE, 1.0, channels)).open()
+        NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=channels)).open()
     (problem,) = caught.value.problems
     assert problem.key == key
     assert allowed in problem.allowed

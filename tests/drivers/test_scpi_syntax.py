@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.protocols.generator import DriveSettings
-from drivers.scpi import answers
 from drivers.scpi.emulator.agilent_33220a import Emulated33220A
+from drivers.scpi.settings import error_in, model_in, number_in
 
 WORDS = st.sampled_from(
     """*IDN? *RST *CLS *TRG *OPC? SYST:ERR? FREQ FREQ? VOLT VOLT:OFFS VOLT:UNIT PHAS OUTP OUTP:LOAD BURS:MODE
@@ -33,7 +33,7 @@ class Bench:
 
     def errors(self) -> list[int]:
         codes = []
-        while (code := answers.error(self.ask("SYST:ERR?") or "")[0]) != 0:
+        while (code := error_in(self.ask("SYST:ERR?") or "")[0]) != 0:
             codes.append(code)
         return codes
 
@@ -56,13 +56,13 @@ def test_no_message_breaks_the_emulator(messages: list[str]) -> None:
 @settings(deadline=None)  # a busy machine is no fault
 @given(st.text(max_size=300))
 def test_no_answer_breaks_the_driver(answer: str) -> None:
-    for parse in (answers.number, answers.error):
+    for parse in (number_in, error_in):
         try:
             result = parse(answer)
         except ValueError:
             continue
         assert not (isinstance(result, float) and math.isnan(result))
-    assert isinstance(answers.model(answer), str)
+    assert isinstance(model_in(answer), str)
 
 
 @settings(deadline=None)  # a busy machine is no fault
@@ -70,8 +70,8 @@ def test_no_answer_breaks_the_driver(answer: str) -> None:
 def test_what_is_set_is_read_back(frequency_hz: float, vpp: float) -> None:
     bench = Bench()
     bench.ask(f"OUTP:LOAD INF;:FREQ {frequency_hz:.10g};VOLT {vpp:.10g}")
-    assert answers.number(bench.ask("FREQ?") or "") == pytest.approx(frequency_hz, rel=1e-9, abs=1e-6)
-    assert answers.number(bench.ask("VOLT?") or "") == pytest.approx(vpp, rel=1e-9)
+    assert number_in(bench.ask("FREQ?") or "") == pytest.approx(frequency_hz, rel=1e-9, abs=1e-6)
+    assert number_in(bench.ask("VOLT?") or "") == pytest.approx(vpp, rel=1e-9)
     assert bench.errors() == []
 
 

@@ -17,8 +17,8 @@ from drivers.emulator_process import EmulatedInstrument
 from rig.twin.alignment import Alignment
 from rig.twin.plant import ShakenPlantFactory
 from rig.twin.prediction import AlignedTwin
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import Twin
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench, write_scenario

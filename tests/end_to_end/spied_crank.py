@@ -15,13 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.canopen_cia406.emulator.process import start_encoder
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
-from drivers.mitsubishi_fr.emulator.matching import matching_setup
-from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire

@@ -13,14 +13,14 @@ import pytest
 from daq.block import NS_PER_S
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import recover_log
-from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
 from drivers.mitsubishi_fr.emulator.drive import Trip
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.protocols.speed_drive import InverterOutput
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
 from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.timeout(240)
 OVERCURRENT = 0x10
 """E.OC1 in the fault history."""
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}

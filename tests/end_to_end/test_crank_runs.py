@@ -18,7 +18,7 @@ from rig.rigs import RIGS
 from tests.end_to_end.command import await_gone, command, rattle
 from tests.end_to_end.files import write_crank, write_crank_bench
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.timeout(400)
 DEADLINE_S = 300.0
 """On a machine with other work: the inverter's ramps, the loop around them and the record are real time."""
 DURATION_S = 1.0

@@ -17,7 +17,7 @@ from daq.log.recover import verify_log
 from tests.end_to_end.command import command, rattle
 from tests.end_to_end.files import write_crank
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
 DEADLINE_S = 300.0
 LAG_S = 2e-3
 FASTEST_S = 1e-3

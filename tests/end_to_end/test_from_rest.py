@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.log.reader import LogReader, Origin
-from rig.session.sequence import PRE_TRIGGER_S
+from rig.session.run import PRE_TRIGGER_S
 
 # Tolerances: 300 healthy draws of physics.md section 5 (sim_twin.healthy) with their noise, through the
 # sensor chain, against the nominal twin: the first sampled peak varies by 2.5 % (one sigma; drive 1 %,

@@ -15,7 +15,7 @@ from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Command, await_gone, command, rattle
 from tests.end_to_end.files import write_crank, write_scenario
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.timeout(400)
 DEADLINE_S = 300.0
 """On a machine with other work: the inverter's ramps, the loop around them and the record are real time."""
 ENCODER = "[encoder]\nemulated = true\n"
@@ -30,7 +30,10 @@ def printed_bench(emulators: Command) -> str:
     return "\n".join(lines[:-1])
 
 
-@pytest.mark.parametrize("rig", RIGS)
+SHORT, *OTHERS = RIGS
+
+
+@pytest.mark.parametrize("rig", [SHORT, *(pytest.param(rig, marks=pytest.mark.long) for rig in OTHERS)])
 def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.toml"
     if rig == "impact_beam":

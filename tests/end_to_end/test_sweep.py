@@ -14,11 +14,11 @@ from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from daq.signals.sine import fit_sine
 from rig.files.scenario import load_scenario
-from rig.session.centring.probe import what_is_touched
+from rig.session.centring import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.timeout(300)
 
 HERTZ = (20.0, 20.6, 20.0)
 SWEEP = """\

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.diagnose import diagnose
-from sim_twin.diagnosis.effort import Effort
+from sim_twin.diagnosis.diagnose import Effort, diagnose
 from sim_twin.diagnosis.subject import Subject
 
 MEASURED = Path(__file__).parents[2].parent / "shared" / "real-data"

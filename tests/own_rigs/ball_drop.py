@@ -21,8 +21,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Named, Observed
-from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.fingerprint import Cell, Layout
+from sim_twin.diagnosis.subject import Draw, Named, Observed
 from tests.own_rigs.effects import cause, number, with_effects
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Named
-from sim_twin.effects.effect import Parameter
+from sim_twin.diagnosis.subject import Named
+from sim_twin.effects import Parameter
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Named, Observed
-from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.fingerprint import Cell, Layout
+from sim_twin.diagnosis.subject import Draw, Named, Observed
 from tests.own_rigs.damper import Damper
 from tests.own_rigs.effects import cause, number, with_effects
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Observed
-from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.fingerprint import Cell, Layout
+from sim_twin.diagnosis.subject import Draw, Observed
 from tests.own_rigs.effects import cause, number, with_effects
 from tests.own_rigs.oscillator import Circuit, filtered
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.diagnosis.draw import Draw
+from sim_twin.diagnosis.subject import Draw
 from tests.own_rigs import MEASURED, Verdict, needs_measured_sets, verdict
 from tests.own_rigs.ball_drop import BallDrop, fall, fingerprint, measured
+
+pytestmark = pytest.mark.long
 
 TIMES = np.arange(41) / 15
 LIGHT = (

@@ -10,6 +10,8 @@ from tests.own_rigs import MEASURED, needs_measured_sets, verdict
 from tests.own_rigs.damper import Damper
 from tests.own_rigs.friction_damper import FrictionDamper, measured
 
+pytestmark = pytest.mark.long
+
 RATE = 256.0
 AMPLITUDE = 0.025
 X = AMPLITUDE * np.sin(2 * np.pi * 0.5 * np.arange(2048) / RATE)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.diagnosis.draw import Draw
+from sim_twin.diagnosis.subject import Draw
 from tests.own_rigs import MEASURED, Verdict, needs_measured_sets, verdict
 from tests.own_rigs.oscillator import Circuit
 from tests.own_rigs.silverbox import RATE, Silverbox, measured
+
+pytestmark = pytest.mark.long
 
 LINEAR = Circuit(68.0, 0.05, 1.0)
 TIMES = np.arange(8640) / RATE

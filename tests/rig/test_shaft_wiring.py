@@ -28,7 +28,7 @@ def encoder_of(bench: Bench) -> EncoderSettings:
 
 
 def test_the_driver_gets_what_the_bench_says() -> None:
-    settings = BENCH.inverter.at("/dev/ttyUSB1")
+    settings = BENCH.actuator.at("/dev/ttyUSB1")
     assert (settings.port, settings.station, settings.baudrate, settings.parity) == (
         "/dev/ttyUSB1",
         1,
@@ -56,7 +56,7 @@ def test_the_driver_gets_what_the_bench_says() -> None:
     ],
 )
 def test_an_emulated_inverter_is_set_as_its_driver_wants_it(keys: str) -> None:
-    inverter = emulated(f"[inverter]\nemulated = true\n{keys}").inverter
+    inverter = emulated(f"[inverter]\nemulated = true\n{keys}").actuator
     settings = inverter.at("socket://127.0.0.1:1")
     raw = PARAMETERS | dict(inverter_setup(inverter).parameters)
     answers = {block: tuple(raw[each.number - 41000] for each in block.registers) for block in CHECKED}

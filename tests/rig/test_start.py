@@ -16,7 +16,10 @@ from daq.clock import SystemClock
 from drivers.scpi.emulator.process import start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from rig.commands.cli import COMMANDS
-from rig.derived.background import DerivationProcess
+from rig.derived.derivation import DerivationProcess
+from rig.emulated_rig import drawn_rig
+from rig.emulation import Heard, card
+from rig.files.bench import embedded_bench
 from rig.files.scenario import load_scenario
 from rig.session.supervisor import Supervisor
 from rig.session.twin_feed import TwinFeed
@@ -24,6 +27,8 @@ from rig.twin.scenario_twin import predicted_channels, twin_of
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = ROOT / "scenarios" / "impact_beam.toml"
+MOST_OF_SCIPY = ("scipy.signal", "scipy.stats", "scipy.interpolate", "scipy.optimize")
+"""Each of these loads most of the others: half a second of processor time."""
 Imported = Callable[[], set[str]]
 
 
@@ -70,8 +75,16 @@ def test_each_command_is_where_the_table_says(where: str) -> None:
 def test_a_check_compiles_nothing_and_shows_nothing(imported: Imported) -> None:
     subprocess.run([*RATTLE, "check", str(SCENARIO)], check=True, capture_output=True)  # noqa: S603
     assert heavy(imported()) == {"numpy", "scipy", "pydantic"}
-    assert not {"scipy.signal", "scipy.stats", "skfem"} & imported()
+    assert not {*MOST_OF_SCIPY, "pint", "skfem"} & imported()
     assert not named(imported(), "slider_crank.model")
+
+
+def test_what_drives_a_run_loads_no_report(imported: Imported) -> None:
+    before_the_rig_moves = "import rig.app, rig.commands.run, rig.session.run, rig.session.drive"
+    subprocess.run([sys.executable, "-c", before_the_rig_moves], cwd=ROOT, check=True)  # noqa: S603
+    assert heavy(imported()) == {"numpy", "scipy", "pydantic"}
+    assert not {*MOST_OF_SCIPY, "pint", "jinja2"} & imported()
+    assert not named(imported(), "rig.report", "diagnosis", "slider_crank")
 
 
 def test_the_supervisor_is_small_with_the_driver_that_it_may_need(imported: Imported) -> None:
@@ -92,13 +105,23 @@ def test_the_emulated_generator_is_small(imported: Imported) -> None:
     assert len(ours(imported())) <= 30
 
 
+def test_the_emulated_card_filters_by_itself(imported: Imported) -> None:
+    scenario, bench = load_scenario(SCENARIO), embedded_bench("impact_beam")
+    rig = drawn_rig(scenario, bench, 0, 1)
+    heard = Heard(None, rig.scenario_output)
+    with card(bench, rig, 0, heard):
+        pass
+    assert {"numba", "scipy"} <= imported()
+    assert not {"rerun", "plotly", "pydantic", "pint", *MOST_OF_SCIPY} & imported()
+
+
 def test_the_twins_process_shows_and_diagnoses_nothing(imported: Imported) -> None:
     scenario = load_scenario(SCENARIO)
     feed = TwinFeed(twin_of(scenario), ["drive.force"], 51_200.0, 1.0, print, lambda *_: None, lambda _: None)
     with feed.worker as worker:
         worker.wait_ready()
     assert {"numba", "scipy"} <= imported()
-    assert not {"rerun", "plotly", "grpc"} & imported()
+    assert not {"rerun", "plotly", "grpc", "pydantic", "pint", "mcap", *MOST_OF_SCIPY} & imported()
     assert not [
         module for module in ours(imported()) if "diagnosis" in module or "slider_crank.kernel" in module
     ]
@@ -112,7 +135,7 @@ def test_the_derivations_process_has_no_twin_in_motion(imported: Imported) -> No
         derivation.wait_ready(lambda: None)
         derivation.finish(print)
     assert "rig.derived.derivation" in imported()
-    assert not {"rerun", "plotly", "grpc"} & imported()
+    assert not {"rerun", "plotly", "grpc", "pint", *MOST_OF_SCIPY} & imported()
     assert not [
         module
         for module in ours(imported())

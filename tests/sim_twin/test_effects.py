@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim_twin.effects.effect import ParameterValues
+from sim_twin.effects import ParameterValues
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.effects import EFFECTS as IMPACT_BEAM
 from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal

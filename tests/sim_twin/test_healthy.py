@@ -8,9 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim_twin.rigs.impact_beam.healthy import draw_healthy, nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.rig import MODEL
+from sim_twin.rigs.impact_beam.rig import MODEL, nominal_sensors
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import Twin
 
@@ -23,7 +22,7 @@ TWIN = Twin(replace(nominal(), shaker_mass=0.1), SineDrive(9.0, 20.0), nominal_s
 @cache
 def draws() -> list[Twin]:
     rng = np.random.default_rng(20)
-    return [draw_healthy(TWIN, rng) for _ in range(DRAWS)]
+    return [MODEL.draw_healthy(TWIN, rng) for _ in range(DRAWS)]
 
 
 @pytest.mark.parametrize(
@@ -84,9 +83,9 @@ def test_draws_are_independent_of_each_other() -> None:
 
 
 def test_the_same_seed_draws_the_same_rig() -> None:
-    first, second = (draw_healthy(TWIN, np.random.default_rng(5)) for _ in range(2))
+    first, second = (MODEL.draw_healthy(TWIN, np.random.default_rng(5)) for _ in range(2))
     assert first == second
-    assert first != draw_healthy(TWIN, np.random.default_rng(6))
+    assert first != MODEL.draw_healthy(TWIN, np.random.default_rng(6))
 
 
 def test_effects_of_sensors_survive_the_draw() -> None:
@@ -99,7 +98,7 @@ def test_effects_of_sensors_survive_the_draw() -> None:
             ("time_skew", {"channel": "drive.force", "seconds": 5e-4}),
         ],
     )
-    drawn = draw_healthy(broken, np.random.default_rng(5)).sensors
+    drawn = MODEL.draw_healthy(broken, np.random.default_rng(5)).sensors
     upper = drawn["contact.force_upper"]
     assert upper.gain == pytest.approx(0.7, rel=0.03)
     assert upper.gain != 0.7
@@ -116,4 +115,4 @@ def test_effects_of_sensors_survive_the_draw() -> None:
 def test_noise(channel: str, noise: float) -> None:
     rig = replace(nominal(), stations=(50,))
     assert nominal_sensors(rig)[channel] == SensorChain(noise=noise)
-    assert draw_healthy(Twin(rig, TWIN.drive), np.random.default_rng(1)).sensors[channel].noise == noise
+    assert MODEL.draw_healthy(Twin(rig, TWIN.drive), np.random.default_rng(1)).sensors[channel].noise == noise

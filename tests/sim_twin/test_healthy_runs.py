@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_twin.rigs.impact_beam.healthy import draw_healthy
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.twin import Twin
 
 
 def test_the_rig_stays_and_each_run_is_set_anew() -> None:
     twin = Twin(nominal(), SineDrive(9.0, 20.0))
-    runs = [draw_healthy(twin, np.random.default_rng(7), np.random.default_rng(run)) for run in (1, 2)]
+    runs = [MODEL.draw_healthy(twin, np.random.default_rng(7), np.random.default_rng(run)) for run in (1, 2)]
     assert runs[0].rig.beam == runs[1].rig.beam
     assert runs[0].rig.contact_stiffness == runs[1].rig.contact_stiffness
     assert runs[0].sensors == runs[1].sensors

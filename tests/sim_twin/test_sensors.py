@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from sim_twin.sensors import (
     OVERSAMPLED_RATE,
+    LinearFilter,
     SensorChain,
     SensorStream,
     anti_alias_taps,
+    oscillator,
     oversampling,
     resonance,
 )
@@ -173,3 +176,22 @@ def test_a_resonance_has_its_gain_at_low_frequency_and_at_its_own() -> None:
         y = resonance(700.0, 0.03, 204_800.0)(np.sin(2 * np.pi * frequency * t))[51_200:]
         assert np.sqrt(2) * np.std(y) == pytest.approx(expected, rel=2e-3)
     assert mode(np.ones(204_800))[-1] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_recursions_and_oscillators_are_those_of_scipy_to_the_last_bit() -> None:
+    rng = np.random.default_rng(3)
+    omega, decay, mass, rate = 4000.0, 300.0, 2.0, 204_800.0
+    A, B = np.array([[0.0, 1.0], [-(omega**2), -decay]]), np.array([[0.0], [1 / mass]])
+    C, D = np.array([[-(omega**2), -decay]]), np.array([[1 / mass]])
+    *system, _ = signal.cont2discrete((A, B, C, D), 1 / rate, method="foh")
+    numerator, denominator = signal.ss2tf(*system)
+    own = oscillator(omega, decay, 1 / mass, (-(omega**2), -decay), 1 / mass, rate)
+    for b, a, ours in (
+        (numerator[0], denominator, own),
+        *((b, a, LinearFilter(b, a)) for b, a in (signal.butter(1, 0.1, "highpass"), signal.butter(2, 0.3))),
+    ):
+        state = np.zeros(len(a) - 1)
+        for count in (1, 1000, 3):
+            x = rng.standard_normal(2 * count)[::2]
+            expected, state = signal.lfilter(b, a, x, zi=state)
+            assert np.array_equal(ours(x), expected)

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.impact_beam.rig import MODEL
+from sim_twin.rigs.impact_beam.rig import MODEL, nominal_sensors
 from sim_twin.twin import Twin
 from tests.sim_twin.solver import driven, solve
 

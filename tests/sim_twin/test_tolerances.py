@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_twin.matched import Matched, MatchedTwin
+from sim_twin.healthy import Matched, MatchedTwin
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal

@@ -18,7 +18,7 @@ from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, dat
 
 from daq.clock import Clock
 from drivers.canopen_cia406 import objects
-from drivers.canopen_cia406.emulator.setup import EncoderFault, EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
 from drivers.canopen_cia406.objects import Entry
 from drivers.protocols.encoder import Shaft
@@ -232,33 +232,18 @@ def dictionary(setup: EncoderSetup) -> ObjectDictionary:
     entries = (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL)
     od.add_object(_record("identity", 0x1018, dict(zip(entries, identity, strict=True))))
     for number, kind in ((0, setup.transmission_type), (1, 1)):
-        _add_tpdo(od, setup, number, kind)
+        cob_id, communication = 0x180 + 0x100 * number + setup.node, 0x1800 + number
+        members = {
+            Entry(communication, 1, "COB-ID", 32, "", "CiA 301", writable=True): cob_id,
+            Entry(communication, 2, "transmission type", 8, "", "CiA 301", writable=True): kind,
+        }
+        od.add_object(_record(f"TPDO {number + 1} communication parameter", communication, members))
+        members = {
+            Entry(0x1A00 + number, place, f"object {place}", 32, "", "CiA 301"): value
+            for place, value in enumerate(setup.mapped, 1)
+        }
+        od.add_object(_record(f"TPDO {number + 1} mapping parameter", 0x1A00 + number, members))
     return od
-
-
-def _add_tpdo(od: ObjectDictionary, setup: EncoderSetup, number: int, kind: int) -> None:
-    cob_id = 0x180 + 0x100 * number + setup.node
-    communication, mapping = 0x1800 + number, 0x1A00 + number
-    od.add_object(
-        _record(
-            f"TPDO {number + 1} communication parameter",
-            communication,
-            {
-                Entry(communication, 1, "COB-ID", 32, "", "CiA 301", writable=True): cob_id,
-                Entry(communication, 2, "transmission type", 8, "", "CiA 301", writable=True): kind,
-            },
-        )
-    )
-    od.add_object(
-        _record(
-            f"TPDO {number + 1} mapping parameter",
-            mapping,
-            {
-                Entry(mapping, place, f"object {place}", 32, "", "CiA 301"): value
-                for place, value in enumerate(setup.mapped, 1)
-            },
-        )
-    )
 
 
 def _record(name: str, index: int, members: dict[Entry, int]) -> ODRecord:

@@ -1,7 +1,8 @@
-"""The emulated inverter in a process of its own."""
+"""The emulated inverter in a process of its own, set as a bench wants it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
+from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator.drive import (
     PARAMETERS,
     EmulatedDrive,
@@ -17,9 +19,11 @@ from drivers.mitsubishi_fr.emulator.drive import (
     RemoteLoad,
 )
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
+from drivers.mitsubishi_fr.settings import PARITY_SETTINGS, InverterSettings
 
 if TYPE_CHECKING:
     from drivers.mitsubishi_fr.emulator.server import InverterServer
+
 
 STATION_PARAMETER = 117
 
@@ -59,3 +63,16 @@ def _server(wiring: InverterWiring, setup: InverterSetup, line: LineFaults) -> I
     drive = EmulatedDrive(setup, load, SystemClock().monotonic_s)
     station = {**PARAMETERS, **setup.parameters}[STATION_PARAMETER]
     return InverterServer(drive, station, line, wiring.rehearsal)
+
+
+def matching_setup(settings: InverterSettings, ramp_s: float) -> InverterSetup:
+    """A drive that `settings` find as they should be; from 0 to Pr.20, 60 Hz, and back it takes `ramp_s`."""
+    raw = {
+        fr.STATION: settings.station,
+        fr.BAUDRATE: settings.baudrate // 100,
+        fr.PARITY: PARITY_SETTINGS[settings.parity],
+        fr.MAXIMUM_FREQUENCY: math.ceil(settings.maximum_hz / fr.MAXIMUM_FREQUENCY.scale),
+        fr.ACCELERATION_TIME: fr.ACCELERATION_TIME.raw(ramp_s),
+        fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
+    }
+    return InverterSetup({register.number - fr.PARAMETERS: value for register, value in raw.items()})

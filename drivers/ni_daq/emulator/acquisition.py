@@ -15,11 +15,10 @@ from numpy.typing import DTypeLike, NDArray
 
 from daq.block import NS_PER_S
 from daq.clock import Clock, wall_less_monotonic_ns
-from drivers.ni_daq.emulator.converter import Converter
-from drivers.ni_daq.emulator.counters import Measure
+from drivers.ni_daq.emulator.converter import Converter, Measure
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
-from drivers.protocols.actuator import ActuatorOutput
 from drivers.protocols.card import Plant
+from drivers.protocols.instrument import ActuatorOutput
 
 Output = TypeVar("Output", bound=ActuatorOutput)
 BLOCK_S = 0.025  # s of samples made at once

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.ni_daq.emulator.wiring import CardWiring
-from drivers.protocols.actuator import ActuatorOutput
 from drivers.protocols.card import Plant
+from drivers.protocols.instrument import ActuatorOutput
 
 Output = TypeVar("Output", bound=ActuatorOutput)
 

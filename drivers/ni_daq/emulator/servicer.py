@@ -1,6 +1,8 @@
-"""NI's gRPC device server on loopback: the calls that analog tasks and counters beside them need."""
+"""NI's gRPC device server on loopback: the calls about what is there, and those that tasks need."""
 
 # ruff: noqa: N802 - the calls are named and described by NI's nidaqmx.proto
+
+# Attributes have the numbers by which nidaqmx asks for them; beside each stands its property there.
 
 from __future__ import annotations
 
@@ -26,13 +28,11 @@ from nidaqmx.constants import (
     TimestampEvent,
 )
 from nidaqmx.error_codes import DAQmxErrors
-from numpy.typing import NDArray
 
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, DriveInbox
-from drivers.ni_daq.emulator.counters import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
-from drivers.ni_daq.emulator.devices import DeviceCalls
+from drivers.ni_daq.emulator.converter import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
 from drivers.ni_daq.emulator.tasks import (
     READ_BOOL,
     READ_STRING,
@@ -49,6 +49,7 @@ from drivers.ni_daq.emulator.wiring import (
     CounterWire,
     DaqmxError,
     Input,
+    Teds,
     chassis_of,
     coerced_rate,
 )
@@ -57,6 +58,70 @@ from drivers.protocols.card import Plant
 STANDARD_GRAVITY = 9.80665  # m/s2, in which clients give sensitivities
 _DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}
 _LEAST_COUNTER_BUFFER = 10_000  # samples
+VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update of the driver
+
+
+class DeviceCalls(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
+    """What needs no task. Calls raise `DaqmxError`."""
+
+    def __init__(self, wiring: CardWiring) -> None:
+        self._wiring = wiring
+        self._devices = wiring.devices()
+        self._counters = wiring.counters_of()
+        self._sheets: dict[str, Teds] = {}
+
+    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:
+        value = lookup(VERSION, request.attribute_raw)
+        return messages.GetSystemInfoAttributeUInt32Response(value=value)
+
+    def GetSystemInfoAttributeString(self, request: Any, context: Any) -> Any:
+        value = lookup({0x193B: ", ".join(self._devices)}, request.attribute_raw)  # device_names
+        return messages.GetSystemInfoAttributeStringResponse(value=value)
+
+    def GetDeviceAttributeString(self, request: Any, context: Any) -> Any:
+        name = self._device(request.device_name)
+        values = {
+            0x0631: self._wiring.product(name),  # product_type
+            0x231E: ", ".join(self._devices[name]),  # ai_physical_chans
+            0x2324: ", ".join(self._counters.get(name, ())),  # ci_physical_chans
+        }
+        chassis = chassis_of(name)
+        if chassis is not None:
+            values[0x29B7] = chassis  # compact_daq_chassis_device
+        return messages.GetDeviceAttributeStringResponse(value=lookup(values, request.attribute_raw))
+
+    def GetDeviceAttributeUInt32(self, request: Any, context: Any) -> Any:
+        name = self._device(request.device_name)
+        values = {0x0632: self._wiring.serial + list(self._devices).index(name)}  # serial_num
+        return messages.GetDeviceAttributeUInt32Response(value=lookup(values, request.attribute_raw))
+
+    def GetDeviceAttributeBool(self, request: Any, context: Any) -> Any:
+        name = self._device(request.device_name)
+        values = {0x22CA: True, 0x2FD6: bool(self._devices[name])}  # is_simulated, hwteds_supported
+        return messages.GetDeviceAttributeBoolResponse(value=lookup(values, request.attribute_raw))
+
+    def ConfigureTEDS(self, request: Any, context: Any) -> Any:
+        wire = self._wiring.wires.get(request.physical_channel)
+        if wire is None or wire.teds is None or not wire.connected:
+            text = f"no TEDS sensor on {request.physical_channel}"
+            raise DaqmxError(DAQmxErrors.TEDS_SENSOR_NOT_DETECTED, text)
+        self._sheets[request.physical_channel] = wire.teds
+        return messages.ConfigureTEDSResponse()
+
+    def GetPhysicalChanAttributeUInt32(self, request: Any, context: Any) -> Any:
+        values = {0x21DC: self._sheet(request.physical_channel).serial}  # teds_serial_num
+        return messages.GetPhysicalChanAttributeUInt32Response(value=lookup(values, request.attribute_raw))
+
+    def _sheet(self, physical: str) -> Teds:
+        if physical not in self._sheets:
+            text = f"{physical} has not been configured with TEDS"
+            raise DaqmxError(DAQmxErrors.TEDS_SENSOR_NOT_DETECTED, text)
+        return self._sheets[physical]
+
+    def _device(self, name: str) -> str:
+        if name not in self._devices:
+            raise DaqmxError(DAQmxErrors.INVALID_DEVICE_ID, f"there is no device {name}")
+        return name
 
 
 class CardServicer(DeviceCalls):
@@ -241,10 +306,20 @@ class CardServicer(DeviceCalls):
     def StartTask(self, request: Any, context: Any) -> Any:
         task = self._task(request)
         with self._lock:
-            if task.counter is not None:
-                self._start_counter(task, task.counter)
-            else:
+            counter = task.counter
+            if counter is None:
                 self._commit(task).start()
+                return messages.StartTaskResponse()
+            for other in self._tasks.values():
+                if other.counting is not None and other.channels == task.channels:
+                    raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, f"{counter.physical} is in use")
+            wire = self._wiring.counters.get(counter.physical)
+            row = None if wire is None else self._plant.channels.index(wire.plant_channel)
+            size = max(task.buffer_size, _LEAST_COUNTER_BUFFER)
+            task.counting = CounterRun(counter.measure(wire or CounterWire("")), row, counter.dtype, size)
+            for other in self._tasks.values():
+                if other.acquisition is not None and task.clock == _clock_of(other):
+                    other.acquisition.attach(task.counting)
         return messages.StartTaskResponse()
 
     def StopTask(self, request: Any, context: Any) -> Any:
@@ -253,7 +328,16 @@ class CardServicer(DeviceCalls):
 
     def ReadAnalogF64(self, request: Any, context: Any) -> Any:
         values = self._task(request).running().buffer.read(request.num_samps_per_chan, request.timeout)
-        return _packed(values)
+        # A packed `repeated double` is the bytes of the array; adding numbers one by one takes far longer.
+        data = np.ascontiguousarray(values, dtype="<f8").tobytes()
+        length, prefix = len(data), bytearray(b"\x12")
+        while length > 0x7F:
+            prefix.append(length & 0x7F | 0x80)
+            length >>= 7
+        prefix.append(length)
+        response = messages.ReadAnalogF64Response.FromString(bytes(prefix) + data)
+        response.samps_per_chan_read = values.shape[1]
+        return response
 
     def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:
         (values,) = self._task(request).buffer().read(request.num_samps_per_chan, request.timeout)
@@ -293,18 +377,6 @@ class CardServicer(DeviceCalls):
                 acquisition.attach(other.counting)
         task.acquisition = acquisition
         return acquisition
-
-    def _start_counter(self, task: Task, counter: CounterInput) -> None:
-        for other in self._tasks.values():
-            if other.counting is not None and other.channels == task.channels:
-                raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, f"{counter.physical} is in use")
-        wire = self._wiring.counters.get(counter.physical)
-        row = None if wire is None else self._plant.channels.index(wire.plant_channel)
-        size = max(task.buffer_size, _LEAST_COUNTER_BUFFER)
-        task.counting = CounterRun(counter.measure(wire or CounterWire("")), row, counter.dtype, size)
-        for other in self._tasks.values():
-            if other.acquisition is not None and task.clock == _clock_of(other):
-                other.acquisition.attach(task.counting)
 
     def _keep(self, request: Any, attributes: dict[int, float]) -> None:
         task = self._task(request)
@@ -347,19 +419,6 @@ class CardServicer(DeviceCalls):
 def _clock_of(task: Task) -> str:
     device = task.inputs[0].physical.partition("/")[0]
     return f"/{chassis_of(device) or device}/ai/SampleClock"
-
-
-def _packed(values: NDArray[np.float64]) -> Any:
-    # A packed `repeated double` is the bytes of the array; adding numbers one by one takes far longer.
-    data = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    length, prefix = len(data), bytearray(b"\x12")
-    while length > 0x7F:
-        prefix.append(length & 0x7F | 0x80)
-        length >>= 7
-    prefix.append(length)
-    response = messages.ReadAnalogF64Response.FromString(bytes(prefix) + data)
-    response.samps_per_chan_read = values.shape[1]
-    return response
 
 
 CALLS_AT_ONCE = 8  # a read waits in its call; others must get through

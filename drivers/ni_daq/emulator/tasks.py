@@ -10,7 +10,7 @@ from typing import TypeVar
 from nidaqmx.error_codes import DAQmxErrors
 
 from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, SampleBuffer
-from drivers.ni_daq.emulator.counters import CounterInput
+from drivers.ni_daq.emulator.converter import CounterInput
 from drivers.ni_daq.emulator.wiring import DaqmxError, Input
 
 T = TypeVar("T")

@@ -1,9 +1,15 @@
-"""The emulated generator in a process of its own."""
+"""The emulated generator in a process of its own, on TCP and on a pty at once, each with its own buffers."""
 
 from __future__ import annotations
 
+import os
+import pty
+import selectors
+import socket
+import tty
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection
 
@@ -11,7 +17,134 @@ from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.agilent_33220a import IDENTITY, Emulated33220A
-from drivers.scpi.emulator.server import ScpiServer
+from drivers.scpi.emulator.command_tree import CommandError
+
+INPUT_BUFFER = 65536  # bytes; beyond, -363 and all of it is dropped
+OUTPUT_BUFFER = 65536  # bytes; beyond, -430 (IEEE 488.2: deadlocked) and all of it is dropped
+
+
+@dataclass(slots=True)
+class _Port:
+    """One way in: how to read and write its bytes, and what is under way."""
+
+    handle: int
+    receive: Callable[[int], bytes]
+    send: Callable[[bytes], int]
+    received: bytearray = field(default_factory=bytearray)
+    pending: bytearray = field(default_factory=bytearray)
+    hang_up: Callable[[], None] | None = None
+
+
+class ScpiServer:
+    """Listens on 127.0.0.1 and on a pty until `stop`; `stale_answer` lies in each port before anyone asks."""
+
+    def __init__(self, instrument: Emulated33220A, stale_answer: bytes = b"") -> None:
+        self._instrument, self._stale_answer = instrument, stale_answer
+        self._selector = selectors.DefaultSelector()
+        self._listener: socket.socket | None = None
+        self._pty: tuple[int, int] | None = None
+        self._wake_read, self._wake_write = -1, -1
+
+    def open(self) -> tuple[str, str]:
+        """Open both ports; return their VISA resource strings, TCP first."""
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        self._selector.register(self._listener, selectors.EVENT_READ, None)
+        self._wake_read, self._wake_write = os.pipe()
+        self._selector.register(self._wake_read, selectors.EVENT_READ, None)
+        # The slave stays open here: without it a read of the master fails once a client has gone.
+        self._pty = master, slave = pty.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        port = _Port(master, lambda count: os.read(master, count), lambda data: os.write(master, data))
+        self._selector.register(master, selectors.EVENT_READ, port)
+        self._answer(port, self._stale_answer)
+        address = self._listener.getsockname()
+        return f"TCPIP::127.0.0.1::{address[1]}::SOCKET", f"ASRL{os.ttyname(slave)}::INSTR"
+
+    def serve(self) -> None:
+        """Answer until `stop` is called."""
+        while True:
+            for key, events in self._selector.select():
+                if key.fileobj == self._wake_read:
+                    return
+                if key.data is None:
+                    self._accept()
+                    continue
+                try:
+                    if events & selectors.EVENT_WRITE:
+                        self._flush(key.data)
+                    if events & selectors.EVENT_READ:
+                        self._take(key.data)
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    self._drop(key.data)
+
+    def stop(self) -> None:
+        """End `serve`; may be called by any thread."""
+        os.write(self._wake_write, b"x")
+
+    def close(self) -> None:
+        for key in list(self._selector.get_map().values()):
+            if key.data is not None and key.data.hang_up is not None:
+                key.data.hang_up()
+        self._selector.close()
+        if self._listener is not None:
+            self._listener.close()
+        for handle in (*(self._pty or ()), self._wake_read, self._wake_write):
+            os.close(handle)
+
+    def _accept(self) -> None:
+        assert self._listener is not None  # noqa: S101 - serve follows open
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:  # it has hung up already
+            return
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        port = _Port(connection.fileno(), connection.recv, connection.send, hang_up=connection.close)
+        self._selector.register(connection, selectors.EVENT_READ, port)
+        with suppress(OSError):  # if it has hung up, its first read says so
+            self._answer(port, self._stale_answer)
+
+    def _take(self, port: _Port) -> None:
+        data = port.receive(4096)
+        if not data:
+            self._drop(port)
+            return
+        port.received += data
+        *lines, rest = port.received.split(b"\n")
+        port.received = bytearray(rest)
+        for line in lines:
+            answer = self._instrument.run(line.decode("latin-1").strip("\r"))
+            if answer is not None:
+                self._answer(port, answer.encode("ascii", "replace") + b"\n")
+        if len(port.received) > INPUT_BUFFER:
+            port.received.clear()
+            self._instrument.report(CommandError(-363))
+
+    def _answer(self, port: _Port, data: bytes) -> None:
+        if len(port.pending) + len(data) > OUTPUT_BUFFER:
+            port.pending.clear()
+            self._instrument.report(CommandError(-430))
+            return
+        port.pending += data
+        self._flush(port)
+
+    def _flush(self, port: _Port) -> None:
+        try:
+            while port.pending:
+                del port.pending[: port.send(bytes(port.pending))]
+        except BlockingIOError:
+            pass
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if port.pending else 0)
+        self._selector.modify(port.handle, events, port)
+
+    def _drop(self, port: _Port) -> None:
+        if port.hang_up is not None:  # the pty outlives its clients
+            self._selector.unregister(port.handle)
+            port.hang_up()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Measured, nominal and repaired twin in the channels with the largest gaps."""
+"""Measured, nominal and repaired twin where gaps are largest, and what the joints' forces lack."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from math import log
 
 import numpy as np
 
-from rig.diagnosis.report.case import Array, Case, within
-from rig.diagnosis.report.words import floors, unit_words
+from rig.diagnosis.report.case import Array, Case, floors, unit_words, within
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import BLACK, BLUE, ORANGE, Plots, Style
-from rig.pages.words import listed
-from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell
+from rig.pages.words import estimate, listed
+from sim_twin.diagnosis.fingerprint import SLICES, Cell
+from sim_twin.diagnosis.latent_force import Curve
 
 _SHOWN = 3
 _ROW_PX = 210
@@ -43,7 +43,13 @@ def parts(case: Case) -> list[Part]:
     plots = Plots(len(shown), len(_TITLES), _ROW_PX, legend=True)
     for row, (name, run) in enumerate(shown):
         _spectrum(plots, len(_TITLES) * row, case, name, run)
-        _course(plots, len(_TITLES) * row + 1, case, name, run)
+        cell = len(_TITLES) * row + 1
+        at = _cells(case, name, run, "rms")
+        phases = _edges([case.cells[k] for k in at])
+        rms = f"rms, {unit_words(case.unit(run, name))}"
+        x, y = {"range": [0, 1]}, {"rangemode": "tozero"}
+        plots.axes(cell, "rms over the cycle", "part of the cycle", rms, x_axis=x, y_axis=y)
+        _draw(plots, cell, case, at, phases, lambda values: np.exp(values / 2))
         _peaks(plots, len(_TITLES) * row + 2, case, name, run)
     told = []
     for name, run in shown:
@@ -70,15 +76,6 @@ def _spectrum(plots: Plots, cell: int, case: Case, channel: str, run: int) -> No
     decades = {"type": "log", "dtick": 1}
     plots.axes(cell, f"{channel}: spectrum", "frequency, Hz", "level, dB", x_axis=decades)
     _draw(plots, cell, case, at, bands, lambda values: _DECIBELS * (values - loudest))
-
-
-def _course(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
-    at = _cells(case, channel, run, "rms")
-    phases = _edges([case.cells[k] for k in at])
-    rms = f"rms, {unit_words(case.unit(run, channel))}"
-    x, y = {"range": [0, 1]}, {"rangemode": "tozero"}
-    plots.axes(cell, "rms over the cycle", "part of the cycle", rms, x_axis=x, y_axis=y)
-    _draw(plots, cell, case, at, phases, lambda values: np.exp(values / 2))
 
 
 def _peaks(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
@@ -134,3 +131,54 @@ def _edges(cells: Sequence[Cell]) -> Array:
 
 def _to_the_end(values: Array) -> Array:
     return np.append(values, values[-1])
+
+
+_FORCES_SHOWN = 2
+_FORCE_ROW_PX = 230
+_SHOWN_UNITS = {"m": ("mm", 1e3), "m/s": ("m/s", 1.0), "": ("", 1.0)}
+_CLOSE = 1e-4
+"""m; shorter ways are told in micrometres."""
+_FORCE_CAPTION = (
+    "Mean force, reconstructed from the recorded channels and from twins' in the same way. What the measured "
+    "line has beside the grey band (two standard deviations of healthy rigs) is the latent force: "
+    "what acts there and is not in the twin."
+)
+
+
+def latent_force(case: Case) -> list[Part]:
+    """A row of plots for each of the joints whose forces are furthest from the twin's."""
+    shown = [each for each in case.forces if each.size > 0][:_FORCES_SHOWN]
+    if not shown:
+        return []
+    plots = Plots(len(shown), len(shown[0].curves), _FORCE_ROW_PX, legend=True)
+    for row, latent in enumerate(shown):
+        for column, curve in enumerate(latent.curves):
+            cell = row * len(latent.curves) + column
+            unit, factor = _unit(curve)
+            label = f"{curve.axis.name}, {unit}" if unit else curve.axis.name
+            plots.axes(cell, latent.joint, label, "mean force, N")
+            middles = factor * (curve.edges[:-1] + curve.edges[1:]) / 2
+            known = np.isfinite(curve.twin)
+            low, high = (curve.twin + sign * 2 * curve.scatter for sign in (-1, 1))
+            plots.band(cell, middles[known], low[known], high[known], "linear")
+            plots.line(cell, "measured", middles, curve.measured, LINES["measured"])
+            plots.line(cell, "nominal twin", middles, curve.twin, LINES["nominal twin"])
+    curve = max(shown[0].curves, key=lambda each: each.size)
+    where = f" in {case.run_name(shown[0].run)}" if len(case.runs) > 1 else ""
+    off = np.where(np.isfinite(curve.latent / curve.scatter), np.abs(curve.latent / curve.scatter), 0.0)
+    at = int(np.argmax(off))
+    unit, factor = _unit(curve)
+    place = estimate(factor * float(curve.edges[at : at + 2].mean()), unit)
+    force = estimate(abs(curve.latent[at]), "N")
+    more = "more" if curve.latent[at] > 0 else "less"
+    told = (
+        f"Furthest from the twin's is the mean force at the {shown[0].joint}{where}: {force} {more} "
+        f"at a {curve.axis.name} of {place}, {off[at]:.1f} times the scatter of healthy rigs."
+    )
+    return [Sentence(told), plots.figure("latent-force", _FORCE_CAPTION)]
+
+
+def _unit(curve: Curve) -> tuple[str, float]:
+    if curve.axis.unit == "m" and np.max(np.abs(curve.edges)) < _CLOSE:
+        return "µm", 1e6
+    return _SHOWN_UNITS[curve.axis.unit]

@@ -1,4 +1,4 @@
-"""What the report of a diagnosis is made of, and the gaps of groups of its cells."""
+"""What the report of a diagnosis is made of, gaps of groups of its cells, and both in words."""
 
 from __future__ import annotations
 
@@ -10,9 +10,69 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.pages.words import DASH, span
+from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.findings import Findings, Judged
-from sim_twin.diagnosis.fingerprint.layout import Cell
+from sim_twin.diagnosis.fingerprint import Cell
 from sim_twin.diagnosis.latent_force import LatentForce
+from sim_twin.effects import Parameter
+
+_UNITS = ("_hz", "_kg", "_nm", "_n_per_m15", "_n_per_m", "_ns_per_m", "_rad")
+
+
+def plain(name: str) -> str:
+    """An effect's name as words."""
+    return name.replace("_", " ")
+
+
+def parameter_words(parameter: Parameter) -> str:
+    """A parameter's name as words; its unit stands beside the number."""
+    name = next(
+        (parameter.name.removesuffix(end) for end in _UNITS if parameter.name.endswith(end)), parameter.name
+    )
+    return plain(name)
+
+
+def place(cause: Cause) -> str:
+    """Where a cause sits."""
+    if cause.location == "sensor":
+        return f"in the sensor of {cause.channel}"
+    if cause.location == "clock":
+        return f"in the clock of {cause.channel}"
+    article = "" if cause.location[-1].isdigit() else "the "
+    channel = f" ({cause.channel})" if cause.channel else ""
+    return f"at {article}{cause.location}{channel}"
+
+
+def what_and_where(cause: Cause) -> str:
+    """An effect with its place."""
+    return f"{plain(cause.name)} {place(cause)}"
+
+
+def unit_words(unit: str) -> str:
+    """A unit beside an axis."""
+    return unit.replace("s2", "s²") or "-"
+
+
+def floors(gap: float | None) -> str:
+    """A gap."""
+    return DASH if gap is None else f"{gap:.2f}"
+
+
+def plausible(parameter: Parameter) -> str:
+    """Where a parameter may lie once its effect is there."""
+    return " or ".join(span(low, high, parameter.unit) for low, high in parameter.intervals)
+
+
+def cell_words(cell: Cell) -> str:
+    """What a cell compares."""
+    whose = cell.channel if cell.partner is None else f"{cell.channel} with {cell.partner}"
+    if cell.band:
+        return f"{whose}: {cell.what}, {cell.band[0]:.0f} to {cell.band[1]:.0f} Hz"
+    if cell.phase:
+        return f"{whose}: {cell.what}, {cell.phase[0]:.2f} to {cell.phase[1]:.2f} of the cycle"
+    return f"{whose}: {cell.what}"
+
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
@@ -67,21 +127,17 @@ class Case:
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """What was compared."""
         return self.findings.layout.cells
 
     @property
     def channels(self) -> list[str]:
-        """Channels in the fingerprint, in its order."""
         return list(dict.fromkeys(cell.channel for cell in self.cells))
 
     @property
     def run_numbers(self) -> list[int]:
-        """Numbers of the runs in the fingerprint."""
         return sorted({cell.run for cell in self.cells})
 
     def judged_of(self, name: str) -> Judged | None:
-        """The judgement on an effect."""
         return next((each for each in self.findings.judged if each.cause.name == name), None)
 
     def run_name(self, number: int) -> str:
@@ -89,7 +145,6 @@ class Case:
         return self.runs[number].name if number < len(self.runs) else f"run {number + 1}"
 
     def unit(self, run: int, channel: str) -> str:
-        """Unit of a channel; "" where nobody gave one."""
         return self.runs[run].units.get(channel, "") if run < len(self.runs) else ""
 
     def cell_gaps(self, after: bool) -> Array:

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from rig.diagnosis.report.case import Array, Case, Span
-from rig.diagnosis.report.words import cell_words, floors
+from rig.diagnosis.report.case import Array, Case, Span, cell_words, floors
 from rig.pages.content import Bar, BarTable, Figure, Part, Sentence, Table
 from rig.pages.plots import Plots
 from rig.pages.words import probability
-from sim_twin.diagnosis.fingerprint.layout import Cell
+from sim_twin.diagnosis.fingerprint import Cell
 
 _ROW_PX, _FEWEST_PX = 26, 110
 _LARGEST = 10
@@ -31,20 +30,6 @@ _VIEWS: dict[str, tuple[str, _Column]] = {
 def parts(case: Case) -> list[Part]:
     """Shares of the places, a map for each run, and the largest cells."""
     maps: list[Part] = [_map(case, run) for run in case.run_numbers]
-    return [Sentence(_HOW), *maps, *_places(case), _of_channels(case), _largest(case)]
-
-
-def _places(case: Case) -> list[Part]:
-    shares = sorted(case.findings.by_location.items(), key=lambda each: -each[1])
-    if not shares or case.verdict == "none":
-        return [Sentence("No place has a share: nothing is believed to be missing.")]
-    rows = [Bar(location, share, probability(share)) for location, share in shares if share >= _WORTH_TELLING]
-    rest = 1 - sum(row.share for row in rows)
-    rows += [Bar("elsewhere", rest, probability(rest), apart=True)] if len(rows) < len(shares) else []
-    return [BarTable(("location", "share"), rows, "Share of the gap that effects at a place explain")]
-
-
-def _of_channels(case: Case) -> Table:
     states = {"before": False, "after": True} if case.repaired else {"before": False}
     names = {name: (lambda cell, name=name: cell.channel == name) for name in case.channels}
     caption = "Gap of each channel"
@@ -55,7 +40,35 @@ def _of_channels(case: Case) -> Table:
         [name, *(floors(case.gap_of(chosen, after)) for after in states.values())]
         for name, chosen in names.items()
     ]
-    return Table(["channel", *states], rows, caption)
+    several, repaired = len(case.run_numbers) > 1, case.repaired
+    before, after = case.cell_gaps(after=False), case.cell_gaps(after=True)
+    largest = [
+        [
+            cell_words(case.cells[k]),
+            *([case.run_name(case.cells[k].run)] if several else []),
+            floors(before[k]),
+            *([floors(after[k])] if repaired else []),
+        ]
+        for k in np.argsort(-before)[:_LARGEST]
+    ]
+    headings = ["cell", *(["run"] if several else []), "before", *(["after"] if repaired else [])]
+    return [
+        Sentence(_HOW),
+        *maps,
+        *_places(case),
+        Table(["channel", *states], rows, caption),
+        Table(headings, largest, f"The {len(largest)} largest gaps"),
+    ]
+
+
+def _places(case: Case) -> list[Part]:
+    shares = sorted(case.findings.by_location.items(), key=lambda each: -each[1])
+    if not shares or case.verdict == "none":
+        return [Sentence("No place has a share: nothing is believed to be missing.")]
+    rows = [Bar(location, share, probability(share)) for location, share in shares if share >= _WORTH_TELLING]
+    rest = 1 - sum(row.share for row in rows)
+    rows += [Bar("elsewhere", rest, probability(rest), apart=True)] if len(rows) < len(shares) else []
+    return [BarTable(("location", "share"), rows, "Share of the gap that effects at a place explain")]
 
 
 def _map(case: Case, run: int) -> Figure:
@@ -104,19 +117,3 @@ def grid_of(
             counts[at] += 1
     with np.errstate(invalid="ignore"):
         return labels, np.sqrt(sums / counts)
-
-
-def _largest(case: Case) -> Table:
-    several, repaired = len(case.run_numbers) > 1, case.repaired
-    before, after = case.cell_gaps(after=False), case.cell_gaps(after=True)
-    rows = [
-        [
-            cell_words(case.cells[k]),
-            *([case.run_name(case.cells[k].run)] if several else []),
-            floors(before[k]),
-            *([floors(after[k])] if repaired else []),
-        ]
-        for k in np.argsort(-before)[:_LARGEST]
-    ]
-    headings = ["cell", *(["run"] if several else []), "before", *(["after"] if repaired else [])]
-    return Table(headings, rows, f"The {len(rows)} largest gaps")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from rig.diagnosis.report.case import Case
-from rig.diagnosis.report.words import floors, parameter_words, plain, what_and_where
+from rig.diagnosis.report.case import Case, floors, parameter_words, plain, what_and_where
 from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence
 from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Gap, Judged
@@ -16,7 +15,6 @@ _SURE, _LIKELY = 0.9, 0.6
 _LEFT_OPEN = 1.5
 """A gap that is left from which on the repaired twin is not the rig."""
 
-
 _LEFT = (
     "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
     "(their intervals are wider by as much); more --budget may find a nearer one."
@@ -26,10 +24,6 @@ _LEFT = (
 def parts(case: Case) -> list[Part]:
     """Two sentences, the numbers that matter, and what was lost of the recordings."""
     lost = [Sentence(remark, warning=True) for remark in case.remarks]
-    return [Lead(sentences(case)), *lost, BigNumbers(_numbers(case)), Sentence(_UNIT)]
-
-
-def _numbers(case: Case) -> list[BigNumber]:
     found, gap = case.findings, case.findings.gap
     sure = {"effect": found.effect, "none": found.none, "unknown": found.unknown}[case.verdict]
     numbers = [
@@ -46,7 +40,7 @@ def _numbers(case: Case) -> list[BigNumber]:
     horizon = case.diagnosis.get("horizon_s")
     if horizon is not None:
         numbers.append(BigNumber("Horizon", estimate(horizon, "s"), "no waveform holds longer"))
-    return numbers
+    return [Lead(sentences(case)), *lost, BigNumbers(numbers), Sentence(_UNIT)]
 
 
 def sentences(case: Case) -> tuple[str, str]:

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from daq.log.records import Impact
 from rig.live import paths
-from rig.live.displayed_channels import DisplayedChannels
-from rig.live.picture import OwnViews, Stage
-from rig.live.series import points_style, scatter_over_time
+from rig.live.picture import Layout, OwnViews, Stage
+from rig.live.series import over_time, points_style
 from rig.stream import Record, Shape
 
 if TYPE_CHECKING:
@@ -42,7 +41,6 @@ class BeamPicture:
 
     @classmethod
     def of(cls, twin: Twin[ImpactBeam, SineDrive]) -> BeamPicture:
-        """The picture of a twin's beam."""
         rig = twin.rig
         return cls(rig.beam.length, rig.beam.width, rig.clearance, rig.rest_offset)
 
@@ -51,16 +49,23 @@ class BeamPicture:
         """How many times larger than life deflections are drawn."""
         return self.length_m * _CLEARANCE_ON_SCREEN / self.clearance_m
 
-    def views(self, shown: DisplayedChannels) -> OwnViews:
+    def views(self, shown: Layout) -> OwnViews:
         """The beam, and where its contact forces are among the channels, their impacts."""
-        beam: tuple[rrb.View, float] = (self._beam_view(), 3.0)
+        length, stop_mm = self.length_m, 1000 * self.clearance_m
+        eye = rrb.EyeControls3D(
+            position=(0.42 * length, -0.95 * length, 0.3 * length),
+            look_target=(0.52 * length, 0.0, 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        )
+        name = f"Predicted beam, stops ±{stop_mm:.3f} mm, drawn {self.magnification:.0f} x"
+        view = rrb.Spatial3DView(origin=paths.BEAM, name=name, line_grid=False, eye_controls=eye)
+        beam: tuple[rrb.View, float] = (view, 3.0)
         if not any(side in shown.units for side in _SIDES):
             return OwnViews((beam,))
-        peaks = scatter_over_time(paths.PEAKS, "Largest force of each impact [N]", shown.window_s)
+        peaks = over_time(paths.PEAKS, "Largest force of each impact [N]", shown.window_s)
         return OwnViews((beam, (peaks, 2.5)))
 
     def play(self, stage: Stage) -> _BeamPlay:
-        """What moves the beam and shows its impacts."""
         return _BeamPlay(self, stage)
 
     def draw_fixed(self, recording: rr.RecordingStream) -> None:
@@ -106,19 +111,6 @@ class BeamPicture:
             ),
         )
 
-    def _beam_view(self) -> rrb.Spatial3DView:
-        length = self.length_m
-        return rrb.Spatial3DView(
-            origin=paths.BEAM,
-            name=f"Predicted beam, stops ±{1000 * self.clearance_m:.3f} mm, drawn {self.magnification:.0f} x",
-            line_grid=False,
-            eye_controls=rrb.EyeControls3D(
-                position=(0.42 * length, -0.95 * length, 0.3 * length),
-                look_target=(0.52 * length, 0.0, 0.0),
-                eye_up=(0.0, 0.0, 1.0),
-            ),
-        )
-
 
 class _BeamPlay:
     """The beam's motion, and the peaks of its impacts."""
@@ -127,7 +119,6 @@ class _BeamPlay:
         self._picture, self._stage = picture, stage
 
     def open(self) -> None:
-        """Log the stops, and how peaks look."""
         recording, whose = self._stage.recording, self._stage.shown.whose
         self._picture.draw_fixed(recording)
         for origin, names in self._stage.shown.origins.items():
@@ -135,7 +126,6 @@ class _BeamPlay:
                 recording.log(paths.peaks(origin), points_style(whose(origin)), static=True)
 
     def take(self, record: Record) -> None:
-        """Show the beam, and the peak of an impact on a stop."""
         match record:
             case Impact() if record.channel in _SIDES:
                 self._stage.at(self._stage.time_of(record.time_ns))

@@ -9,9 +9,8 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.live.crank.joints import Joint
-from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
-from rig.live.crank.picture import CrankPicture
+from rig.live.crank_picture import CrankPicture
+from rig.live.mechanism import SQUARE, Bar, Body, Box, Joint, Pose, Solid, turned_to
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS
 
@@ -38,17 +37,10 @@ class PlanarCrankPicture(CrankPicture):
 
     @classmethod
     def of(cls, twin: Twin[PlanarSliderCrank, SpeedDrive]) -> PlanarCrankPicture:
-        """The picture of a twin's mechanism."""
         rig = twin.rig
         return cls(rig.crank_length, rig.rod_length, rig.clearance_1, rig.clearance_2, twin.drive.mean_speed)
 
-    @property
-    def set_rad_s(self) -> float:
-        """The speed that was set, rad/s."""
-        return self.speed_rad_s
-
     def eye(self) -> rrb.EyeControls3D:
-        """From the front, a little from above."""
         length = self.rod_m
         return rrb.EyeControls3D(
             position=(0.45 * length, 0.2 * length, 0.85 * length),
@@ -64,7 +56,6 @@ class PlanarCrankPicture(CrankPicture):
         return (Box((0.0, -1.6 * size, -1.3 * size), (1.1 * size, 1.6 * size, 0.3 * size)), *rails)
 
     def bodies(self) -> tuple[Body, ...]:
-        """Crank, rod and piston."""
         r, L, size = self.crank_m, self.rod_m, self._size
         bearing, pin = (0.0, 0.0, 0.0), (r, 0.0, 0.0)
         shaft = Bar((0.0, 0.0, -1.5 * size), (0.0, 0.0, 0.3 * size), 0.55 * size)
@@ -75,11 +66,10 @@ class PlanarCrankPicture(CrankPicture):
         return (
             Body("crank", (web, shaft, journal), (bearing, pin)),
             Body("rod", (rod,), (bearing, (L, 0.0, 0.0))),
-            Body("piston", (piston,), tuple((2.0 * size * x, 1.45 * size * y, 0.0) for x, y in _ROUND)),
+            Body("piston", (piston,), tuple((2.0 * size * x, 1.45 * size * y, 0.0) for x, y in SQUARE)),
         )
 
     def poses(self, angle: NDArray[np.float64]) -> tuple[Pose, ...]:
-        """Where each body is at crank angles in rad, shape (n,), with ideal joints."""
         nothing = np.zeros_like(angle)
         pin = self.crank_m * np.column_stack((np.cos(angle), np.sin(angle), nothing))
         along = np.sqrt(self.rod_m**2 - pin[:, 1] ** 2)
@@ -92,7 +82,6 @@ class PlanarCrankPicture(CrankPicture):
         )
 
     def joints(self) -> tuple[Joint, ...]:
-        """Crank pin and piston pin."""
         return (
             Joint("crank pin", self.clearance_1_m, "x", "y"),
             Joint("piston pin", self.clearance_2_m, "x", "y"),
@@ -107,6 +96,3 @@ class PlanarCrankPicture(CrankPicture):
     def _size(self) -> float:
         """Half the thickness of things, m."""
         return 0.2 * self.crank_m
-
-
-_ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1))

@@ -10,9 +10,8 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from rig.live.crank.joints import Joint
-from rig.live.crank.mechanism import Bar, Body, Box, Pose, Solid, turned_to
-from rig.live.crank.picture import CrankPicture
+from rig.live.crank_picture import CrankPicture
+from rig.live.mechanism import SQUARE, Bar, Body, Box, Joint, Pose, Solid, turned_to
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
 
@@ -44,7 +43,6 @@ class SpatialCrankPicture(CrankPicture):
 
     @classmethod
     def of(cls, twin: Twin[SpatialSliderCrank, SpeedDrive]) -> SpatialCrankPicture:
-        """The picture of a twin's mechanism."""
         rig = twin.rig
         return cls(
             crank_m=rig.crank_radius,
@@ -58,11 +56,6 @@ class SpatialCrankPicture(CrankPicture):
             guide_clearance_m=rig.guide_clearance,
             speed_rad_s=twin.drive.mean_speed,
         )
-
-    @property
-    def set_rad_s(self) -> float:
-        """The speed that was set, rad/s."""
-        return self.speed_rad_s
 
     def eye(self) -> rrb.EyeControls3D:
         """From the side, a little from above and from behind the crank."""
@@ -83,7 +76,6 @@ class SpatialCrankPicture(CrankPicture):
         return guide, Bar((start[0], start[1], start[2]), (axle[0], axle[1], axle[2]), 0.14 * self.crank_m)
 
     def bodies(self) -> tuple[Body, ...]:
-        """Crank, rod and slider."""
         r, L, thick = self.crank_m, self.rod_m, self.rod_radius_m
         behind = 0.16 * r
         web = Bar((0.0, behind, 0.0), (r, behind, 0.0), 0.11 * r)
@@ -92,7 +84,7 @@ class SpatialCrankPicture(CrankPicture):
         half = (1.15 * self.contact_span_m, 1.9 * self.guide_half_side_m, 1.9 * self.guide_half_side_m)
         at = tuple(-each for each in self.pin_m)
         shell = Box((at[0], at[1], at[2]), half, clear=True)
-        outline = tuple((at[0] + x * half[0], at[1], at[2] + z * half[2]) for x, z in _ROUND)
+        outline = tuple((at[0] + x * half[0], at[1], at[2] + z * half[2]) for x, z in SQUARE)
         return (
             Body("crank", (web, socket), ((0.0, 0.0, 0.0), (r, 0.0, 0.0))),
             Body("rod", (rod,), ((0.0, 0.0, 0.0), (L, 0.0, 0.0))),
@@ -100,7 +92,6 @@ class SpatialCrankPicture(CrankPicture):
         )
 
     def poses(self, angle: NDArray[np.float64]) -> tuple[Pose, ...]:
-        """Where each body is at crank angles in rad, shape (n,), with ideal joints."""
         toward = np.array([sin(self.axis_angle_rad), -cos(self.axis_angle_rad), 0.0])
         radial = np.outer(np.cos(angle), toward) + np.outer(np.sin(angle), _UP)
         ball = self._centre + self.crank_m * radial
@@ -140,6 +131,3 @@ class SpatialCrankPicture(CrankPicture):
     def _axis(self) -> NDArray[np.float64]:
         """The crank's axis, towards the motor."""
         return np.array([cos(self.axis_angle_rad), sin(self.axis_angle_rad), 0.0])
-
-
-_ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1))

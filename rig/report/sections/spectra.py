@@ -1,10 +1,19 @@
-"""Autospectra, measured and of the twin or twins."""
+"""Autospectra and order spectra, measured and of the twin or twins."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from math import ceil, log10
+
+import numpy as np
+from numpy.typing import NDArray
+
 from daq.signals.spectrum import autospectrum, log_bands
-from rig.pages.content import Part, Sentence
+from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
+from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
+from rig.pages.words import DASH, number
+from rig.report.crank_figures import beside_turns, counted_by, cut, left_out, order_lines
 from rig.report.record import ORIGINS, RunRecord
 
 _ROW_PX = 190
@@ -42,3 +51,74 @@ def parts(run: RunRecord) -> list[Part]:
         *missing,
         grid.figure("spectra", "Drag to zoom. The frequency axes move together."),
     ]
+
+
+_DECADES = 5
+_IN_TABLE = (1, 2, 3, 4)
+_TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200)
+_EXPLANATION = (
+    f"Order 1 is once a revolution. Amplitudes are zero to peak, over blocks of {TURNS} revolutions at even "
+    "angles (Hann window, half overlap), rms over the blocks of the run."
+)
+
+Array = NDArray[np.float64]
+
+
+def orders(run: RunRecord) -> list[Part]:
+    """A plot for each channel that vibrates, both axes logarithmic; nothing for a rig without a shaft."""
+    if not run.roles.turns:
+        return []
+    if all(counted_by(run, origin) is None for origin in ORIGINS):
+        return [Sentence("No encoder and no marker in this run: nothing to count orders by.")]
+    channels = run.roles.vibration
+    found = _amplitudes(run, channels)
+    if not found:
+        few = Sentence(f"Fewer than {TURNS} whole revolutions with a known angle: no order spectrum.")
+        return [few, *left_out(run, channels)]
+    plots = Plots(rows=ceil(len(found) / _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
+    x = {"type": "log", "range": [log10(LOWEST_ORDER), log10(HIGHEST_ORDER)], "tickvals": list(_TICKS)}
+    rows = []
+    for cell, (name, lines) in enumerate(found.items()):
+        unit = run.channels[name].unit
+        bands = {whose: largest_in_bands(np.arange(len(each)) / TURNS, each) for whose, each in lines.items()}
+        y = {"type": "log", "exponentformat": "power", "dtick": 1, "range": _decades(bands.values())}
+        plots.axes(cell, f"{name}, {unit or '-'}", "order", x_axis=x, y_axis=y, share_x_with=0)
+        for whose, (order, heard) in bands.items():
+            plots.line(cell, whose, order, heard, subject=name)
+            strongest = [DASH, DASH]
+            if len(heard):
+                at = int(np.argmax(heard))
+                strongest = [number(float(order[at])), number(float(heard[at]))]
+            first = (number(float(lines[whose][TURNS * order])) for order in _IN_TABLE)
+            rows.append([f"{name}, {whose}", unit, *strongest, *first])
+    orders = (f"order {order}" for order in _IN_TABLE)
+    headings = ("channel, whose", "unit", "strongest order", "its amplitude", *orders)
+    return [
+        Sentence(_EXPLANATION),
+        *cut(run),
+        *left_out(run, channels),
+        plots.figure("orders", "Drag to zoom. The order axes move together."),
+        Table(headings, rows, "Amplitudes of the strongest and of the first orders"),
+    ]
+
+
+def _amplitudes(run: RunRecord, channels: Sequence[str]) -> dict[str, dict[str, Array]]:
+    """By channel and by whose they are; only those that there are."""
+    found: dict[str, dict[str, Array]] = {name: {} for name in channels}
+    for origin in ORIGINS:
+        names = list(beside_turns(run, origin, channels))
+        lines = order_lines(run, origin, names)
+        if lines is None or lines.amplitude is None:
+            continue
+        for name, amplitude in zip(names, lines.amplitude, strict=True):
+            found[name][run.whose(origin)] = amplitude
+    return {name: lines for name, lines in found.items() if lines}
+
+
+def _decades(bands: Iterable[tuple[Array, Array]]) -> list[float]:
+    """Range of an axis that holds all amplitudes, but not what lies too far below the largest."""
+    every = np.concatenate([amplitude for _, amplitude in bands])
+    if not len(every):
+        return [-1.0, 0.0]
+    high = log10(1.5 * float(every.max()))
+    return [max(log10(float(every.min()) / 1.5), high - _DECADES), high]

@@ -36,10 +36,6 @@ def parts(run: RunRecord) -> list[Part]:
     if not found:
         return [Sentence(_NO_SPEED)]
     together = [Sentence(_IN_STEP)] if "measured" in found and len(found) > 1 else []
-    return [Sentence(_EXPLANATION), *together, _table(run, found), _figure(run, found)]
-
-
-def _table(run: RunRecord, found: dict[str, Trace]) -> Table:
     set_to = set_rpm(run)
     sources = {run.whose(origin): counted_by(run, origin) for origin in ORIGINS}
     rows = []
@@ -59,7 +55,12 @@ def _table(run: RunRecord, found: dict[str, Trace]) -> Table:
         )
     against = "against the set speed" if set_to is None else f"against the set {number(set_to, 'rpm')}"
     headings = ("whose", "told by", "mean", against, "ripple", "ripple of the mean", "lowest", "highest")
-    return Table(headings, rows, "Speed of the crank")
+    return [
+        Sentence(_EXPLANATION),
+        *together,
+        Table(headings, rows, "Speed of the crank"),
+        _figure(run, found),
+    ]
 
 
 def _ripple(value: float, unit: str) -> str:

@@ -9,10 +9,9 @@ import numpy as np
 from rig.pages.content import BigNumber, BigNumbers, Part, Sentence, Table
 from rig.pages.plots import Plots
 from rig.pages.words import DASH, counted, difference, number, spread
-from rig.report.closeness import closeness, overall
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
-from rig.report.record import RunRecord
-from rig.report.summary import RunSummary, TraceSummary, summary_of
+from rig.report.record import ORIGINS, RunRecord, Tally
+from rig.report.summary import closeness, half_cycle_statistics, overall
 
 _ROW_PX = 44
 _CAPTION = (
@@ -25,15 +24,29 @@ _NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 def parts(run: RunRecord) -> list[Part]:
     """Duration, state of the data, peaks, and a row for each channel."""
-    summary = summary_of(run)
     numbers = [
-        BigNumber("Recorded", number(summary.duration_s, "s"), summary.drive),
-        _data_state(summary),
-        *_peak_numbers(summary),
+        BigNumber("Recorded", number(run.duration_s, "s"), run.facts.drive),
+        _data_state(run),
+        *_peak_numbers(run),
         *_speed_numbers(run),
         *_impact_numbers(run),
     ]
-    return [*_comparison(run), BigNumbers(numbers), *_warnings(summary), _channel_table(run, summary)]
+    found = []
+    if not run.complete:
+        found.append("The log was never finished (a crash). It is read up to its last whole chunk.")
+    if not any(origin == "predicted" for origin, _ in run.tallies):
+        found.append("The log holds no prediction.")
+    if not run.channels:
+        found.append("The log holds no channel.")
+    wrong = [name for name, tally in run.measured.items() if tally.samples > tally.finite]
+    if wrong:
+        found.append(f"Samples that are no numbers: {', '.join(wrong)}.")
+    return [
+        *_comparison(run),
+        BigNumbers(numbers),
+        *[Sentence(text, warning=True) for text in found],
+        _channel_table(run),
+    ]
 
 
 def _comparison(run: RunRecord) -> list[Part]:
@@ -69,17 +82,16 @@ def _comparison(run: RunRecord) -> list[Part]:
     return [numbers, grid.figure("comparison", _CAPTION)]
 
 
-def _data_state(summary: RunSummary) -> BigNumber:
-    remark = f"{counted(len(summary.gaps), 'gap')}, {counted(summary.overloaded_blocks, 'overloaded block')}"
-    if not any(channel.measured for channel in summary.channels):
+def _data_state(run: RunRecord) -> BigNumber:
+    if not run.measured:
         return BigNumber("Measured", "nothing", "a prediction only")
-    text = f"{summary.missing} missing" if summary.missing else "complete"
-    return BigNumber("Samples", text, remark)
+    remark = f"{counted(len(run.gaps), 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
+    return BigNumber("Samples", f"{run.missing} missing" if run.missing else "complete", remark)
 
 
-def _peak_numbers(summary: RunSummary) -> list[BigNumber]:
+def _peak_numbers(run: RunRecord) -> list[BigNumber]:
     """*First* and *max* of the half cycles, where there are any."""
-    measured, predicted, nominal = summary.measured_peaks, summary.predicted_peaks, summary.nominal_peaks
+    measured, nominal, predicted = (half_cycle_statistics(run, origin) for origin in ORIGINS)
     if not (measured or predicted):
         return []
     twins = {"predicted": predicted} if nominal is None else {"nominal": nominal, "repaired": predicted}
@@ -126,51 +138,38 @@ def _speed_numbers(run: RunRecord) -> list[BigNumber]:
     return [BigNumber("Crank speed", f"{measured.mean:.2f} rpm" if measured else DASH, "; ".join(remarks))]
 
 
-def _warnings(summary: RunSummary) -> list[Sentence]:
-    found = []
-    if not summary.complete:
-        found.append("The log was never finished (a crash). It is read up to its last whole chunk.")
-    if not any(channel.predicted for channel in summary.channels):
-        found.append("The log holds no prediction.")
-    if not summary.channels:
-        found.append("The log holds no channel.")
-    wrong = [channel.name for channel in summary.channels if channel.measured and channel.measured.not_finite]
-    if wrong:
-        found.append(f"Samples that are no numbers: {', '.join(wrong)}.")
-    return [Sentence(text, warning=True) for text in found]
-
-
-def _channel_table(run: RunRecord, summary: RunSummary) -> Table:
+def _channel_table(run: RunRecord) -> Table:
     """Rms and peak of each channel, measured and predicted; beside a repaired twin the nominal one's too."""
-    predicted = ("nominal", "repaired") if run.repaired else ("rms predicted", "difference")
+    twin_rms = ("nominal", "repaired") if run.repaired else ("rms predicted", "difference")
     peaks = ("nominal", "repaired") if run.repaired else ("peak predicted",)
     headings = (
-        "channel", "unit", "rms measured", *predicted, "peak measured", *peaks, "overloaded blocks",
+        "channel", "unit", "rms measured", *twin_rms, "peak measured", *peaks, "overloaded blocks",
         "missing samples",
     )  # fmt: skip
     rows = []
-    for channel in summary.channels:
-        measured, twins = channel.measured, [channel.predicted]
+    for name, channel in run.channels.items():
+        measured, nominal, predicted = (run.tallies.get((origin, name)) for origin in ORIGINS)
+        twins = [predicted]
         if run.repaired:
-            twins = [channel.nominal, channel.predicted]
+            twins = [nominal, predicted]
             against = [_rms_against(twin, measured) for twin in twins]
         else:
             apart = difference(twins[0].rms, measured.rms) if twins[0] and measured else DASH
             against = [_value(twins[0], "rms"), apart]
         peaks_of = [_value(each, "peak") for each in (measured, *twins)]
         figures = [_value(measured, "rms"), *against, *peaks_of]
-        if channel.name in run.roles.unwrapped:  # these only tell how long the run was
+        if name in run.roles.unwrapped:  # these only tell how long the run was
             figures = [DASH] * len(figures)
         lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
-        rows.append([channel.name, channel.unit or DASH, *figures, *map(str, lost)])
+        rows.append([name, channel.unit or DASH, *figures, *map(str, lost)])
     return Table(headings, rows, "Channels")
 
 
-def _rms_against(twin: TraceSummary | None, measured: TraceSummary | None) -> str:
+def _rms_against(twin: Tally | None, measured: Tally | None) -> str:
     if twin is None or measured is None:
         return _value(twin, "rms")
     return f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
 
 
-def _value(trace: TraceSummary | None, name: str) -> str:
+def _value(trace: Tally | None, name: str) -> str:
     return DASH if trace is None else number(trace.rms if name == "rms" else trace.peak)

@@ -17,13 +17,30 @@ from rig.reproduce.beam_runs import (
     what_if_beam,
     whole_half_cycles,
 )
-from rig.reproduce.explanations import FREQUENCY, WHAT_IF
-from rig.reproduce.figure import OURS, SECOND_LINE, TEXT, WHAT_IF_STYLE, Effort, Outcome, PaperFigure
-from rig.reproduce.statement import Sample, Statement, about, above, below, of_sample
+from rig.reproduce.figure import (
+    OURS,
+    SECOND_LINE,
+    TEXT,
+    WHAT_IF,
+    WHAT_IF_STYLE,
+    Effort,
+    Outcome,
+    PaperFigure,
+    Sample,
+    Statement,
+    about,
+    above,
+    below,
+    of_sample,
+)
 from sim_twin.parts.modal import lowest_modes
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 
 Array = NDArray[np.float64]
+_CAUSE_UNKNOWN = (
+    "A real gap with an unknown cause: peaks do hang on the frequency and scatter, but no physically "
+    "reasonable shaker or damping that was tried gives the text's 80 N."
+)
 _PLACE = "3D, Fig. 10"
 _FREQUENCIES, _PEAKS = 27, 15
 _FEW = 7
@@ -44,16 +61,13 @@ class Band:
 
     @property
     def means(self) -> Array:
-        """Mean of each ensemble in N, shape (n,)."""
         return np.array([each.mean for each in self.ensembles])
 
     @property
     def deviations(self) -> Array:
-        """Standard deviation of each ensemble in N, shape (n,)."""
         return np.array([each.deviation for each in self.ensembles])
 
     def at(self, frequency: float) -> Sample:
-        """The ensemble nearest to a frequency."""
         return self.ensembles[int(np.argmin(np.abs(self.frequencies - frequency)))]
 
     @property
@@ -83,7 +97,14 @@ def _compute(effort: Effort) -> Outcome:
         at: Band(f, [ensemble(shaker, each, WHAT_IF_AMPLITUDE_N) for each in f]) for at, f in around.items()
     }
     longer = {at: Band(f, [first_peaks(rig, each, cycles / each) for each in f]) for at, f in around.items()}
-    statements = [*_at_20(bands[20], longer[20], shaken[20]), *_at_5(bands[5], bands[20]), _free_free()]
+    modes = lowest_modes(beam().beam.elastic(), _RIGID_MODES + 1)
+    claim = about(430.0, "approximately 430 Hz", _PLACE)
+    frequency = float(modes.omega[_RIGID_MODES] / (2 * np.pi))
+    statements = [
+        *_at_20(bands[20], longer[20], shaken[20]),
+        *_at_5(bands[5], bands[20]),
+        Statement("lowest natural frequency of the steel beam, free at both ends", claim, frequency, "Hz"),
+    ]
     return Outcome(statements, [_chart(bands, shaken, longer, cycles)])
 
 
@@ -106,7 +127,7 @@ def _at_20(fast: Band, longer: Band, shaken: Band) -> list[Statement]:
             change,
             100 * (high.mean / low.mean - 1),
             "%",
-            remark=FREQUENCY,
+            remark=_CAUSE_UNKNOWN,
         ),
         Statement(
             "largest over smallest mean of the band, less one",
@@ -125,7 +146,7 @@ def _at_20(fast: Band, longer: Band, shaken: Band) -> list[Statement]:
             "scatter at 21 Hz: deviation over mean",
             about(33.0, "approximately 33 % of the mean", _PLACE),
             *_scatter(high),
-            FREQUENCY,
+            _CAUSE_UNKNOWN,
         ),
     ]
 
@@ -156,13 +177,6 @@ def _at_5(slow: Band, fast: Band) -> list[Statement]:
             "%",
         ),
     ]
-
-
-def _free_free() -> Statement:
-    modes = lowest_modes(beam().beam.elastic(), _RIGID_MODES + 1)
-    claim = about(430.0, "approximately 430 Hz", _PLACE)
-    frequency = float(modes.omega[_RIGID_MODES] / (2 * np.pi))
-    return Statement("lowest natural frequency of the steel beam, free at both ends", claim, frequency, "Hz")
 
 
 def _more(longer: Band, frequency: float) -> str:

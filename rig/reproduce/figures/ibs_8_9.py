@@ -10,9 +10,25 @@ import numpy as np
 from rig.pages.content import Figure
 from rig.pages.plots import Plots
 from rig.reproduce.beam_runs import WHAT_IF_AMPLITUDE_N, Material, beam, first_peaks, what_if_beam
-from rig.reproduce.explanations import LEVEL, WHAT_IF
-from rig.reproduce.figure import OURS, SECOND, TEXT, WHAT_IF_STYLE, Effort, Outcome, PaperFigure
-from rig.reproduce.statement import Sample, Statement, about, above, below, of_ratio, of_sample, ratio
+from rig.reproduce.figure import (
+    LEVEL,
+    OURS,
+    SECOND,
+    TEXT,
+    WHAT_IF,
+    WHAT_IF_STYLE,
+    Effort,
+    Outcome,
+    PaperFigure,
+    Sample,
+    Statement,
+    about,
+    above,
+    below,
+    of_ratio,
+    of_sample,
+    ratio,
+)
 
 _CLEARANCES_MM = (0.0635, 0.127, 0.1905, 0.254, 0.3175, 0.381, 0.4445, 0.508)
 _FEW_MM = (0.127, 0.254, 0.508)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import Structure, structure_of
-from sim_twin.switched.system import (
+from sim_twin.switched.simulation import (
     Constraint,
     Event,
     Excitation,
@@ -55,13 +55,22 @@ def _regime(rig: ImpactBeam, s: Structure, contact: int, pivot: int, drives: int
     B[n:] = s.drive[:, None]
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -C]])
     c = np.concatenate([np.zeros(n), force])
-    events = _contact_events(rig, s, contact, pivot)
+    if contact == FREE:
+        events = tuple(
+            Event(_penetration(rig, s, side), 3 * pivot + side, _approach(rig, s, side))
+            for side in (UPPER, LOWER)
+        )
+    else:
+        events = (Event(_contact_force(rig, s, contact, -1.0), 3 * pivot + FREE),)
     if rig.pivot_friction > 0:
         events = (*events, *_pivot_events(rig, s, contact, pivot, A, B, c, residual))
-    outputs = _outputs(rig, s, contact)
-    if pivot != STUCK:
-        return Regime(A, B, c, events, outputs, residual)
-    return _held(Regime(A, B, c, events, outputs, residual), s.rotation)
+    outputs = [] if contact == FREE else [Output(contact - 1, _contact_force(rig, s, contact))]
+    measured = {} if s.base is None else {2: s.base}
+    measured |= dict(enumerate((*s.stations, *s.cover), start=3))
+    for index, row in measured.items():
+        outputs.append(Output(index, Row(np.zeros(2 * n), rate=np.concatenate([np.zeros(n), row]))))
+    regime = Regime(A, B, c, events, tuple(outputs), residual)
+    return regime if pivot != STUCK else _held(regime, s.rotation)
 
 
 def _contact_terms(
@@ -106,15 +115,6 @@ def _contact_force(rig: ImpactBeam, s: Structure, contact: int, factor: float = 
     return Row(row, -factor * k * gap, residual=factor)
 
 
-def _contact_events(rig: ImpactBeam, s: Structure, contact: int, pivot: int) -> tuple[Event, ...]:
-    base = 3 * pivot
-    if contact != FREE:
-        return (Event(_contact_force(rig, s, contact, -1.0), base + FREE),)
-    return tuple(
-        Event(_penetration(rig, s, side), base + side, _approach(rig, s, side)) for side in (UPPER, LOWER)
-    )
-
-
 def _approach(rig: ImpactBeam, s: Structure, side: int) -> Row:
     """Positive where the stop would push: the linear law's force, or with Hertz's law the closing speed."""
     if rig.hertz is None:
@@ -150,17 +150,6 @@ def _pivot_events(
         )
         for sign, target in ((1.0, SLIP_UP), (-1.0, SLIP_DOWN))
     )
-
-
-def _outputs(rig: ImpactBeam, s: Structure, contact: int) -> tuple[Output, ...]:
-    n = len(s.K)
-    outputs = [] if contact == FREE else [Output(contact - 1, _contact_force(rig, s, contact))]
-    still = np.zeros(2 * n)
-    if s.base is not None:
-        outputs.append(Output(2, Row(still, rate=np.concatenate([np.zeros(n), s.base]))))
-    for index, row in enumerate((*s.stations, *s.cover)):
-        outputs.append(Output(3 + index, Row(still, rate=np.concatenate([np.zeros(n), row]))))
-    return tuple(outputs)
 
 
 def _held(regime: Regime, rotation: Array) -> Regime:

@@ -19,7 +19,7 @@ from sim_twin.rigs.cycles import Cycles
 from sim_twin.rigs.impact_beam.channels import DRIVE, LOWER, UPPER
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import structure_of
-from sim_twin.rigs.joint_record import JointRecord
+from sim_twin.rigs.rig_model import JointRecord
 from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.float64]
@@ -65,10 +65,6 @@ def joint_records(
     return tuple(found)
 
 
-def _gap(rig: ImpactBeam, sign: float) -> float:
-    return rig.clearance - sign * rig.rest_offset
-
-
 def _contacts(force: Array) -> NDArray[np.intp]:
     """First sample and end of each contact, shape (contacts, 2)."""
     pressed = np.concatenate([[False], force > _LEAVES_N, [False]])
@@ -104,7 +100,11 @@ def _linear_path(rig: ImpactBeam, drive: Array, upper: Array, lower: Array, rate
 
 def _anchored(rig: ImpactBeam, path: _Path, spans: Mapping[float, NDArray[np.intp]], rate: float) -> _Path:
     """The path that is at the stop at every first touch."""
-    touched = {int(first): sign * _gap(rig, sign) for sign, each in spans.items() for first, _ in each}
+    touched = {
+        int(first): sign * (rig.clearance - sign * rig.rest_offset)
+        for sign, each in spans.items()
+        for first, _ in each
+    }
     at = np.array(sorted(touched))
     missing = path.w[at] - np.array([touched[int(k)] for k in at])
     stiffness = len(at) / (len(path.w) / rate) / (2 * np.pi * _SLOW_HZ) ** 4

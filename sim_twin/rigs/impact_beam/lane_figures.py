@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from daq.signals.impacts import half_cycles
-from sim_twin.rigs.impact_beam.lane_grid import resolves
-from sim_twin.rigs.impact_beam.lanes import BeamLanes
-from sim_twin.rigs.impact_beam.solver_values import run_figures
+from sim_twin.rigs.impact_beam.lanes import BeamLanes, resolves
+from sim_twin.rigs.impact_beam.solver_values import figures_of, run_figures
 from sim_twin.rigs.impact_beam.truth import BeamTwin
-from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.rigs.rig_model import RunFigures
 from sim_twin.sensors import OVERSAMPLED_RATE
 from sim_twin.status import Status
 
@@ -28,31 +27,19 @@ def figures(
 ) -> list[RunFigures]:
     """The figures of each run: on lanes where their step resolves its contact, else by the exact solver."""
     on_lanes = [run for run, twin in enumerate(twins) if resolves(twin.rig, OVERSAMPLED_RATE)]
-    found = (
-        dict(
-            zip(
-                on_lanes,
-                _side_by_side(
-                    [twins[run] for run in on_lanes], [phases[run] for run in on_lanes], settle, duration
-                ),
-                strict=True,
-            )
-        )
-        if on_lanes
-        else {}
-    )
-    return [
-        found[run] if run in found else _alone(twin, phase, settle, duration)
-        for run, (twin, phase) in enumerate(zip(twins, phases, strict=True))
-    ]
-
-
-def _alone(twin: BeamTwin, phase: float, settle: float, duration: float) -> RunFigures:
-    try:
-        return run_figures(twin, phase, settle, duration)
-    except SimulationFailed as failure:
-        ended = failure.status
-        return RunFigures(ended if isinstance(ended, Status) else Status.DIVERGED)
+    found: dict[int, RunFigures] = {}
+    if on_lanes:
+        chosen = [twins[run] for run in on_lanes]
+        together = _side_by_side(chosen, [phases[run] for run in on_lanes], settle, duration)
+        found = dict(zip(on_lanes, together, strict=True))
+    for run, (twin, phase) in enumerate(zip(twins, phases, strict=True)):
+        if run not in found:
+            try:
+                found[run] = run_figures(twin, phase, settle, duration)
+            except SimulationFailed as failure:
+                ended = failure.status
+                found[run] = RunFigures(ended if isinstance(ended, Status) else Status.DIVERGED)
+    return [found[run] for run in range(len(twins))]
 
 
 def _side_by_side(
@@ -71,28 +58,19 @@ def _side_by_side(
             first.add(start, row)
         if start >= begin:
             contacts.add(force)
-    return [
-        _figures(first, contacts.peaks(run)) if status is Status.COMPLETED else RunFigures(status)
-        for run, (first, status) in enumerate(zip(firsts, lanes.statuses, strict=True))
-    ]
+    found = []
+    for run, (first, status) in enumerate(zip(firsts, lanes.statuses, strict=True)):
+        if status is not Status.COMPLETED:
+            found.append(RunFigures(status))
+            continue
+        peaks = contacts.peaks(run)
+        cycles = half_cycles(np.maximum(peaks, 0), np.maximum(-peaks, 0), OVERSAMPLED_RATE)
+        found.append(figures_of(cycles, first.peak(), first.seconds))
+    return found
 
 
 def _blocks(begin: int, end: int) -> list[tuple[int, int]]:
     return [(start, min(start + _AT_ONCE, end)) for start in range(begin, end, _AT_ONCE)]
-
-
-def _figures(first: _FirstContact, peaks: Array) -> RunFigures:
-    cycles = half_cycles(np.maximum(peaks, 0), np.maximum(-peaks, 0), OVERSAMPLED_RATE)
-    values = {
-        "first_peak_n": first.peak(),
-        "first_contact_s": first.seconds,
-        "half_cycles": len(cycles),
-        "first_mean_n": _mean(cycles.first_n),
-        "first_sd_n": _deviation(cycles.first_n),
-        "max_mean_n": _mean(cycles.max_n),
-        "max_sd_n": _deviation(cycles.max_n),
-    }
-    return RunFigures(Status.COMPLETED, values, {"first_n": cycles.first_n, "max_n": cycles.max_n})
 
 
 class _FirstContact:
@@ -144,34 +122,18 @@ class _Contacts:
         new = np.diff(touching, prepend=-2) > 1
         new[lanes[:-1][lanes[:-1] < len(touching)]] = True
         begins = np.flatnonzero(new)
-        peaks = _signed_peaks(force.ravel()[touching], begins)
+        pressed, peaks = force.ravel()[touching], np.zeros(0)
+        if len(begins):
+            peaks = np.maximum.reduceat(np.abs(pressed), begins) * np.sign(pressed[begins])
         parts = np.searchsorted(begins, lanes)
         carried = self._touching & (force[:, 0] != 0)
         for run, (first, last) in enumerate(pairwise(parts)):
-            self._peaks[run].append(_apart(peaks[first:last], bool(carried[run])))
+            # a zero before each peak, but none where the first goes on with the contact that was there before
+            apart = np.zeros(2 * (last - first))
+            apart[1::2] = peaks[first:last]
+            self._peaks[run].append(apart[1:] if carried[run] else apart)
         self._touching = force[:, -1] != 0
 
     def peaks(self, run: int) -> Array:
         """Signed peaks of a run in N, with a zero between contacts."""
         return np.concatenate([np.zeros(0), *self._peaks[run]])
-
-
-def _signed_peaks(force: Array, begins: NDArray[np.intp]) -> Array:
-    if not len(begins):
-        return np.zeros(0)
-    return np.asarray(np.maximum.reduceat(np.abs(force), begins) * np.sign(force[begins]))
-
-
-def _apart(peaks: Array, carried: bool) -> Array:
-    """A zero before each peak, but none where the first goes on with the contact that was there before."""
-    apart = np.zeros(2 * len(peaks))
-    apart[1::2] = peaks
-    return apart[1:] if carried else apart
-
-
-def _mean(values: Array) -> float | None:
-    return float(np.mean(values)) if len(values) else None
-
-
-def _deviation(values: Array) -> float | None:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else None

@@ -3,18 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.lanes.lane import Harmonics, Lane, Stops
-from sim_twin.lanes.lanes import Lanes
+from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
 from sim_twin.rigs.impact_beam.model import ImpactBeam
-from sim_twin.rigs.impact_beam.structure import Structure, structure_of
-from sim_twin.rigs.impact_beam.truth import BeamTwin
+from sim_twin.rigs.impact_beam.structure import structure_of
+from sim_twin.rigs.impact_beam.truth import BeamTruth, BeamTwin
+from sim_twin.sensors import resonance
 from sim_twin.status import Status
 
 Array = NDArray[np.float64]
+_STEPS_A_PERIOD = 21.0
+_DECAY_A_STEP = 0.15
+_DAMPING_RATIO = 0.4
+_TYPICAL_FORCE = 30.0
+"""N; Hertz's law is judged by its tangent here."""
+_FORCES = 4
+"""Channels before the accelerations: drive, upper, lower, yoke."""
+
+
+def resolves(rig: ImpactBeam, rate: float) -> bool:
+    """Whether first peaks on lanes at `rate` Hz come within 0.5 % of the exact solver's.
+
+    Measured over the catalogue's ranges: a contact needs 21 steps in a period of tip and stop, and no more
+    damping than leaves its peak after its onset, where the damper makes the force jump.
+    """
+    mobility = float(sum(structure_of(rig).contact ** 2))
+    k, c = rig.contact_stiffness, rig.contact_damping
+    if rig.hertz is not None:
+        k = float(1.5 * rig.hertz ** (2 / 3) * _TYPICAL_FORCE ** (1 / 3))
+    if k <= 0.0:
+        return True
+    steps = 2 * pi * rate / sqrt(k * mobility)
+    ratio = c * sqrt(mobility / k) / 2
+    return steps >= _STEPS_A_PERIOD and c * mobility / rate <= _DECAY_A_STEP and ratio <= _DAMPING_RATIO
 
 
 class BeamLanes:
@@ -52,6 +77,10 @@ class BeamLanes:
 def lane_of(twin: BeamTwin, phase: float = 0.0, accelerations: bool = False) -> Lane:
     """The lane of a twin that starts from rest, its drive at `phase` rad."""
     rig, drive, s = twin.rig, twin.drive, structure_of(twin.rig)
+    rows = None
+    if accelerations and (s.base is not None or rig.stations):
+        base = np.zeros(len(s.K)) if s.base is None else s.base
+        rows = np.vstack([base, s.stations, s.cover.reshape(-1, len(s.K))])
     return Lane(
         s.K,
         s.C,
@@ -61,13 +90,48 @@ def lane_of(twin: BeamTwin, phase: float = 0.0, accelerations: bool = False) -> 
         Stops(rig.contact_stiffness, rig.contact_damping, rig.clearance, rig.rest_offset, rig.hertz),
         Harmonics(drive.phasors(), 2 * np.pi * drive.frequency, phase),
         0.0 if rig.clamped else rig.pivot_friction,
-        _acceleration_rows(rig, s) if accelerations else None,
+        rows,
     )
 
 
-def _acceleration_rows(rig: ImpactBeam, s: Structure) -> Array | None:
-    """Base, stations, cover; None where there is nothing to record."""
-    if s.base is None and not rig.stations:
-        return None
-    base = np.zeros(len(s.K)) if s.base is None else s.base
-    return np.vstack([base, s.stations, s.cover.reshape(-1, len(s.K))])
+class BeamTruths:
+    """Rows as in `BeamTruth`, for all twins."""
+
+    def __init__(self, twins: Sequence[BeamTwin], phases: Sequence[float], rate: float) -> None:
+        self._twins, self._phases, self._rate = twins, phases, rate
+        self._on_lanes = [run for run, twin in enumerate(twins) if resolves(twin.rig, rate)]
+        chosen = [twins[run] for run in self._on_lanes]
+        chosen_phases = [phases[run] for run in self._on_lanes]
+        self._lanes = BeamLanes(chosen, rate, chosen_phases, accelerations=True) if chosen else None
+        self._alone = {
+            run: BeamTruth(twins[run], rate) for run in range(len(twins)) if run not in self._on_lanes
+        }
+        for run, truth in self._alone.items():
+            truth.change_drive(twins[run].drive, phases[run], 0.0)
+        self._yokes = [resonance(each.rig.yoke_frequency, each.rig.yoke_damping, rate) for each in twins]
+        self._steps = 0
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (twins, channels, steps)."""
+        first, self._steps = self._steps, self._steps + steps
+        rows = np.zeros((len(self._twins), len(self._twins[0].channels), steps))
+        if self._lanes is not None:
+            for run, moved in zip(self._on_lanes, self._lanes.advance(steps), strict=True):
+                force, accelerations = moved[0], moved[1:]
+                rows[run, 1], rows[run, 2] = np.maximum(force, 0), np.maximum(-force, 0)
+                rows[run, _FORCES : _FORCES + len(accelerations)] = accelerations
+        for run in self._on_lanes:
+            drive = self._twins[run].drive
+            step = 2 * np.pi * drive.frequency / self._rate
+            rows[run, 0] = drive.force_at_steps(self._phases[run] + first * step, step, steps)
+            rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
+        for run, truth in self._alone.items():
+            rows[run] = truth.advance(steps)
+        return rows
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        """How each run stands."""
+        on_lanes = [] if self._lanes is None else self._lanes.statuses
+        found = dict(zip(self._on_lanes, on_lanes, strict=True))
+        return [found[run] if run in found else self._alone[run].status for run in range(len(self._twins))]

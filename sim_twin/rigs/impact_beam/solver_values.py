@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from daq.errors import SimulationFailed
-from daq.signals.impacts import half_cycles
+from daq.signals.impacts import HalfCycles, half_cycles
 from sim_twin.rigs.impact_beam.assembly import LOWER, UPPER, assemble
 from sim_twin.rigs.impact_beam.truth import BeamTwin
-from sim_twin.rigs.rig_model import SolverValues
-from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.rigs.rig_model import RunFigures, SolverValues
 from sim_twin.status import Status
 from sim_twin.switched.simulation import Simulation, Trace
 
@@ -33,21 +32,31 @@ def run_figures(twin: BeamTwin, phase: float, settle: float, duration: float) ->
     """The same from `phase` rad of the drive on, with the peaks of all half cycles."""
     simulation = _driven(twin, phase, RATE)
     trace = simulation.advance(round((settle + duration) * RATE))
-    _require_completed(simulation, trace)
+    status = Status.COMPLETED
+    if not (np.isfinite(simulation.state).all() and np.isfinite(trace.outputs).all()):
+        status = Status.DIVERGED
+    elif trace.switches > len(trace.switch_times):
+        status = Status.STEPS_EXHAUSTED
+    if status is not Status.COMPLETED:
+        raise SimulationFailed("the impact beam's motion was not computed to its end", status.advice, status)
     start = round(settle * RATE)
     cycles = half_cycles(trace.outputs[0, start:], trace.outputs[1, start:], RATE)
     contact_s, peak_n = _first_contact(trace)
     if contact_s is not None:
         peak_n = _fine_peak(twin, phase, contact_s)
+    return figures_of(cycles, peak_n, contact_s)
+
+
+def figures_of(cycles: HalfCycles, first_peak_n: float | None, first_contact_s: float | None) -> RunFigures:
+    """The figures of a motion's half cycles and its first contact (N, s)."""
     values: SolverValues = {
-        "first_peak_n": peak_n,
-        "first_contact_s": contact_s,
+        "first_peak_n": first_peak_n,
+        "first_contact_s": first_contact_s,
         "half_cycles": len(cycles),
-        "first_mean_n": _mean(cycles.first_n),
-        "first_sd_n": _deviation(cycles.first_n),
-        "max_mean_n": _mean(cycles.max_n),
-        "max_sd_n": _deviation(cycles.max_n),
     }
+    for name, peaks in (("first", cycles.first_n), ("max", cycles.max_n)):
+        values[f"{name}_mean_n"] = float(np.mean(peaks)) if len(peaks) else None
+        values[f"{name}_sd_n"] = float(np.std(peaks, ddof=1)) if len(peaks) > 1 else None
     return RunFigures(Status.COMPLETED, values, {"first_n": cycles.first_n, "max_n": cycles.max_n})
 
 
@@ -69,17 +78,6 @@ def _fine_peak(twin: BeamTwin, phase: float, contact_s: float) -> float | None:
     return _first_contact(trace)[1]
 
 
-def _require_completed(simulation: Simulation, trace: Trace) -> None:
-    """Raise SimulationFailed unless all is finite and every switch is in the trace."""
-    status = Status.COMPLETED
-    if not (np.isfinite(simulation.state).all() and np.isfinite(trace.outputs).all()):
-        status = Status.DIVERGED
-    elif trace.switches > len(trace.switch_times):
-        status = Status.STEPS_EXHAUSTED
-    if status is not Status.COMPLETED:
-        raise SimulationFailed("the impact beam's motion was not computed to its end", status.advice, status)
-
-
 def _first_contact(trace: Trace) -> tuple[float | None, float | None]:
     """Time of the first contact and the largest force before it ends."""
     contacts = np.flatnonzero(np.isin(trace.switch_regimes % 3, (UPPER, LOWER)))
@@ -92,24 +90,13 @@ def _first_contact(trace: Trace) -> tuple[float | None, float | None]:
     end = float(trace.switch_times[first + ends[0]]) if len(ends) else np.inf
     low = int(np.ceil((begin - trace.start) / trace.step))
     high = int(min(np.ceil((end - trace.start) / trace.step), trace.outputs.shape[1]))
-    return begin, _peak(trace.outputs[side, low:high])
-
-
-def _peak(force: np.ndarray) -> float | None:
-    """Largest value of a sampled force, refined by the parabola through its three highest neighbours."""
+    force = trace.outputs[side, low:high]
     if not len(force):
-        return None
+        return begin, None
     k = int(np.argmax(force))
     if not 0 < k < len(force) - 1:
-        return float(force[k])
+        return begin, float(force[k])
+    # refined by the parabola through its three highest neighbours
     before, top, after = force[k - 1 : k + 2]
     bend = before - 2 * top + after
-    return float(top - (after - before) ** 2 / (8 * bend)) if bend < 0 else float(top)
-
-
-def _mean(values: np.ndarray) -> float | None:
-    return float(np.mean(values)) if len(values) else None
-
-
-def _deviation(values: np.ndarray) -> float | None:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return begin, float(top - (after - before) ** 2 / (8 * bend)) if bend < 0 else float(top)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.parts.modal import Modes, lowest_modes
-from sim_twin.parts.one_thread import by_one_thread
+from sim_twin.parts.modal import Modes, by_one_thread, lowest_modes
 from sim_twin.rigs.impact_beam.base.coupling import couple
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
@@ -47,19 +47,10 @@ class Structure:
 def structure_of(rig: ImpactBeam) -> Structure:
     """Return the structure of `rig`; raises UnphysicalParameter for more modes than the meshes have."""
     if isinstance(rig.base, FlexibleBase):
-        return _on_flexible_base(rig, rig.base)
-    structure = _on_rigid_post(rig)
-    return structure if rig.base is None else _with_yoke(rig.base, structure)
-
-
-def _on_flexible_base(rig: ImpactBeam, base: FlexibleBase) -> Structure:
-    s = couple(rig, base)
-    tip = rig.beam.deflection_row(1.0) @ s.beam - s.contact_point
-    stations = _deflection_rows(rig, np.array(rig.stations) / 100) @ s.beam
-    return Structure(s.K, s.C, s.drive, tip, s.rotation, stations, s.accelerometer, s.cover)
-
-
-def _on_rigid_post(rig: ImpactBeam) -> Structure:
+        s = couple(rig, rig.base)
+        tip = rig.beam.deflection_row(1.0) @ s.beam - s.contact_point
+        stations = _deflection_rows(rig, np.array(rig.stations) / 100) @ s.beam
+        return Structure(s.K, s.C, s.drive, tip, s.rotation, stations, s.accelerometer, s.cover)
     modes, kept = _modes(rig), _kept_dofs(rig)
 
     def row(fraction: float) -> Array:
@@ -71,7 +62,8 @@ def _on_rigid_post(rig: ImpactBeam) -> Structure:
     C += rig.shaker_damping * np.outer(drive, drive)
     rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
     stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
-    return Structure(K, C, drive, row(1.0), rotation, stations, None)
+    fixed = Structure(K, C, drive, row(1.0), rotation, stations, None)
+    return fixed if rig.base is None else _with_yoke(rig.base, fixed)
 
 
 def deflection_shapes(rig: ImpactBeam, fractions: Array) -> Array:
@@ -125,3 +117,32 @@ def _with_yoke(base: BaseMass, fixed: Structure) -> Structure:
         np.array([grown(row) for row in fixed.stations]).reshape(-1, n + 1),
         grown(np.zeros(n), 1 / np.sqrt(base.mass)),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class RestingBeam:
+    """A beam that touches nothing.
+
+    `compliance` in m/N is what a constant force at the drive moves its tip, `frequency` in Hz its lowest
+    natural frequency, `decay_s` the time in which its slowest free motion falls to 1/e.
+    """
+
+    compliance: float
+    frequency: float
+    decay_s: float
+
+
+def resting(rig: ImpactBeam) -> RestingBeam:
+    """How the tip of `rig` stands between the stops."""
+    s = structure_of(rig)
+    n = len(s.K)
+    poles = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-s.K, -s.C]]))
+    lowest = float(np.sqrt(np.linalg.eigvalsh(s.K)[0])) / (2 * pi)
+    return RestingBeam(tip_response(rig, 0.0).real, lowest, float(-1.0 / poles.real.max()))
+
+
+def tip_response(rig: ImpactBeam, frequency: float) -> complex:
+    """Complex motion of the tip (m) for each newton of a sine of `frequency` Hz at the drive."""
+    s, omega = structure_of(rig), 2 * pi * frequency
+    dynamic = np.asarray(s.K - omega**2 * np.eye(len(s.K)) + 1j * omega * s.C)
+    return complex(s.contact @ np.linalg.solve(dynamic, s.drive))

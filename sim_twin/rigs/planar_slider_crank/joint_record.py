@@ -10,9 +10,9 @@ from scipy import fft
 from scipy.signal.windows import tukey
 
 from sim_twin.rigs.cycles import Cycles
-from sim_twin.rigs.joint_record import JointRecord
 from sim_twin.rigs.planar_slider_crank.channels import CRANK_X, CRANK_Y, PISTON_Y
 from sim_twin.rigs.planar_slider_crank.model import FrameMode
+from sim_twin.rigs.rig_model import JointRecord
 from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from __future__ import annotations
 from math import pi, sin
 from typing import NamedTuple
 
-from sim_twin.compiled import inlined
-from sim_twin.contact.laws import Friction, friction_share
+from sim_twin.compiled import inlined, mechanical
+from sim_twin.contact import Friction, friction_share
 from sim_twin.joints.planar_revolute import (
     NO_FORCE,
     RevoluteClearance,
@@ -20,8 +20,7 @@ from sim_twin.joints.planar_revolute import (
     revolute_depth,
     revolute_force,
 )
-from sim_twin.mechanisms.angles import sine_cosine
-from sim_twin.mechanisms.generic import mechanical
+from sim_twin.joints.vectors import sine_cosine
 from sim_twin.mechanisms.integrator import integrate
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 

@@ -4,17 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from daq.quantity import Bound, Check, Key, Quantity
-from sim_twin.contact.stiffness import Elastic, generalised_stiffness
 from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS, CRANK_X, CRANK_Y, PISTON_Y
 
 if TYPE_CHECKING:
     from sim_twin.rigs.rig_model import RigModel
-
 _RIG = "planar slider-crank"
+
+
+@dataclass(frozen=True, slots=True)
+class Elastic:
+    """Elastic constants of a body: Young's modulus `E` in Pa and Poisson's ratio `nu`."""
+
+    E: float
+    nu: float
+
+    def __post_init__(self) -> None:
+        require("material", "E", self.E, 0.0, unit="Pa", above=True)
+        require("material", "nu", self.nu, -1.0, 0.5, above=True)
+
+    @property
+    def h(self) -> float:
+        """(1 - nu^2) / E in 1/Pa (eq. 10)."""
+        return (1.0 - self.nu**2) / self.E
+
+
+def generalised_stiffness(R_i: float, R_j: float, i: Elastic, j: Elastic) -> float:
+    """K in N/m^1.5 of radii in m, negative for a concave surface (eq. 9).
+
+    Raises ValueError for a pair that does not touch at a point: two concave ones, or a hollow that is smaller
+    than what lies in it.
+    """
+    curvature = 1.0 / R_i + 1.0 / R_j
+    if curvature <= 0.0:
+        raise ValueError(f"surfaces of radii {R_i:g} m and {R_j:g} m do not touch at a point")
+    return 4.0 / (3.0 * (i.h + j.h)) * sqrt(1.0 / curvature)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +84,6 @@ class RodBending:
         require_bounds("rod", self)
 
 
-def _frames() -> dict[str, FrameMode]:
-    return {
-        CRANK_Y: FrameMode(30.0, 230.0),
-        CRANK_X: FrameMode(30.0, 180.0),
-        PISTON_Y: FrameMode(30.0, 310.0),
-    }
-
-
 @dataclass(frozen=True, slots=True)
 class PlanarSliderCrank:
     """The rig, in SI (Table 1 of the source; what it leaves open is assumed).
@@ -99,7 +119,13 @@ class PlanarSliderCrank:
     guide_friction: Annotated[float, Bound("", 0.0)] = 0.0
     guide_v_1: Annotated[float, Bound("m/s", 0.0, above=True)] = 1e-3
     bending: RodBending | None = None
-    frames: dict[str, FrameMode] = field(default_factory=_frames)
+    frames: dict[str, FrameMode] = field(
+        default_factory=lambda: {
+            CRANK_Y: FrameMode(30.0, 230.0),
+            CRANK_X: FrameMode(30.0, 180.0),
+            PISTON_Y: FrameMode(30.0, 310.0),
+        }
+    )
 
     def __post_init__(self) -> None:
         require_bounds(_RIG, self)

@@ -1,21 +1,42 @@
-"""The crank's mechanism set up for the integrator: numbers, tolerances, states with given eccentricities."""
+"""The planar slider-crank in motion: set up for the integrator, its frame, and what its channels show."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import asin, cos, pi, sin
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.contact.laws import Friction, lankarani_nikravesh
+from sim_twin.contact import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_revolute import RevoluteClearance
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
-from sim_twin.rigs.crank_drive import SpeedDrive, speed_at
+from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage, speed_at
 from sim_twin.rigs.planar_slider_crank import kernel
-from sim_twin.rigs.planar_slider_crank.kernel import PHI, THETA, VS, VX, VY, CrankNumbers, S, W, X, Y
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
+from sim_twin.rigs.planar_slider_crank.channels import CRANK_X, CRANK_Y, PISTON_Y
+from sim_twin.rigs.planar_slider_crank.kernel import (
+    ANGLE,
+    FRAME_X,
+    FRAME_Y,
+    GUIDE_Y,
+    OUTPUTS,
+    PHI,
+    THETA,
+    VS,
+    VX,
+    VY,
+    CrankNumbers,
+    S,
+    W,
+    X,
+    Y,
+)
+from sim_twin.rigs.planar_slider_crank.model import FrameMode, PlanarSliderCrank
+from sim_twin.sensors import LinearFilter, oscillator
+from sim_twin.status import Status
+from sim_twin.twin import Twin
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-6
@@ -25,6 +46,14 @@ _LONGEST, _SHORTEST, _AFTER_ONSET, _REACH = 1e-3, 1e-15, 4e-6, 1e-10
 STEP_BUDGET = 2_000_000
 """Steps that a call may take for each simulated second; a healthy rig takes about 1e4."""
 AT_REST = SpeedDrive(0.0)
+CrankTwin: TypeAlias = Twin[PlanarSliderCrank, SpeedDrive]
+
+
+def frame_acceleration(mode: FrameMode, rate: float) -> LinearFilter:
+    """Acceleration in m/s2 of an oscillator at rest, from the force on it in N, sampled at `rate` Hz."""
+    omega = 2 * pi * mode.frequency
+    decay = 2 * mode.damping_ratio * omega
+    return oscillator(omega, decay, 1 / mode.mass, (-(omega**2), -decay), 1 / mode.mass, rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,3 +151,66 @@ def eccentricity(rig: PlanarSliderCrank, y: Array, speed: float) -> Eccentricity
 
 def _states(rig: PlanarSliderCrank) -> int:
     return kernel.FLEXIBLE_STATES if rig.bending else kernel.RIGID_STATES
+
+
+class CrankTruth:
+    """Still until the first drive, which starts it in full motion: centred joints, ideal velocities."""
+
+    def __init__(self, twin: CrankTwin, rate: float, drive_changes: bool = False) -> None:
+        self._rig, self._rate = twin.rig, rate
+        self._drive = AT_REST
+        self._simulation: Simulation[CrankNumbers] | None = None
+        self._frames = {name: frame_acceleration(mode, rate) for name, mode in twin.rig.frames.items()}
+        self._steps = 0
+        self._status = Status.COMPLETED
+
+    def change_drive(self, drive: SpeedDrive, phase: float, reference: float) -> None:
+        """Drive like this from now on; the crank is at `phase` rad at `reference` s.
+
+        A crank that turns already is put to its new angle, and rod and piston with it: the journals stay
+        where they are in their bearings, and as fast there.
+        """
+        angle = angle_after(drive, phase, self._steps / self._rate - reference)
+        if self._simulation is None:
+            self._simulation = simulation(self._rig, drive, angle, 1 / self._rate)
+        else:
+            y = self._simulation.present()
+            at = eccentricity(self._rig, y, speed_at(self._drive, y[THETA]))
+            place(self._rig, y, angle, speed_at(drive, angle), at)
+            self._simulation.change(numbers(self._rig, drive), y)
+        self._drive = drive
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (channels, steps); fewer after a failure."""
+        outputs = np.zeros((OUTPUTS, steps))
+        if self._simulation is not None:
+            trace = self._simulation.advance(steps)
+            outputs, self._status = trace.outputs, trace.status
+        self._steps += outputs.shape[1]
+        forces = {CRANK_Y: outputs[FRAME_Y], CRANK_X: outputs[FRAME_X], PISTON_Y: outputs[GUIDE_Y]}
+        accelerations = [self._frames[name](force) for name, force in forces.items()]
+        return np.array([*accelerations, outputs[ANGLE], marker_voltage(outputs[ANGLE])])
+
+    def shape(self) -> Array:
+        """Points in m, shape (5, 2): crank bearing, crank pin, both ends of the rod, piston pin."""
+        rig = self._rig
+        if self._simulation is None:
+            y = simulation(rig, AT_REST, 0.0, 1 / self._rate).present()
+        else:
+            y = self._simulation.present()
+        r, a = rig.crank_length, rig.rod_centre * rig.rod_length
+        b, along, up = rig.rod_length - a, cos(y[PHI]), sin(y[PHI])
+        return np.array(
+            [
+                [0.0, 0.0],
+                [r * cos(y[THETA]), r * sin(y[THETA])],
+                [y[X] - a * along, y[Y] - a * up],
+                [y[X] + b * along, y[Y] + b * up],
+                [y[S], 0.0],
+            ]
+        )
+
+    @property
+    def status(self) -> Status:
+        """How the integration stands."""
+        return self._status

@@ -11,8 +11,7 @@ from daq.errors import SimulationFailed
 from sim_twin.mechanisms.run import CONTACT, ONSET, PEAK
 from sim_twin.mechanisms.simulation import Trace
 from sim_twin.rigs.planar_slider_crank.kernel import ANGLE, CRANK_PIN, PISTON_ACCELERATION, PISTON_PIN
-from sim_twin.rigs.planar_slider_crank.motion import CENTRED, Eccentricity, simulation, step_limits
-from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
+from sim_twin.rigs.planar_slider_crank.motion import CENTRED, CrankTwin, Eccentricity, simulation, step_limits
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.status import Status
 

@@ -11,13 +11,12 @@ _LOOKED_AT = {3: 2, 4: 3}
 """Points that gravity presses, by their rank among the orders; the socket comes first."""
 
 
-def _on_the_guide(point: int) -> RigChannel:
-    return RigChannel("slider", "force", "N", Role.CONTACT, str(point), "guide", _LOOKED_AT.get(point, 0))
-
-
 CHANNELS = ChannelTable(
     (
-        *(_on_the_guide(point) for point in range(1, 9)),
+        *(
+            RigChannel("slider", "force", "N", Role.CONTACT, str(point), "guide", _LOOKED_AT.get(point, 0))
+            for point in range(1, 9)
+        ),
         RigChannel("socket", "force", "N", Role.CONTACT, group="socket", order_rank=1),
         RigChannel("motor", "tachometer", "rad/s", Role.SPEED),
         RigChannel("flywheel", "marker", "V", Role.MARKER),

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.contact.laws import ContactLaw, Friction
-from sim_twin.joints.spatial_prismatic import POINTS
-from sim_twin.parts.rod import bending_modes
+from sim_twin.contact import ContactLaw, Friction
+from sim_twin.joints.spatial import POINTS
+from sim_twin.parts.beam import bending_modes
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+from sim_twin.compiled import mechanical
 from sim_twin.joints.vectors import Vector, added, cross, dot, scaled, subtracted
-from sim_twin.mechanisms.generic import mechanical
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
 from sim_twin.rigs.spatial_slider_crank.pose import Pose
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from sim_twin.compiled import compiled
-from sim_twin.contact.laws import elastic_force, normal_force
-from sim_twin.joints.spatial_prismatic import POINTS, face_axis, face_side, friction_force
-from sim_twin.joints.spherical import Touch, ball_in_socket
+from sim_twin.compiled import compiled, mechanical
+from sim_twin.contact import elastic_force, normal_force
+from sim_twin.joints.spatial import POINTS, Touch, ball_in_socket, face_axis, face_side, friction_force
 from sim_twin.joints.vectors import Vector, added, cross, dot, gibbs_rate, outward, scaled, subtracted
-from sim_twin.mechanisms.generic import mechanical
 from sim_twin.mechanisms.integrator import integrate
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, RIGID, SOCKET, Array, Constants

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from daq.errors import UnphysicalParameter
 from daq.quantity import Bound, Quantity, Whole
-from sim_twin.contact.laws import ContactLaw, Friction, linear
-from sim_twin.joints.spatial_prismatic import PrismaticJoint
-from sim_twin.joints.spherical import SphericalJoint
-from sim_twin.parts.rod import MOST_BENDING_MODES, Rod
+from sim_twin.contact import ContactLaw, Friction, linear
+from sim_twin.joints.spatial import PrismaticJoint, SphericalJoint
+from sim_twin.parts.beam import MOST_BENDING_MODES, Rod
 from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
 

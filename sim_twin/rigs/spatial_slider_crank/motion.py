@@ -1,19 +1,23 @@
-"""The mechanism set up for the integrator: tolerances, and states with the ball anywhere in its socket."""
+"""The spatial slider-crank in motion: set up for the integrator, and what its channels show."""
 
 from __future__ import annotations
 
 from math import asin, atan2, sqrt
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
-from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage
 from sim_twin.rigs.spatial_slider_crank import kernel
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, Constants, Layout, constants, layout
+from sim_twin.rigs.spatial_slider_crank.kernel import ANGLE_ROW, OUTPUTS, SPEED_ROW
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.pose import crank_pin, crank_pin_velocity, pose
+from sim_twin.status import Status
+from sim_twin.twin import Twin
 
 Array = NDArray[np.float64]
 PRECISION = 1e-10
@@ -26,6 +30,7 @@ STEP_BUDGET = 4_000_000
 """Steps that a call may take for each simulated second; a healthy rig takes about 3e4."""
 _NEWTON = 8
 AT_REST = SpeedDrive(0.0)
+SpatialTwin: TypeAlias = Twin[SpatialSliderCrank, SpeedDrive]
 
 
 def simulation(
@@ -103,3 +108,53 @@ def _ball_steps(p: Constants, y: Array) -> Array:
 
 def _layout(p: Constants) -> Layout:
     return layout(p.modes, bool(p.base[1] > 0.0))
+
+
+class SpatialTruth:
+    """Still until the first drive, which starts it in full motion: centred joints, ideal velocities."""
+
+    def __init__(self, twin: SpatialTwin, rate: float, drive_changes: bool = False) -> None:
+        self._rig, self._rate = twin.rig, rate
+        self._simulation: Simulation[Constants] | None = None
+        self._steps = 0
+        self._status = Status.COMPLETED
+
+    def change_drive(self, drive: SpeedDrive, phase: float, reference: float) -> None:
+        """Drive like this from now on; the crank is at `phase` rad at `reference` s.
+
+        A crank that turns already is put to its new angle, and rod and slider with it: the ball stays where
+        it is in its socket, and as fast there.
+        """
+        angle = angle_after(drive, phase, self._steps / self._rate - reference)
+        if self._simulation is None:
+            self._simulation = simulation(self._rig, drive, angle, 1 / self._rate)
+            return
+        p, y = constants(self._rig, drive), self._simulation.present()
+        offset, rate = eccentricity(self._simulation.parameters, y)
+        place(p, y, angle, offset, rate)
+        self._simulation.change(p, y)
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (channels, steps); fewer after a failure."""
+        outputs = np.zeros((OUTPUTS, steps))
+        if self._simulation is not None:
+            trace = self._simulation.advance(steps)
+            outputs, self._status = trace.outputs, trace.status
+        self._steps += outputs.shape[1]
+        marker = marker_voltage(outputs[ANGLE_ROW])
+        return np.array([*outputs[:CONTACTS], outputs[SPEED_ROW], marker])
+
+    def shape(self) -> Array:
+        """Points in m, shape (4, 3): crank bearing, socket, ball, universal joint."""
+        if self._simulation is None:
+            p = constants(self._rig, AT_REST)
+            y = ideal_state(p, 0.0)
+        else:
+            p, y = self._simulation.parameters, self._simulation.present()
+        at, theta = pose(p, y), float(y[2 * (8 + 2 * p.modes)])
+        return np.array([p.centre, crank_pin(p, theta), at.ball, at.pin])
+
+    @property
+    def status(self) -> Status:
+        """How the integration stands."""
+        return self._status

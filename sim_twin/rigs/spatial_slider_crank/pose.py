@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import cos, sin
 from typing import NamedTuple
 
+from sim_twin.compiled import mechanical
 from sim_twin.joints.vectors import (
     Rotation,
     Vector,
@@ -20,7 +21,6 @@ from sim_twin.joints.vectors import (
     product,
     subtracted,
 )
-from sim_twin.mechanisms.generic import mechanical
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
 
 

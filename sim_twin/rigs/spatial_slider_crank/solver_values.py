@@ -13,8 +13,7 @@ from sim_twin.mechanisms.simulation import Trace
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.rigs.spatial_slider_crank.constants import SOCKET
 from sim_twin.rigs.spatial_slider_crank.kernel import ANGLE_ROW, SLIDER_SPEED_ROW
-from sim_twin.rigs.spatial_slider_crank.motion import STEP_BUDGET, simulation, step_limits
-from sim_twin.rigs.spatial_slider_crank.truth import SpatialTwin
+from sim_twin.rigs.spatial_slider_crank.motion import STEP_BUDGET, SpatialTwin, simulation, step_limits
 from sim_twin.status import Status
 
 RATE = 51_200.0

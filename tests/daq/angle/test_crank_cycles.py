@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from daq.angle.begins import Cycles
-from daq.angle.crank_cycles import GIVE_UP_S, AngleCycles, MarkerCycles
+from daq.angle.cycles import GIVE_UP_S, AngleCycles, Cycles, MarkerCycles
 from daq.angle.speed import AngleSpeed, MarkerSpeed
 
 RATE = 5120.0

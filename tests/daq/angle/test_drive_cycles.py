@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from daq.angle.drive_cycles import DriveCycles
+from daq.angle.cycles import DriveCycles
 
 RATE, HZ = 5120.0, 20.0
 

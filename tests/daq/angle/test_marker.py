@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 
-from daq.angle.edges import RisingEdges
-from daq.angle.marker import Marks, MarkTracker, SpeedChange, crank_angle
+from daq.angle.marker import Marks, MarkTracker, RisingEdges, SpeedChange, crank_angle
 from daq.errors import UnphysicalParameter
 
 Array = NDArray[np.float64]

@@ -11,8 +11,7 @@ import numpy as np
 from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.formats.contents import Column, Contents
-from daq.formats.log_recording import read_log
-from daq.formats.recording import Recording, Track
+from daq.formats.recording import Recording, Track, read_log
 from daq.formats.samples import Samples, Scratch
 from daq.log.reader import LogReader, Origin
 from daq.log.records import ClockRecord, Event, Impact

@@ -14,8 +14,7 @@ from daq.block import Flag, SampleBlock
 from daq.errors import LogError, RattleError
 from daq.formats import FORMATS, format_of
 from daq.formats.contents import Contents
-from daq.formats.log_recording import blocks_of, read_log, write_log
-from daq.formats.recording import Recording, Stretch, TimeBase, Track, union
+from daq.formats.recording import Recording, Stretch, TimeBase, Track, blocks_of, read_log, union, write_log
 from daq.formats.samples import Scratch
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log

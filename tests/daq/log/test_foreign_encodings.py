@@ -10,8 +10,8 @@ import pytest
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.log import codec
+from daq.log.codec import SampleBlockMessage
 from daq.log.records import Event
-from daq.log.schema import SampleBlockMessage
 
 VALUES = np.linspace(-3, 3, 7, dtype="<f4")
 WIDE = np.linspace(1e9, 1e9 + 1e-3, 5)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 
 from daq.signals.frf import FrfAverage, frf
-from daq.signals.segments import Segmenting
+from daq.signals.spectrum import Segmenting
 from tests.daq.signals.cuts import blocks, cuts_of
 
 SAMPLES = 64

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from daq.signals.segments import Segmenting
+from daq.signals.spectrum import Segmenting
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,14 @@ import pytest
 from hypothesis import given, settings
 from scipy import signal
 
-from daq.signals.segments import Segmenting
-from daq.signals.spectrum import Autospectrum, SpectrumAverage, autospectrum, averaged_spectrum, log_bands
+from daq.signals.spectrum import (
+    Autospectrum,
+    Segmenting,
+    SpectrumAverage,
+    autospectrum,
+    averaged_spectrum,
+    log_bands,
+)
 from tests.daq.signals.cuts import blocks, cuts_of
 
 RATE = 51_200.0

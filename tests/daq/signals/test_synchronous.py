@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from daq.signals.synchronous import CycleAverage, SynchronousAverage, synchronous_average
+from daq.signals.even_angles import CycleAverage, SynchronousAverage, synchronous_average
 from tests.daq.signals.cuts import blocks, cuts_of, drive_turns
 
 POINTS = 4096

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from daq.signals.segments import Segmenting
-from daq.signals.spectrum import Autospectrum, averaged_spectrum, third_octaves
+from daq.signals.spectrum import Autospectrum, Segmenting, averaged_spectrum, third_octaves
 
 # Exact midband frequencies of one-third octaves, to five digits, by their nominal ones (IEC 61260-1:2014).
 EXACT = {

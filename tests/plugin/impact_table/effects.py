@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from impact_table.model import scaled
-from sim_twin.effects.effect import Effect, Parameter
+from sim_twin.effects import Effect, Parameter
 from sim_twin.twin import AnyTwin
 
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
-
 from daq.quantity import Bound, Quantity
-from sim_twin.effects.effect import Effect, Parameter, catalogue_of
-from sim_twin.effects.sensing import sensor_gain
-from sim_twin.healthy import Tolerance, drawn, factor, of_sensors
+from sim_twin.effects import Effect, Parameter, catalogue_of, sensor_gain
+from sim_twin.healthy import Tolerance, factor, of_sensors
 from sim_twin.ranges import require_bounds
 from sim_twin.rigs.channel_table import ChannelTable, RigChannel, Role
 from sim_twin.rigs.cycles import sine_cycles
@@ -75,13 +72,6 @@ def tolerances(twin: AnyTwin) -> tuple[Tolerance, ...]:
     )
 
 
-def draw_healthy(
-    twin: AnyTwin, rng: np.random.Generator, run_rng: np.random.Generator | None = None
-) -> AnyTwin:
-    noisy = replace(twin, sensors={**nominal_sensors(twin.rig, twin.drive), **twin.sensors})
-    return drawn(noisy, tolerances(noisy), rng, run_rng)
-
-
 def scaled(name: str, location: str, field: str, *intervals: tuple[float, float]) -> Effect:
     """An effect that multiplies one of the table's parameters."""
 
@@ -105,7 +95,6 @@ MODEL = RigModel(
     ),
     channels=CHANNELS,
     nominal_sensors=nominal_sensors,
-    draw_healthy=draw_healthy,
     tolerances=tolerances,
     truth=Deferred("impact_table.motion:TableTruth"),
     solver_values=Deferred("impact_table.motion:solver_values"),

@@ -86,7 +86,7 @@ def test_an_instrument_that_cannot_be_used_costs_only_itself(
 
 WORN_STOPS = """
 from dataclasses import replace
-from sim_twin.effects.effect import Effect, Parameter
+from sim_twin.effects import Effect, Parameter
 
 def clearer(twin, values):
     return replace(twin, rig=replace(twin.rig, clearance=twin.rig.clearance * values["scale"]))

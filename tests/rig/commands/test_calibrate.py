@@ -11,14 +11,14 @@ import pytest
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.log.writer import LogWriter
-from rig.commands import calibrate
+from rig.commands import diagnose
 from rig.diagnosis.recordings import recorded
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
-from rig.twin.matched_twin import campaign_with_model, carried, with_model
+from rig.twin.logged import campaign_with_model, carried, with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis.matching import Match
-from sim_twin.matched import Matched
+from sim_twin.healthy import Matched
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin
 from tests.rig.commands.cli import Call
@@ -105,7 +105,7 @@ def test_a_run_with_a_fault_gives_no_model(
     call: Call, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     far = Match(Matched(("yoke.force.gain",), np.array([9.0]), np.array([[0.1]])), 20.0)
-    monkeypatch.setattr(calibrate, "_match", lambda *_: far)
+    monkeypatch.setattr(diagnose, "_match", lambda *_: far)
     answer = call("calibrate", reference, "-o", tmp_path / "model.toml")
     assert answer.code == 1
     assert "not of a healthy rig" in answer.err

@@ -63,7 +63,6 @@ def campaign(
     return diagnosed["one"]
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_hidden_effect_is_named_in_words_and_files(campaign: Campaign) -> None:
     content = campaign.content
@@ -80,7 +79,6 @@ def test_the_hidden_effect_is_named_in_words_and_files(campaign: Campaign) -> No
         assert word in campaign.answer.out
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_diagnosis_holds_to_the_interface(campaign: Campaign) -> None:
     content = campaign.content
@@ -106,7 +104,6 @@ def test_the_diagnosis_holds_to_the_interface(campaign: Campaign) -> None:
     assert all(isfinite(number) for number in _numbers(content))
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_gap_is_told_by_channel_run_band_phase_and_location(campaign: Campaign) -> None:
     block = campaign.content["gap"]
@@ -123,7 +120,6 @@ def test_the_gap_is_told_by_channel_run_band_phase_and_location(campaign: Campai
     assert max(block["by_location"], key=lambda one: block["by_location"][one]) == "contact joint"
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -> None:
     experiment = campaign.content["next_experiment"]
@@ -136,7 +132,6 @@ def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -
     assert load_scenario(campaign.out / "next_experiment.toml") == scenario
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Campaign, call: Call) -> None:
     effects = campaign.out / "effects.json"
@@ -256,7 +251,6 @@ def test_effects_that_the_rig_does_not_have_are_wrong_use(call: Call, run: Path,
     assert "rod_flexibility" in answer.err
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(not FOREIGN.is_file(), reason=f"no {FOREIGN}")
 def test_the_effect_in_another_program_s_recording_is_found(

@@ -17,14 +17,13 @@ import numpy as np
 import psutil
 import pytest
 
-from rig.ensembles.executors import Workers
+from rig.ensembles import Workers
 from rig.files.scenario import load_scenario
 from rig.twin.scenario_twin import twin_of
 from sim_twin.ensembles.figures import Figures
 from sim_twin.ensembles.population import Population
-from sim_twin.ensembles.simulate import simulate
-from sim_twin.ensembles.variant import Outcome
-from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.ensembles.simulate import Outcome, simulate
+from sim_twin.rigs.rig_model import RunFigures
 from sim_twin.status import Status
 from tests.rig.commands.cli import Call
 
@@ -140,7 +139,7 @@ def test_failed_runs_are_counted_with_advice_and_all_failed_is_an_error(
     good = (Outcome(Status.COMPLETED, RunFigures(Status.COMPLETED, {"first_peak_n": 20.0})),)
     arguments = ("ensemble", scenario(tmp_path), "--workers", 1)
     nobody = nullcontext(Workers(ThreadPoolExecutor(1), 1))
-    monkeypatch.setattr("rig.ensembles.executors.worker_processes", lambda count: nobody)
+    monkeypatch.setattr("rig.ensembles.worker_processes", lambda count: nobody)
     monkeypatch.setattr("sim_twin.ensembles.simulate.simulate", lambda *_: failed + good)
     answer = call(*arguments)
     assert answer.code == 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.reproduce.catalogue import FIGURES
+from rig.reproduce.page import FIGURES
 from tests.rig.commands.cli import Call
 
 

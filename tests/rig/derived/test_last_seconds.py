@@ -1,7 +1,7 @@
 import numpy as np
 
 from daq.block import SampleBlock
-from rig.derived.last_seconds import LastSeconds
+from rig.stream import LastSeconds
 
 
 def block(first: int, *values: float) -> SampleBlock:

@@ -21,8 +21,7 @@ from daq.log.records import Event
 from daq.log.recover import verify_log
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from rig.derived.background import DerivationProcess
-from rig.derived.derivation import derived_channels
+from rig.derived.derivation import DerivationProcess, derived_channels
 from rig.derived.settings import RECORD
 from rig.files.scenario import Scenario
 from rig.session.logbook import logged_by

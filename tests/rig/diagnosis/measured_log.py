@@ -13,7 +13,7 @@ from daq.channel import Channel
 from daq.log.writer import LogWriter
 from rig.files.scenario import parse_scenario
 from rig.twin.scenario_twin import predicted_channels, twin_of
-from sim_twin.diagnosis.draw import Named
+from sim_twin.diagnosis.subject import Named
 
 Array = NDArray[np.float64]
 Damage = Callable[[SampleBlock], SampleBlock | None]

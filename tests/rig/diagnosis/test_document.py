@@ -14,12 +14,11 @@ import pytest
 from rig.diagnosis.document import Request, document, effects_file, gap_block, write_json
 from rig.diagnosis.experiments import Experiment
 from rig.files.effects_file import load_effects
+from sim_twin.diagnosis.belief import Unexplained
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
-from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.diagnosis.fingerprint.layout import Layout
-from sim_twin.diagnosis.unexplained import Unexplained
+from sim_twin.diagnosis.fingerprint import Columns, Layout
+from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.rigs.impact_beam.rig import MODEL
 
 UPPER, DRIVE = "contact.force_upper", "drive.force"

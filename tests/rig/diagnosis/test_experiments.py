@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from rig.diagnosis.experiments import Experiment, options
+from rig.files.faults import toml_of
 from rig.files.scenario import parse_scenario
-from rig.files.toml_text import toml_of
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of
 

@@ -16,7 +16,7 @@ from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError
 from rig.diagnosis.recordings import recorded
-from sim_twin.diagnosis.draw import Draw
+from sim_twin.diagnosis.subject import Draw
 from tests.rig.diagnosis.measured_log import BEAM, BLOCK, CRANK, RATE, Damage, flagged, recording, write
 
 Recording = tuple[tuple[Channel, ...], NDArray[np.float64]]

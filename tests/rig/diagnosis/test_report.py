@@ -14,20 +14,19 @@ import numpy as np
 import pytest
 
 from rig.diagnosis.report import verdict as verdicts
+from rig.diagnosis.report.before_and_after import latent_force
 from rig.diagnosis.report.case import Case, RunFacts
 from rig.diagnosis.report.causes import ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
-from rig.diagnosis.report.latent_force import parts as latent_force
 from rig.diagnosis.report.page import SECTIONS, write_report
 from rig.pages.content import BarTable, Figure, Sentence, Table
+from sim_twin.diagnosis.belief import Unexplained
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.estimate import Estimate
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
-from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.diagnosis.fingerprint import Columns, Layout
 from sim_twin.diagnosis.latent_force import DISPLACEMENT, TIME, VELOCITY, Curve, LatentForce
-from sim_twin.diagnosis.unexplained import Unexplained
-from sim_twin.effects.effect import Parameter
+from sim_twin.diagnosis.posterior import Estimate
+from sim_twin.effects import Parameter
 from tests.rig.browser import browser_page, needs_chromium
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
@@ -247,7 +246,7 @@ def text_of(path: Path) -> str:
 def test_the_page_holds_parameters_lookalikes_remarks_and_the_next_scenario(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     remark = "run1.mcap: no yoke.force: what only it shows cannot be found"
-    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [remark])
+    write_report(path, Case(findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [remark], folder=path.parent))
     text = text_of(path)
     assert remark in text
     assert "base flexibility frequency 431 Hz 419 to 444 Hz 150 to 1500 Hz 67 % 430 Hz" in text
@@ -260,7 +259,7 @@ def test_the_page_holds_parameters_lookalikes_remarks_and_the_next_scenario(tmp_
 
 def test_markup_in_names_stays_text(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report(path, nothing_missing(), DIAGNOSIS, [RunFacts("<b>x</b>", "<i>")], ["<img src=x>"])
+    write_report(path, Case(nothing_missing(), DIAGNOSIS, [RunFacts("<b>x</b>", "<i>")], ["<img src=x>"]))
     page = path.read_text(encoding="utf-8")
     assert "<img src=x>" not in page
     assert "&lt;img src=x&gt;" in page
@@ -270,7 +269,7 @@ def test_markup_in_names_stays_text(tmp_path: Path) -> None:
 @needs_chromium
 def test_every_plot_is_drawn_and_nothing_is_fetched(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report(path, findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [])
+    write_report(path, Case(findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [], folder=path.parent))
     complaints: list[str] = []
     fetched: list[str] = []
     with browser_page() as page:

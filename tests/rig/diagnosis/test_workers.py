@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.diagnosis.workers import Simulated
+from rig.ensembles import Simulated
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Observed
-from sim_twin.diagnosis.fingerprint.layout import Layout
+from sim_twin.diagnosis.fingerprint import Layout
+from sim_twin.diagnosis.subject import Draw, Observed
 
 LATER = 3600.0
 

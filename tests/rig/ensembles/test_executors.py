@@ -10,21 +10,18 @@ from concurrent.futures import Future
 
 import pytest
 
-from rig.ensembles.executors import WorkersAbsent, cluster, worker_processes
+from rig.ensembles import WorkersAbsent, cluster, worker_processes
 from sim_twin.ensembles.figures import Figures
 from sim_twin.ensembles.population import Population
-from sim_twin.ensembles.samples import Samples
-from sim_twin.ensembles.simulate import simulate
-from sim_twin.ensembles.variant import Outcome
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
+from sim_twin.ensembles.simulate import Outcome, simulate
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
-from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
+from sim_twin.rigs.rig_model import RunFigures
 from sim_twin.twin import Twin
 
 BEAM = Twin(nominal(), SineDrive(9.0, 20.0), nominal_sensors(nominal()))
 VARIANTS = Population(BEAM, (("clearance", {}),)).variants(40, 5)  # three pieces of work
 FIGURES = Figures(0.01, 0.05)
-SAMPLES = Samples(("yoke.force",), 51_200.0, 0.0, 0.02)
 
 
 def bits(outcome: Outcome[RunFigures]) -> tuple[object, ...]:
@@ -38,12 +35,9 @@ def environment() -> dict[str, str]:
 
 def test_two_workers_give_the_same_bits_as_this_thread() -> None:
     figures = [bits(outcome) for outcome in simulate(VARIANTS, FIGURES)]
-    samples = [outcome.value.tobytes() for outcome in simulate(VARIANTS, SAMPLES)]
     with worker_processes(2) as workers:
         spread = simulate(VARIANTS, FIGURES, workers.executor, in_flight=2)
         assert [bits(outcome) for outcome in spread] == figures
-        shown = simulate(VARIANTS, SAMPLES, workers.executor)
-        assert [outcome.value.tobytes() for outcome in shown] == samples
 
 
 def test_a_worker_has_one_thread_and_is_out_of_the_terminal_s_reach() -> None:

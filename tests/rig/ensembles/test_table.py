@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from daq.errors import RattleError
-from rig.ensembles.table import as_json, failure_lines, write_runs
-from sim_twin.ensembles.summary import spread_of
-from sim_twin.ensembles.variant import Outcome
-from sim_twin.rigs.side_by_side import RunFigures
+from rig.ensembles import as_json, failure_lines, write_runs
+from sim_twin.ensembles.figures import spread_of
+from sim_twin.ensembles.simulate import Outcome
+from sim_twin.rigs.rig_model import RunFigures
 from sim_twin.status import Status
 
 OUTCOMES: list[Outcome[RunFigures]] = [

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigurationError
+from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
 from tests.rig.files.faulty import only_problem, problems_of
 
@@ -56,10 +57,13 @@ def changed(old: str, new: str) -> str:
 
 def test_real_bench_is_read_in_si() -> None:
     bench = parse(REAL)
-    assert bench.signal_generator.resource == "TCPIP::192.168.0.20::5025::SOCKET"
-    assert (bench.signal_generator.force_per_volt, bench.signal_generator.maximum_amplitude) == (3.6, 12.0)
-    assert (bench.signal_generator.driver, bench.daq_card.driver) == ("scpi_33220a", "nidaqmx")
-    assert (bench.daq_card.grpc, bench.daq_card.emulated, bench.daq_card.buffer) == (
+    assert bench.the(GeneratorSettings).resource == "TCPIP::192.168.0.20::5025::SOCKET"
+    assert (bench.the(GeneratorSettings).force_per_volt, bench.the(GeneratorSettings).maximum_amplitude) == (
+        3.6,
+        12.0,
+    )
+    assert (bench.the(GeneratorSettings).driver, bench.daq_card.driver) == ("scpi_33220a", "nidaqmx")
+    assert (bench.daq_card.grpc, bench.daq_card.emulated, bench.daq_card.buffer_s) == (
         "127.0.0.1:31763",
         False,
         10.0,
@@ -72,7 +76,7 @@ def test_real_bench_is_read_in_si() -> None:
 
 def test_example_names_all_channels_of_the_impact_beam() -> None:
     bench = load_bench(EXAMPLE)
-    assert not bench.signal_generator.emulated
+    assert not bench.the(GeneratorSettings).emulated
     assert not bench.daq_card.emulated
     embedded = embedded_bench().daq_card.channels
     assert [channel.name for channel in bench.daq_card.channels] == [channel.name for channel in embedded]
@@ -80,7 +84,7 @@ def test_example_names_all_channels_of_the_impact_beam() -> None:
 
 def test_embedded_bench_is_emulated_as_a_whole() -> None:
     bench = embedded_bench()
-    assert bench.signal_generator.emulated
+    assert bench.the(GeneratorSettings).emulated
     assert bench.daq_card.emulated
     ranges = {channel.name: (channel.unit, channel.range) for channel in bench.daq_card.channels}
     assert ranges == {
@@ -109,14 +113,14 @@ def test_bench_without_an_instrument_is_emulated() -> None:
 def test_emulated_instrument_beside_a_real_one() -> None:
     text = REAL.replace('resource = "TCPIP::192.168.0.20::5025::SOCKET"', "emulated = true")
     bench = parse(text)
-    assert bench.signal_generator.emulated
-    assert bench.signal_generator.resource == ""
+    assert bench.the(GeneratorSettings).emulated
+    assert bench.the(GeneratorSettings).resource == ""
     assert not bench.daq_card.emulated
 
 
 def test_emulated_instrument_takes_what_is_left_open_from_the_embedded_bench() -> None:
     card = "[daq_card]" + REAL.partition("[daq_card]")[2]
-    generator = parse(f"[signal_generator]\nemulated = true\nmaximum_amplitude = 5\n{card}").signal_generator
+    generator = parse(f"[signal_generator]\nemulated = true\nmaximum_amplitude = 5\n{card}").actuator
     assert (generator.maximum_amplitude, generator.force_per_volt) == (5.0, 3.6)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import math
@@ -10,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings, Pulses
+from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, Pulses, problems
 from drivers.ni_daq.emulator.wiring import ChargeStage, CounterWire, LowPassStage, Wire
-from drivers.ni_daq.problems import problems
 from rig.card_wiring import chain_record, wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
 from rig.files.pairing import check_pair
@@ -131,7 +131,7 @@ def test_every_channel_that_a_file_can_hold_is_one_of_the_card() -> None:
         CHARGE + AMPLIFIER + FILTER,
     )
     card = bench.daq_card
-    assert problems(CardSettings(None, 25600.0, card.buffer, card.channels)) == []
+    assert problems(dataclasses.replace(card, sample_rate_hz=25600.0)) == []
     wiring_of(bench).devices()
 
 

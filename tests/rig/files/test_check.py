@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigurationError
+from rig.commands.check import load_any
 from rig.files.bench import Bench
-from rig.files.check import load_any
 from rig.files.scenario import Scenario
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigurationError
+from drivers.mitsubishi_fr.settings import InverterSettings
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
 from rig.files.pairing import check_pair
 from rig.files.scenario import parse_scenario
@@ -38,7 +39,7 @@ def rpm(speed: float) -> float:
 
 
 def test_inverter_is_read_in_si() -> None:
-    inverter = parse(TEXT).inverter
+    inverter = parse(TEXT).actuator
     assert (inverter.driver, inverter.port, inverter.station) == ("mitsubishi_fr", "/dev/ttyUSB1", 1)
     assert (inverter.baudrate, inverter.parity, inverter.rpm_per_hz) == (19200, "E", 5.0)
     assert rpm(inverter.maximum_speed) == pytest.approx(300.0, rel=1e-12)
@@ -96,7 +97,7 @@ def test_the_rig_of_a_bench_is_told_by_its_instruments(rig: str, tmp_path: Path)
 def test_without_any_instrument_every_one_of_the_rig_is_emulated() -> None:
     bench = parse("[emulation]\nseed = 7\n", "spatial_slider_crank")
     assert bench.daq_card == embedded_bench("spatial_slider_crank").daq_card
-    assert bench.inverter == embedded_bench("spatial_slider_crank").inverter
+    assert bench.actuator == embedded_bench("spatial_slider_crank").actuator
 
 
 def test_an_emulated_encoder_needs_nothing_else() -> None:
@@ -204,7 +205,7 @@ def test_the_benches_of_two_rigs_are_not_mixed_up() -> None:
     problem = only_problem(lambda: parse(RIGS["impact_beam"].bench), "signal_generator")
     assert problem.allowed == "none: the planar_slider_crank is driven by [inverter]"
     with pytest.raises(LookupError, match="this bench has no Inverter"):
-        _ = embedded_bench("impact_beam").inverter
+        _ = embedded_bench("impact_beam").the(InverterSettings)
 
 
 def test_a_crank_of_the_other_kind_has_other_channels() -> None:

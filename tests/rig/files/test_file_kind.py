@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.files.check import load_any
+from rig.commands.check import load_any
 from rig.files.file_kind import read_file, refuse_other_than_log
 from tests.daq.log.logs import write_ramp
 from tests.rig.commands.cli import Call, caller

@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from daq.errors import ConfigurationError
+from rig.commands.check import load_any
 from rig.files.bench import embedded_bench, load_bench
-from rig.files.check import load_any
 from rig.files.model_file import load_model
 from rig.files.pairing import check_bench, check_pair, check_scenario
 from rig.files.scenario import load_scenario, parse_scenario

@@ -7,7 +7,7 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.model_file import load_model, model_text, parse_model
-from sim_twin.matched import Matched
+from sim_twin.healthy import Matched
 from tests.rig.files.faulty import only_problem, problems_of
 
 NAMES = ("beam.E", "contact_stiffness", "yoke.force.gain")

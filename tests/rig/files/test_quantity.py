@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.files.quantity import QuantityError, si_value
+from rig.files.quantity import _USUAL, QuantityError, _by_pint, _named, si_value
 
 # by definition: standard gravity 9.80665 m/s2, pound-force 4.4482216152605 N, inch 25.4 mm
 EXACT = [
@@ -71,6 +71,11 @@ def test_text_of_another_kind_is_refused_with_the_reason(text: str, unit: str, r
     with pytest.raises(QuantityError) as caught:
         si_value(text, unit)
     assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize("unit", _USUAL)
+def test_the_usual_units_are_what_pint_says_to_the_last_bit(unit: str) -> None:
+    assert _named(unit) == _by_pint(unit)
 
 
 # the first example loads the unit registry, which takes longer than hypothesis's deadline

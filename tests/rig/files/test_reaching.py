@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from rig.emulation import bench_reaching
 from rig.files.bench import embedded_bench, load_bench, parse_bench
-from rig.files.reaching import bench_reaching
 from rig.rigs import RIGS
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -50,7 +50,7 @@ seed = 7
     reached = parse_bench(written, "reached", Path())
     assert reached.rig == "planar_slider_crank"
     assert "emulat" not in written
-    assert (reached.inverter.station, reached.inverter.rpm_per_hz) == (9, 6.0)
+    assert (reached.actuator.station, reached.actuator.rpm_per_hz) == (9, 6.0)
     assert reached.daq_card.channels == emulated.daq_card.channels
     assert emulated.encoder is not None
     options: dict[str, str | int] = {"channel": "can0", "host": "127.0.0.1", "port": 29536}

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigurationError
-from rig.files.check import load_any
+from rig.commands.check import load_any
+from rig.files.faults import toml_of
 from rig.files.scenario import parse_scenario
 from rig.files.sweep import Sweep, load_sweep, parse_sweep, points_named
-from rig.files.toml_text import toml_of
 from tests.rig.files.faulty import only_problem, problems_of
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"

@@ -14,7 +14,7 @@ from daq.channel import Channel
 from daq.log.reader import Origin
 from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import parse_scenario
-from rig.live.crank.picture import CrankPicture
+from rig.live.crank_picture import CrankPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.live.view import LiveView
@@ -37,7 +37,7 @@ SPATIAL = SpatialCrankPicture(
     0.05, 0.19, 3.2e-3, 1.2, (0.0, 0.0, 0.0), 6.5e-3, 25e-3, 0.25e-3, 0.25e-3, SPEED_RAD_S
 )
 SPATIAL_SHAPE = np.array([[0, 0, 0], [0.05, 0, 0], [0.0502, 0, 1e-4], [0.2402, 2e-4, -1e-4]])
-pytestmark = [pytest.mark.slow, pytest.mark.browser]
+pytestmark = [pytest.mark.long, pytest.mark.browser]
 
 
 def seen(client: ViewerClient, folder: Path, wanted: dict[str, set[str]]) -> set[str]:

@@ -15,13 +15,12 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.records import Impact
 from rig.live import paths
-from rig.live.crank.plots import ImpactPicture
-from rig.live.cycle_figures import figure_views
-from rig.live.layout import Layout, layout_of
-from rig.live.picture import Stage
+from rig.live.crank_plots import ImpactPicture
+from rig.live.picture import Layout, Stage, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.scene import Scene
+from rig.live.series import figure_views
 from rig.stream import Block
 
 START_NS = 1_790_000_000_000_000_000

@@ -22,7 +22,7 @@ from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
 BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 NAMES = {channel.name for channel in CHANNELS}
-pytestmark = [pytest.mark.slow, pytest.mark.browser]
+pytestmark = [pytest.mark.long, pytest.mark.browser]
 
 
 @pytest.fixture

@@ -152,7 +152,6 @@ def test_when_the_acquisition_is_killed_its_view_ends_too() -> None:
     assert wait_until(lambda: all(gone(process) for process in processes))
 
 
-@pytest.mark.slow
 def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: LiveView) -> None:
     seconds = 5.0
     before = time.process_time()

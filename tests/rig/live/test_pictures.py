@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from math import pi
 
@@ -9,14 +10,15 @@ import numpy as np
 import pytest
 
 from rig.files.scenario import parse_scenario
-from rig.live.crank.picture import CrankPicture
-from rig.live.layout import Layout, layout_of, picture_of
+from rig.live.crank_picture import CrankPicture
+from rig.live.picture import layout_of, picture_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.rigs import RIGS as KINDS
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
+from tests.rig.synthetic_run import CHANNELS
 from tests.sim_twin.every_rig import RIGS
 
 DRIVES = {"impact_beam": 'frequency = "5 Hz"\namplitude = "9 N"'}
@@ -43,12 +45,16 @@ def test_every_rig_has_a_picture() -> None:
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_a_layout_with_a_picture_travels_as_text(rig: str) -> None:
+def test_a_layout_with_a_picture_travels_to_another_process(rig: str) -> None:
     twin = nominal(rig)
     layout = layout_of("run", predicted_channels(twin), [], picture_of(twin), 2.0)
-    again = Layout.from_json(layout.to_json())
-    assert type(again.picture) is type(layout.picture)
-    assert again.to_json() == layout.to_json()
+    assert pickle.loads(pickle.dumps(layout)) == layout  # noqa: S301 - our own
+
+
+def test_beside_a_nominal_twin_the_prediction_is_called_repaired() -> None:
+    alone, both = layout_of("run", CHANNELS, CHANNELS), layout_of("run", CHANNELS, CHANNELS, nominal=CHANNELS)
+    assert [layout.whose("predicted") for layout in (alone, both)] == ["predicted", "repaired"]
+    assert list(both.origins) == ["measured", "nominal", "predicted"]  # drawn in this order, the last on top
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -64,7 +70,7 @@ def test_a_picture_speaks_of_channels_that_its_rig_has(rig: str) -> None:
         assert picture.turning(shown) == picture.channels.ordered
         assert picture.heard(shown) == picture.channels.heard(twin.channels)
         assert picture.channels.marker in twin.channels
-        assert picture.set_rad_s == pytest.approx(200 * 2 * pi / 60)
+        assert picture.speed_rad_s == pytest.approx(200 * 2 * pi / 60)
 
 
 @pytest.mark.parametrize(
@@ -119,5 +125,5 @@ def test_journals_are_shown_where_they_are_in_their_bearings() -> None:
 def test_a_rig_without_a_picture_is_shown_without(monkeypatch: pytest.MonkeyPatch) -> None:
     twin = nominal("planar_slider_crank")
     without = replace(KINDS["planar_slider_crank"], picture="")
-    monkeypatch.setattr("rig.live.layout.RIGS", {"planar_slider_crank": without})
+    monkeypatch.setattr("rig.live.picture.RIGS", {"planar_slider_crank": without})
     assert picture_of(replace(twin)) is None

@@ -1,56 +1,106 @@
-import os
+"""What goes from the acquisition to the view process: in order, as it was, and never waited for."""
+
+from __future__ import annotations
+
+import pickle
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from math import nan
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 
+import numpy as np
 import pytest
 
-from rig.live.frames import Dropped, encode, read_frames
-from rig.live.sender import FrameSender
+from daq.block import Flag, SampleBlock
+from daq.log.records import Event, Impact
+from rig.live.view import Dropped, Sender, Shown
+from rig.stream import Block, Shape
 
-Pipe = tuple[int, int]
+Pair = tuple[Connection, Connection]
 
 
 @pytest.fixture
-def pipe() -> Iterator[Pipe]:
-    reading, writing = os.pipe()
+def pipe() -> Iterator[Pair]:
+    reading, writing = Pipe()
     yield reading, writing
-    os.close(reading)
+    reading.close()
+    writing.close()
 
 
-def test_frames_come_out_in_order_and_the_pipe_is_closed(pipe: Pipe) -> None:
-    sender = FrameSender(pipe[1], 1 << 20)
+def sent(pipe: Pair, *records: Shown) -> list[Shown | None]:
+    """What comes out at the other end, to the last word."""
+    sender = Sender(pipe[1], 1 << 20)
     sender.start()
-    for count in range(1, 100):
-        sender.offer(encode(Dropped(count)))
+    for record in records:
+        sender.offer(pickle.dumps(record))
     sender.close(5.0)
-    with open(os.dup(pipe[0]), "rb") as stream:
-        assert list(read_frames(stream)) == [Dropped(count) for count in range(1, 100)]
+    return [pipe[0].recv() for _ in range(len(records) + 1)]
 
 
-def test_a_reader_that_stands_still_costs_the_oldest_frames_and_no_time(pipe: Pipe) -> None:
-    sender = FrameSender(pipe[1], 1 << 20)
+def test_records_come_out_in_order_and_then_that_it_was_all(pipe: Pair) -> None:
+    records = [Dropped(count) for count in range(1, 100)]
+    assert sent(pipe, *records) == [*records, None]
+
+
+def test_a_block_arrives_as_it_was_sent(pipe: Pair) -> None:
+    values = np.linspace(-1.0, 1.0, 100, dtype=np.float32)
+    block = SampleBlock(
+        "contact.force_upper", 2**40, 1_790_000_000_123_456_789, 51_200.25, values, Flag.OVERLOAD
+    )
+    found, _ = sent(pipe, Block("predicted", block))
+    assert isinstance(found, Block)
+    assert found.origin == "predicted"
+    assert found.samples.values.dtype == np.float32
+    assert np.array_equal(found.samples.values, values)
+    for field in ("channel", "first_sample", "time_ns", "sample_rate", "flags"):
+        assert getattr(found.samples, field) == getattr(block, field)
+
+
+def test_an_unwrapped_angle_keeps_its_double_precision(pipe: Pair) -> None:
+    block = SampleBlock("crank.angle", 0, 0, 1.0, np.array([1e5 + 1e-9, 2e5]))
+    found, _ = sent(pipe, Block("measured", block))
+    assert isinstance(found, Block)
+    assert found.samples.values.tolist() == [1e5 + 1e-9, 2e5]
+
+
+@pytest.mark.parametrize("turns", [12.75, nan])
+def test_what_is_no_block_arrives_as_it_was_found(pipe: Pair, turns: float) -> None:
+    impact = Impact(
+        1_790_000_000_123_456_789, "predicted", "socket.force", 7, 20, 9, 12.5, 11.0, 1e-3, 2e-4, 1, turns
+    )
+    event = Event(5, "warning", "daq_card", "overload", "über dem Bereich\n")
+    shape = Shape(0.25, np.array([[0.0, 0.28], [0.0, 1e-4], [1.0, 2.0]]))
+    found = sent(pipe, impact, event, shape)
+    assert repr(found[0]) == repr(impact)  # NaN is not equal to itself
+    assert found[1] == event
+    assert isinstance(found[2], Shape)
+    assert np.array_equal(found[2].points_m, shape.points_m)
+
+
+def test_a_reader_that_stands_still_costs_the_oldest_records_and_no_time(pipe: Pair) -> None:
+    sender = Sender(pipe[1], 1 << 20)
     sender.start()
-    frame = bytes(1 << 16)
+    record = bytes(1 << 16)
     slowest = 0.0
     for _ in range(1000):
         before = time.perf_counter()
-        sender.offer(frame)
+        sender.offer(record)
         slowest = max(slowest, time.perf_counter() - before)
-    # 62 MiB offered; the queue (1 MiB), the pipe (1 MiB) and the frame being written hold 34 of the frames.
+    # 62 MiB offered; the queue (1 MiB), the pipe (1 MiB at most) and the one being sent hold 34 of them.
     assert sender.dropped >= 1000 - 34
     assert slowest < 0.1  # against seconds, had it waited; 0.1 s leaves room for other programs' turns
     before = time.monotonic()
     sender.close(0.2)
-    assert time.monotonic() - before < 1.0  # the timeout and one poll
+    assert time.monotonic() - before < 1.0  # the timeout
+    pipe[0].close()
+    sender.close(None)
 
 
-def test_a_reader_that_is_gone_is_noticed_and_nothing_is_kept(pipe: Pipe) -> None:
-    reading, writing = os.pipe()
-    sender = FrameSender(writing, 1 << 20)
+def test_a_reader_that_is_gone_is_noticed_and_nothing_is_kept(pipe: Pair) -> None:
+    sender = Sender(pipe[1], 1 << 20)
     sender.start()
-    with closing(open(reading, "rb")):
-        pass
+    pipe[0].close()
     sender.offer(bytes(100))
     deadline = time.monotonic() + 5.0
     while not sender.broken and time.monotonic() < deadline:

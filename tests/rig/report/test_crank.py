@@ -23,8 +23,8 @@ from rig.report.crank_figures import impacts_by_group, order_lines, speed_figure
 from rig.report.page import render
 from rig.report.record import RunCollector, RunRecord, Trace, read_run
 from rig.report.sections.impacts import parts as impact_parts
-from rig.report.sections.orders import parts as order_parts
-from rig.report.sections.revolution import parts as revolution_parts
+from rig.report.sections.overlays import revolution as revolution_parts
+from rig.report.sections.spectra import orders as order_parts
 from rig.report.sections.spectra import parts as spectrum_parts
 from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from rig.pages.content import BigNumbers, Figure, Table
-from rig.report.closeness import closeness, overall_closeness
 from rig.report.page import render
 from rig.report.record import RunRecord, Trace, read_run
+from rig.report.sections.impacts import peaks
 from rig.report.sections.overlays import Cycle, cycle_of, mean_cycle
 from rig.report.sections.overlays import parts as overlays
-from rig.report.sections.peaks import parts as peaks
 from rig.report.sections.summary import parts as summary
+from rig.report.summary import closeness, overall_closeness
 from tests.rig.synthetic_run import DRIVE_HZ, PEAK_N, write_log
 
 THREE = ("measured", "nominal", "repaired")

@@ -5,35 +5,35 @@ import pytest
 
 from daq.errors import LogError
 from daq.log.writer import LogWriter
-from rig.report.summary import summarise
+from rig.report.record import read_run
+from rig.report.summary import half_cycle_statistics
 from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
 
 
 def test_the_numbers_of_a_run_are_those_it_was_made_of(tmp_path: Path) -> None:
-    summary = summarise(write_log(tmp_path / "run.mcap"))
-    assert (summary.run_id, summary.scenario) == ("run-7", "synthetic beam")
-    assert summary.drive == "frequency 20 Hz, amplitude 9 N"
-    assert summary.duration_s == pytest.approx(1.0)
-    assert [channel.name for channel in summary.channels] == [channel.name for channel in CHANNELS]
-    drive = summary.channels[0]
-    assert drive.measured is not None
-    assert drive.predicted is not None
+    run = read_run(write_log(tmp_path / "run.mcap"))
+    assert (run.metadata["run"]["id"], run.facts.name) == ("run-7", "synthetic beam")
+    assert run.facts.drive == "frequency 20 Hz, amplitude 9 N"
+    assert run.duration_s == pytest.approx(1.0)
+    assert list(run.channels) == [channel.name for channel in CHANNELS]
+    measured, predicted = (run.tallies[origin, CHANNELS[0].name] for origin in ("measured", "predicted"))
     # A sine of amplitude A has the rms A / sqrt(2); noise of 0.02 N adds 5e-6 of it.
-    assert drive.measured.rms == pytest.approx(8.0 / math.sqrt(2), rel=1e-4)
-    assert drive.predicted.rms == pytest.approx(7.2 / math.sqrt(2), rel=1e-4)
-    assert (summary.missing, summary.overloaded_blocks, summary.gaps) == (0, 0, ())
+    assert measured.rms == pytest.approx(8.0 / math.sqrt(2), rel=1e-4)
+    assert predicted.rms == pytest.approx(7.2 / math.sqrt(2), rel=1e-4)
+    assert (run.missing, run.overloaded_blocks, run.gaps) == (0, 0, [])
 
 
 def test_half_cycles_are_counted_on_both_sides(tmp_path: Path) -> None:
-    summary = summarise(write_log(tmp_path / "run.mcap"))
-    assert summary.measured_peaks is not None
-    assert summary.predicted_peaks is not None
-    assert summary.measured_peaks.count == 40  # 20 cycles of two half cycles in a second
+    run = read_run(write_log(tmp_path / "run.mcap"))
+    measured, predicted = (half_cycle_statistics(run, origin) for origin in ("measured", "predicted"))
+    assert measured is not None
+    assert predicted is not None
+    assert measured.count == 40  # 20 cycles of two half cycles in a second
     # Peaks sit on samples: a half sine of 51 samples is within 0.1 % of its top, noise is 0.02 N.
-    assert summary.measured_peaks.first_mean_n == pytest.approx(40.0, rel=2e-3)
-    assert summary.measured_peaks.max_mean_n == pytest.approx(40.0, rel=2e-3)
-    assert summary.predicted_peaks.first_mean_n == pytest.approx(36.0, rel=2e-3)
-    assert summary.measured_peaks.first_sd_n < 0.1
+    assert measured.first_mean_n == pytest.approx(40.0, rel=2e-3)
+    assert measured.max_mean_n == pytest.approx(40.0, rel=2e-3)
+    assert predicted.first_mean_n == pytest.approx(36.0, rel=2e-3)
+    assert measured.first_sd_n < 0.1
 
 
 def test_faults_in_the_data_are_counted_and_do_not_spoil_the_rest(tmp_path: Path) -> None:
@@ -45,22 +45,25 @@ def test_faults_in_the_data_are_counted_and_do_not_spoil_the_rest(tmp_path: Path
             if index == 3:
                 continue
             log.add_block("measured", damaged(block) if index == 5 else block, block.time_ns)
-    summary = summarise(path)
-    measured = summary.channels[0].measured
-    assert measured is not None
-    assert (measured.missing, measured.not_finite, measured.overloaded_blocks) == (5120, 100, 1)
+    run = read_run(path)
+    measured = run.tallies["measured", drive[0].name]
+    assert (measured.missing, measured.samples - measured.finite, measured.overloaded_blocks) == (
+        5120,
+        100,
+        1,
+    )
     assert measured.rms == pytest.approx(8.0 / math.sqrt(2), rel=1e-2)
-    assert summary.measured_peaks is None
-    assert [gap.count for gap in summary.gaps] == [5120]
+    assert half_cycle_statistics(run, "measured") is None
+    assert [gap.count for gap in run.gaps] == [5120]
 
 
 def test_a_log_without_a_sample_has_no_numbers(tmp_path: Path) -> None:
-    summary = summarise(write_log(tmp_path / "run.mcap", seconds=0.0))
-    assert summary.duration_s == 0.0
-    assert summary.channels[0].measured is None
+    run = read_run(write_log(tmp_path / "run.mcap", seconds=0.0))
+    assert run.duration_s == 0.0
+    assert run.measured == {}
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(b"no log at all")
     with pytest.raises(LogError, match="not a log"):
-        summarise(tmp_path / "run.mcap")
+        read_run(tmp_path / "run.mcap")

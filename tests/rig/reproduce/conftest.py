@@ -2,9 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from rig.reproduce.catalogue import FIGURES, compute_all
 from rig.reproduce.figure import Effort
-from rig.reproduce.page import Reproduced
+from rig.reproduce.page import FIGURES, Reproduced, compute_all
 
 
 @pytest.fixture(scope="session")

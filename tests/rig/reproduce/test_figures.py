@@ -11,11 +11,9 @@ import pytest
 from daq.errors import SimulationFailed
 from rig.reproduce import page
 from rig.reproduce.beam_runs import beam
-from rig.reproduce.catalogue import FIGURES, compute, compute_all
-from rig.reproduce.figure import Effort, Outcome
+from rig.reproduce.figure import Effort, Outcome, Statement, Verdict
 from rig.reproduce.figures import ibs_7_11
-from rig.reproduce.page import Reproduced
-from rig.reproduce.statement import Statement, Verdict
+from rig.reproduce.page import FIGURES, Reproduced, compute, compute_all
 
 # On a cold cache every kernel of three rigs is compiled first.
 pytestmark = pytest.mark.timeout(400)

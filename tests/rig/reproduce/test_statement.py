@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rig.reproduce.statement import (
+from rig.reproduce.figure import (
     Claim,
     Sample,
     Statement,

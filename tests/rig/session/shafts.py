@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from daq.errors import InstrumentRefused
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import MotorState
 
 RPM_PER_HZ = 10.0

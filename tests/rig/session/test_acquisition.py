@@ -12,7 +12,7 @@ from daq.errors import InstrumentSilent
 from drivers.protocols.card import CardReading, Finding
 from rig.files.scenario import Limit
 from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Reader
-from rig.session.limits import LimitWatch
+from rig.session.interlock import LimitWatch
 from rig.stream import Block, Stream
 from tests.rig.session.fakes import RATE, Kept, SteppedCard
 

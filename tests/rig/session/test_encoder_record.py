@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from daq.block import Flag
 from daq.errors import DeviceLost, InterlockTripped
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
-from rig.session.speed_guard import guards_of_shaft
+from rig.session.interlock import guards_of_shaft
 from rig.stream import Stream
 from tests.rig.session.fakes import Kept
 from tests.rig.session.shafts import SteppedClock

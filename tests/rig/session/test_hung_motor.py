@@ -13,8 +13,7 @@ import pytest
 
 from drivers.emulator_process import DriveLink
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
-from drivers.mitsubishi_fr.emulator.matching import matching_setup
-from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.speed_drive import InverterOutput
 

@@ -7,7 +7,7 @@ import pytest
 
 from daq.block import Flag
 from rig.files.scenario import Limit
-from rig.session.limits import LimitWatch
+from rig.session.interlock import LimitWatch
 
 RATE = 1000.0
 NAME = "contact.force_upper"

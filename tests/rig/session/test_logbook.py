@@ -10,7 +10,7 @@ from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
-from drivers.protocols.notice import Notice
+from drivers.protocols.instrument import Notice
 from rig.session.logbook import Logbook, logged_by
 from rig.session.motor import Motor
 from rig.stream import Stream

@@ -16,6 +16,7 @@ def record(notes: dict[str, str], encoder: str | None = None) -> dict[str, str]:
         actuator=SimpleNamespace(identity="an inverter"),
         card=SimpleNamespace(address="127.0.0.1:1"),
         encoder=None if encoder is None else SimpleNamespace(identity=encoder),
+        loggers={},
     )
     bench = embedded_bench("planar_slider_crank")
     return run_record(bench, devices, notes, "run", SteppedClock())  # type: ignore[arg-type]

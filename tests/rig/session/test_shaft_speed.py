@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channel import Channel
+from rig.session.interlock import SpeedGuard
 from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import STALE_S, ShaftSpeed
-from rig.session.speed_guard import SpeedGuard
 from tests.rig.session.shafts import SteppedClock
 
 RATE, BLOCK = 25_600.0, 2560

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from daq.errors import InterlockTripped
+from rig.session.interlock import OFF_S, OFF_SHARE, UNKNOWN_S, SpeedGuard
 from rig.session.shaft_speed import SpeedReading
-from rig.session.speed_guard import OFF_S, OFF_SHARE, UNKNOWN_S, SpeedGuard
 from tests.rig.session.shafts import SteppedClock
 
 WANTED = 200.0 * math.tau / 60.0

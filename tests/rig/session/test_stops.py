@@ -18,12 +18,12 @@ from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import InterlockTripped, RattleError
 from daq.log.reader import LogReader
-from rig.derived import background
+from rig.derived import derivation
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, parse_scenario
 from rig.session import driven_rig, twin_feed
-from rig.session.centring.probe import plan_of
-from rig.session.centring.rig import find_centre
+from rig.session.centring import plan_of
+from rig.session.centring_run import find_centre
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.dwells import DwellRequest, record_dwells
@@ -194,7 +194,7 @@ def moved(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[Rig, Moves]]:
     monkeypatch.setattr(driven_rig, "Supervisor", Idle)
-    for module in (twin_feed, background):
+    for module in (twin_feed, derivation):
         monkeypatch.setattr(module, "WorkerProcess", Idle)
     moves, text = request.param
     with ExitStack() as stack:

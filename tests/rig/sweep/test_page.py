@@ -19,8 +19,18 @@ from daq.log.records import Impact
 from daq.log.writer import LogWriter
 from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
-from rig.sweep.page import headings_of, rows_of, write_page
-from rig.sweep.results import A_CYCLE, HELD, IMPACTS, PEAK_MEAN, PEAK_SD, outcome_of, write_results
+from rig.sweep.results import (
+    A_CYCLE,
+    HELD,
+    IMPACTS,
+    PEAK_MEAN,
+    PEAK_SD,
+    headings_of,
+    outcome_of,
+    rows_of,
+    write_page,
+    write_results,
+)
 from rig.sweep.state import SCHEMA, PointState, SweepState
 from tests.rig.sweep.swept import parsed
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig.twin.crank_alignment import align_angle, align_marker
+from rig.twin.alignment import align_angle, align_marker
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 
 RATE, COUNTS = 25_600.0, 4096

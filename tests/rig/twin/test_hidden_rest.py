@@ -9,8 +9,8 @@ import pytest
 from daq.errors import UnphysicalParameter
 from rig.files.bench import parse_bench
 from rig.twin.plant import resting_at
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import Twin
 from tests.end_to_end.files import write_bench
 

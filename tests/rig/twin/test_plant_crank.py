@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.protocols.speed_drive import InverterOutput
 from rig.files.scenario import load_scenario
-from rig.twin.plant_crank import CrankPlant, CrankPlantFactory
+from rig.twin.plant import CrankPlant, CrankPlantFactory
 from rig.twin.scenario_twin import twin_of
 from rig.twin.shaft import STEP_S, EmulatedMotor, ShaftCourse, drawn_motor
 from sim_twin.rigs.crank_drive import SpeedDrive

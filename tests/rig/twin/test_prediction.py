@@ -8,8 +8,8 @@ import pytest
 from daq.block import sample_time_ns
 from rig.twin.alignment import Alignment
 from rig.twin.prediction import AlignedTwin
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import Twin
 
 RATE = 51_200.0

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from drivers.canopen_cia406.emulator.process import start_encoder
-from drivers.canopen_cia406.emulator.setup import EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.protocols.speed_drive import InverterOutput

@@ -17,8 +17,8 @@ from rig.twin.alignment import Alignment
 from rig.twin.scenario_twin import twin_of
 from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import WorkerFailed, WorkerProcess
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import AnyTwin, Twin
 
 RATE = 51_200.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_twin.contact.laws import (
+from sim_twin.contact import (
     ContactLaw,
     Friction,
     friction_share,
@@ -16,10 +16,10 @@ from sim_twin.contact.laws import (
     linear,
     normal_force,
 )
-from sim_twin.mechanisms import falling_mass
-from sim_twin.mechanisms.falling_mass import FallingMass
 from sim_twin.mechanisms.run import APPROACH, ONSET, PEAK, StepLimits
 from sim_twin.mechanisms.simulation import Simulation
+from tests.sim_twin.mechanisms import falling_mass
+from tests.sim_twin.mechanisms.falling_mass import FallingMass
 
 MASS, SPEED, K = 1.5, 0.4, 5e10
 TIGHT = StepLimits(1e-12 * np.array([1e-3, 1.0, 1.0]), 1e-4, 1e-16, 1e-7, 0.01, 1e-13, 10**6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from daq.errors import UnphysicalParameter
-from sim_twin.contact.stiffness import Elastic, generalised_stiffness
+from sim_twin.rigs.planar_slider_crank.model import Elastic, generalised_stiffness
 
 STEEL = Elastic(207e9, 0.3)
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause, allowed_by, drawn, named, parts_of, values_of
-from sim_twin.effects.effect import Parameter
+from sim_twin.effects import Parameter
 from sim_twin.rigs.impact_beam.rig import MODEL as BEAM
 from sim_twin.rigs.planar_slider_crank.rig import MODEL as CRANK
 from sim_twin.rigs.planar_slider_crank.rig import MODEL as PLANAR

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.chains import through_chains
+from sim_twin.diagnosis.campaign import through_chains
 from sim_twin.sensors import Encoder, SensorChain, SensorStream, oversampling
 
 Array = NDArray[np.float64]

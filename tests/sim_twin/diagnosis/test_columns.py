@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.fingerprint.columns import FIGURES, Columns, CycleTable
-from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell, Layout, joined
+from sim_twin.diagnosis.fingerprint import FIGURES, SLICES, Cell, Columns, CycleTable, Layout, joined
 
 Array = NDArray[np.float32]
 RATE, FREQUENCY = 25_600.0, 20.0

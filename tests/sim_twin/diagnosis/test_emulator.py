@@ -46,6 +46,18 @@ def test_what_is_left_out_scatters_as_the_simulations_do(dimensions: int) -> Non
     assert np.mean(emulator.left_out**2) == pytest.approx(1 + uncertain, abs=0.2)
 
 
+def test_a_resonance_that_is_narrow_beside_the_range_is_resolved() -> None:
+    def resonance(x: Array) -> Array:
+        return np.asarray(np.linspace(4, 12, OUTPUTS) / (1 + ((x - 0.3) / 0.05) ** 2))
+
+    rng = np.random.default_rng(11)
+    x = rng.uniform(-1, 1, (4 * COUNT, 1))
+    emulator = fitted(x, resonance(x) + rng.standard_normal((4 * COUNT, OUTPUTS)))
+    peak = np.linspace(0.2, 0.4, 41)[:, None]
+    # twenty simulations of scatter 1 within a half-width of it; a curve too smooth for it is off by several
+    assert np.sqrt(np.mean((emulator(peak)[0] - resonance(peak)) ** 2)) < 1.0
+
+
 def test_left_out_residuals_are_those_of_a_fit_without_each() -> None:
     x, y = simulated(2, 4)
     emulator = fitted(x, y)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_twin.diagnosis.estimate import Estimate
+from sim_twin.diagnosis.posterior import Estimate
 
 
 def test_an_interval_is_stretched_about_its_value_within_what_is_plausible() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm, wasserstein_distance
 
-from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
 from sim_twin.diagnosis.gap import gap_measure, shrink_of
 from sim_twin.diagnosis.space import Moments
 

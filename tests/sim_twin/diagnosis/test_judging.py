@@ -11,8 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.belief import Belief
-from sim_twin.diagnosis.draw import Draw, Named, Observed
+from sim_twin.diagnosis.belief import Belief, Unexplained
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import (
     gap_between,
@@ -23,7 +22,7 @@ from sim_twin.diagnosis.judging import (
 )
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
-from sim_twin.diagnosis.unexplained import Unexplained
+from sim_twin.diagnosis.subject import Draw, Named, Observed
 from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Toy, recording
 
 TOY = Toy()

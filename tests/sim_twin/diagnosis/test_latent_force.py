@@ -9,9 +9,9 @@ import pytest
 from scipy.signal import TransferFunction, freqresp
 
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
-from sim_twin.diagnosis.draw import Draw
-from sim_twin.diagnosis.fingerprint.columns import Columns
+from sim_twin.diagnosis.fingerprint import Columns
 from sim_twin.diagnosis.latent_force import DISPLACEMENT, Axis, Curve, LatentForce, latent_forces
+from sim_twin.diagnosis.subject import Draw
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.rigs.impact_beam.joint_record import joint_records as at_the_stops

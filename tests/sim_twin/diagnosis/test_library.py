@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause, Hypothesis
-from sim_twin.diagnosis.draw import Draw, Observed
 from sim_twin.diagnosis.library import Library, order_of
-from sim_twin.effects.effect import Parameter
+from sim_twin.diagnosis.subject import Draw, Observed
+from sim_twin.effects import Parameter
 
 SCALE = Parameter("scale", "", ((0.0, 10.0),))
 MOVING = Cause("moving", "beam", (SCALE,))

@@ -11,8 +11,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
-from sim_twin.diagnosis.fingerprint.columns import Columns
-from sim_twin.diagnosis.fingerprint.layout import Cell, Layout
+from sim_twin.diagnosis.fingerprint import Cell, Columns, Layout
 from sim_twin.diagnosis.matching import (
     Match,
     Rigs,
@@ -22,7 +21,7 @@ from sim_twin.diagnosis.matching import (
     simulated_rigs,
 )
 from sim_twin.diagnosis.space import Moments
-from sim_twin.matched import Matched
+from sim_twin.healthy import Matched
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.twin import Twin

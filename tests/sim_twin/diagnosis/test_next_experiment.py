@@ -8,11 +8,10 @@ from functools import cache
 
 import numpy as np
 
-from sim_twin.diagnosis.diagnose import diagnose
-from sim_twin.diagnosis.draw import Draw, Observed
-from sim_twin.diagnosis.effort import Effort
+from sim_twin.diagnosis.diagnose import Effort, diagnose
 from sim_twin.diagnosis.findings import Findings
-from sim_twin.diagnosis.next_experiment import rivals_of, told_apart
+from sim_twin.diagnosis.separability import rivals_of, told_apart
+from sim_twin.diagnosis.subject import Draw, Observed
 from tests.sim_twin.diagnosis.toy import Toy, recording
 
 TOY = Toy()

@@ -110,6 +110,11 @@ def test_flattened_lets_more_places_count_and_keeps_their_order() -> None:
     )
 
 
+def test_tempered_weights_are_a_power_of_the_posterior_s() -> None:
+    tempered = Posterior(np.array([[0.1], [0.9]]), np.array([0.2, 0.8]), 0.0).tempered(0.5)
+    assert tempered.weights == pytest.approx([1 / 3, 2 / 3])
+
+
 def test_the_same_seed_gives_the_same_bits() -> None:
     one, other = (found(np.array([0.3, 0.6]), np.array([0.05, 0.02]), 9) for _ in range(2))
     assert one.log_evidence == other.log_evidence

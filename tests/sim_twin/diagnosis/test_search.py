@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from daq.errors import SimulationFailed
-from sim_twin.diagnosis.diagnose import diagnose
-from sim_twin.diagnosis.draw import Draw, Named, Observed
-from sim_twin.diagnosis.effort import Effort
+from sim_twin.diagnosis.diagnose import Effort, diagnose
 from sim_twin.diagnosis.findings import Findings
-from sim_twin.diagnosis.learning import FEWEST
-from sim_twin.diagnosis.library import Library
+from sim_twin.diagnosis.library import FEWEST, Library
 from sim_twin.diagnosis.search import Ranked, Search, quantile
-from sim_twin.diagnosis.subject import Execute
+from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
 from tests.sim_twin.diagnosis.toy import BLOCKS, CAUSES, GAIN, LEFT, Blocks, Toy, recording
 
 EFFORT = Effort(220, 24)

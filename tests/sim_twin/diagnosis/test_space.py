@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
 from sim_twin.diagnosis.space import Moments, Space, space_of
 
 LAYOUT = Layout(

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.draw import Draw, Named, Observed
-from sim_twin.diagnosis.fingerprint.layout import SLICES, Cell, Layout
-from sim_twin.effects.effect import Parameter
+from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
+from sim_twin.diagnosis.subject import Draw, Named, Observed
+from sim_twin.effects import Parameter
 
 Blocks = NDArray[np.float32]
 CELLS = 48

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.ensembles.variant import Outcome, Variant
-from sim_twin.rigs.impact_beam.healthy import nominal_sensors
+from sim_twin.ensembles.simulate import Outcome, Variant
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
+from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.status import Status
 from sim_twin.twin import Twin
 

@@ -10,15 +10,14 @@ import pytest
 from daq.signals.impacts import half_cycles
 from sim_twin.ensembles.figures import Figures
 from sim_twin.ensembles.population import Population
-from sim_twin.ensembles.simulate import simulate
-from sim_twin.ensembles.variant import Variant
+from sim_twin.ensembles.simulate import Variant, simulate
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.rig import MODEL as CRANK_MODEL
-from sim_twin.rigs.side_by_side import RunFigures
+from sim_twin.rigs.rig_model import RunFigures
 from sim_twin.sensors import OVERSAMPLED_RATE
 from sim_twin.status import Status
 from sim_twin.twin import Twin

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from daq.errors import SimulationFailed
-from rig.ensembles.executors import worker_processes
+from rig.ensembles import worker_processes
 from sim_twin.ensembles.figures import Figures
-from sim_twin.ensembles.simulate import simulate
-from sim_twin.ensembles.variant import Outcome, Variant
+from sim_twin.ensembles.simulate import Outcome, Variant, simulate
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.base.standing import standing_on

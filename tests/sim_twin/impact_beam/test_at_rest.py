@@ -7,8 +7,8 @@ from math import pi, sqrt
 
 import pytest
 
-from sim_twin.rigs.impact_beam.at_rest import resting, tip_response
 from sim_twin.rigs.impact_beam.model import FLEXURE_ROTATION, nominal
+from sim_twin.rigs.impact_beam.structure import resting, tip_response
 
 L, DRIVE = 0.28, 0.69 * 0.28
 STEEL, ALUMINIUM = nominal(), nominal("aluminium")

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.contact.laws import Friction, lankarani_nikravesh
+from sim_twin.contact import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_revolute import (
-    MotionMode,
     RevoluteClearance,
-    motion_mode,
     revolute_depth,
     revolute_force,
 )
@@ -47,8 +45,3 @@ def test_the_pair_loses_what_it_is_said_to_lose() -> None:
 
 def test_nothing_in_free_flight() -> None:
     assert revolute_force(JOINT, 0.5e-3, 0.0, 1.0, 1.0, 20.0, 0.0, 0.1) == (0.0,) * 6
-
-
-def test_the_three_motions() -> None:
-    modes = motion_mode(np.array([-1e-4, 1e-6, 1e-6]), np.array([0.0, 1e-4, 1e-2]), 1e-3)
-    assert modes == [MotionMode.FREE_FLIGHT, MotionMode.IMPACT, MotionMode.CONTINUOUS_CONTACT]

@@ -1,19 +1,20 @@
-"""Spatial joints against geometry, statics and the planar joint."""
+"""Spatial joints against geometry."""
 
 from __future__ import annotations
-
-from math import sqrt
 
 import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from sim_twin.contact.laws import ContactLaw, Friction, linear
-from sim_twin.joints.planar_revolute import RevoluteClearance, revolute_force
-from sim_twin.joints.spatial_prismatic import PrismaticJoint, face_axis, face_side, friction_force
-from sim_twin.joints.spatial_revolute import Journal, RevoluteJoint, journal_load, journal_touch
-from sim_twin.joints.spherical import SphericalJoint, ball_in_socket
-from sim_twin.joints.stop import stop
+from sim_twin.contact import Friction, linear
+from sim_twin.joints.spatial import (
+    PrismaticJoint,
+    SphericalJoint,
+    ball_in_socket,
+    face_axis,
+    face_side,
+    friction_force,
+)
 from sim_twin.joints.vectors import gibbs_rate, gibbs_rotation
 
 FRICTION = Friction(0.1, 1e-4, 1e-3)
@@ -42,19 +43,12 @@ def test_a_centred_ball_is_free() -> None:
     assert touch == (-1e-4, 0.0, pytest.approx((0.0, 0.0, 0.0)))
 
 
-def test_a_stop_pushes_back() -> None:
-    touch = stop((0.2, 5.0, 0.0), (1.5, 9.0, 0.0), (0.1, 0.0, 0.0), (0.5, 0.0, 0.0), (1.0, 0.0, 0.0))
-    assert touch == (pytest.approx(0.1), pytest.approx(1.0), (-1.0, 0.0, 0.0))
-
-
 @pytest.mark.parametrize("clearance", [0.0, -1e-3, float("nan")])
 def test_clearances_are_positive(clearance: float) -> None:
     with pytest.raises(UnphysicalParameter, match="clearance"):
         SphericalJoint(clearance, LAW)
     with pytest.raises(UnphysicalParameter, match="clearance"):
         PrismaticJoint(6.5e-3, clearance, 25e-3, 4e-3, LAW, FRICTION)
-    with pytest.raises(UnphysicalParameter, match="clearance"):
-        RevoluteJoint(clearance, 0.02, 1e-3, 0.01, LAW, FRICTION)
 
 
 class TestPrismatic:
@@ -98,77 +92,6 @@ class TestPrismatic:
     def test_friction_sets_in_between_its_two_speeds(self) -> None:
         assert friction_force(FRICTION, 20.0, 1, (0.9e-4, 0.0, 0.0)) == (0.0, 0.0, 0.0)
         assert friction_force(FRICTION, 20.0, 1, (5.5e-4, 0.0, 0.0))[0] == pytest.approx(-1.0)
-
-
-def journal(place: tuple, axis: tuple = (1.0, 0.0, 0.0), velocity: tuple = (0.0,) * 3,
-            omega: tuple = (0.0,) * 3) -> Journal:  # fmt: skip
-    return Journal(place, tuple(np.array(axis) / np.linalg.norm(axis)), velocity, omega)
-
-
-class TestRevolute:
-    joint = RevoluteJoint(0.1e-3, 0.04, 0.5e-3, 0.01, LAW, FRICTION)
-    touching = np.full(4, 0.1)
-
-    def test_an_untilted_journal_is_the_planar_joint_with_half_the_law_at_each_end(self) -> None:
-        place, velocity, spin = (0.0, 0.08e-3, 0.07e-3), (0.0, 0.02, -0.01), 3.0
-        joint = self.joint.numbers()
-        halved = joint._replace(law=ContactLaw(LAW.stiffness / 2, 1.0, 0.0, LAW.damping / 2))
-        force, moment = journal_load(halved, journal(place, (1.0, 0.0, 0.0), velocity, (spin, 0.0, 0.0)),
-                                     self.touching)  # fmt: skip
-        planar = RevoluteClearance(0.1e-3, 0.01, LAW, FRICTION)
-        of_planar = revolute_force(planar, *place[1:], *velocity[1:], spin, 0.0, 0.1)
-        assert force == pytest.approx((0.0, -of_planar.x, -of_planar.y), rel=1e-9)
-        # The planar joint puts the contact at the bearing's surface, one overlap (6 um of 10 mm) further out.
-        assert moment == pytest.approx((of_planar.on_journal, 0.0, 0.0), rel=1e-3, abs=1e-12)
-
-    def test_ends_share_a_load_by_the_lever(self) -> None:
-        # Depths of 3 and 1 um at -20 and +20 mm carry a load 10 mm before the middle.
-        middle, slope = 0.1e-3 + 2e-6, -1e-6 / 0.02
-        place = (0.0, 0.0, -middle)
-        force, moment = journal_load(self.joint.numbers()._replace(friction=Friction(0.0, 0.0, 1.0)),
-                                     journal(place, (1.0, 0.0, -slope)), self.touching)  # fmt: skip
-        assert force == pytest.approx((0.0, 0.0, 40.0), rel=1e-6)
-        assert moment[1] / force[2] == pytest.approx(0.01, rel=1e-6)
-
-    def test_a_tilted_journal_touches_both_ends_on_opposite_sides(self) -> None:
-        tilt = 2 * 0.101e-3 / 0.04
-        both = [
-            journal_touch(self.joint.numbers(), journal((0.0,) * 3, (1.0, tilt, 0.0)), end)[0]
-            for end in (0, 1)
-        ]
-        assert [touch.depth for touch in both] == pytest.approx([1e-6, 1e-6], rel=1e-6)
-        assert both[0].normal[1] == pytest.approx(1.0)
-        assert both[1].normal[1] == pytest.approx(-1.0)
-
-    @pytest.mark.parametrize("side", [1.0, -1.0])
-    def test_shoulders_stop_the_axial_motion(self, side: float) -> None:
-        force, moment = journal_load(
-            self.joint.numbers(), journal((side * 0.501e-3, 0.0, 0.0)), self.touching
-        )
-        assert force == pytest.approx((-side * 10.0, 0.0, 0.0), rel=1e-6)
-        assert moment == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
-
-    @pytest.mark.parametrize("contact", range(4))
-    def test_depths_change_at_their_rates(self, contact: int) -> None:
-        rng = np.random.default_rng(contact)
-        place, velocity, omega = rng.normal(size=(3, 3)) * [[1e-4], [0.1], [2.0]]
-        axis, h = np.array([1.0, 2e-3, -1e-3]) / sqrt(1 + 5e-6), 1e-7
-        depths = []
-        for t in (-h, h):
-            moved = Journal(
-                tuple(place + t * velocity), tuple(axis + t * np.cross(omega, axis)), (0.0,) * 3, (0.0,) * 3
-            )
-            depths.append(journal_touch(self.joint.numbers(), moved, contact)[0].depth)
-        moving = Journal(tuple(place), tuple(axis), tuple(velocity), tuple(omega))
-        now, _ = journal_touch(self.joint.numbers(), moving,
-                               contact)  # fmt: skip
-        assert now.rate == pytest.approx((depths[1] - depths[0]) / (2 * h), abs=1e-6)
-
-    def test_contacts_that_are_not_latched_exert_nothing(self) -> None:
-        assert journal_load(self.joint.numbers(), journal((0.0, 1e-3, 0.0)), np.zeros(4)) == (
-            (0.0,) * 3,
-            (0.0,) * 3,
-        )
 
 
 def test_gibbs_vector_turns_as_its_angular_velocity_says() -> None:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from daq.signals.impacts import half_cycles
-from sim_twin.lanes.lane import Harmonics, Lane, Stops
-from sim_twin.lanes.lanes import Lanes
+from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
 from sim_twin.rigs.impact_beam.lanes import BeamLanes, lane_of
 from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal
 from sim_twin.status import Status

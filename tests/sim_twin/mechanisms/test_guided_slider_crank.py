@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_twin.mechanisms import guided_slider_crank as mechanism
 from sim_twin.mechanisms.run import APPROACH, ONSET, PEAK, StepLimits
 from sim_twin.mechanisms.simulation import Simulation
+from tests.sim_twin.mechanisms import guided_slider_crank as mechanism
 
 START = np.array([0.0, 0.0, 0.0, 150.0, -75.0, 0.0, 0.0])
 FIRST_CONTACT = 2.692503e-3

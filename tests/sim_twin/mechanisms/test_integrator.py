@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sim_twin.contact.laws import ContactLaw, hertz, lankarani_nikravesh
-from sim_twin.mechanisms import falling_mass
-from sim_twin.mechanisms.falling_mass import FallingMass
+from sim_twin.contact import ContactLaw, hertz, lankarani_nikravesh
 from sim_twin.mechanisms.run import APPROACH, END, ONSET, StepLimits
 from sim_twin.mechanisms.simulation import Simulation
 from sim_twin.status import Status
+from tests.sim_twin.mechanisms import falling_mass
+from tests.sim_twin.mechanisms.falling_mass import FallingMass
 
 HEIGHT, GRAVITY = 0.01, 9.81
 FALL = np.sqrt(2 * HEIGHT / GRAVITY)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from sim_twin.contact.laws import ContactLaw, hertz, linear
-from sim_twin.mechanisms import falling_mass
-from sim_twin.mechanisms.falling_mass import FallingMass
+from sim_twin.contact import ContactLaw, hertz, linear
 from sim_twin.mechanisms.run import PEAK, StepLimits
 from sim_twin.mechanisms.simulation import Simulation
+from tests.sim_twin.mechanisms import falling_mass
+from tests.sim_twin.mechanisms.falling_mass import FallingMass
 
 MASS, GRAVITY, APPROACH = 1.0, 9.81, 0.5
 STIFFNESS = 1e6

@@ -10,8 +10,7 @@ from sim_twin.mechanisms.simulation import Simulation
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.kernel import CrankNumbers
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, nominal
-from sim_twin.rigs.planar_slider_crank.motion import simulation, step_limits
-from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
+from sim_twin.rigs.planar_slider_crank.motion import CrankTwin, simulation, step_limits
 from sim_twin.twin import Twin
 
 RPM = np.pi / 30

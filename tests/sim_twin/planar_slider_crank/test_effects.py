@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from daq.errors import UnphysicalParameter
-from sim_twin.contact.stiffness import Elastic, generalised_stiffness
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank import kernel
-from sim_twin.rigs.planar_slider_crank.frame import frame_acceleration
-from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, RodBending, nominal
-from sim_twin.rigs.planar_slider_crank.motion import numbers
+from sim_twin.rigs.planar_slider_crank.model import (
+    Elastic,
+    PlanarSliderCrank,
+    RodBending,
+    generalised_stiffness,
+    nominal,
+)
+from sim_twin.rigs.planar_slider_crank.motion import CrankTwin, frame_acceleration, numbers
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
-from sim_twin.rigs.planar_slider_crank.truth import CrankTwin
 from tests.sim_twin.planar_slider_crank.cranks import DRIVE, RIG, run, twin
 
 # Nothing touches for a long while: what a body does alone can be seen.

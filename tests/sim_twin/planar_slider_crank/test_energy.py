@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_twin.contact.laws import stored_energy
+from sim_twin.contact import stored_energy
 from sim_twin.mechanisms.run import ONSET
 from sim_twin.rigs.planar_slider_crank import kernel
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from sim_twin.mechanisms.run import APPROACH, CONTACT, ONSET, PEAK
-from sim_twin.rigs.planar_slider_crank.constrained import ConstrainedCrank, first_impacts
 from sim_twin.rigs.planar_slider_crank.kernel import CRANK_PIN, PISTON_PIN
+from tests.sim_twin.planar_slider_crank.constrained import ConstrainedCrank, first_impacts
 from tests.sim_twin.planar_slider_crank.cranks import DRIVE, RIG, of_joint, run
 
 FIRST_PEAKS = {CRANK_PIN: 9079.3, PISTON_PIN: 14918.8}

@@ -9,7 +9,6 @@ import pytest
 
 from daq.errors import SimulationFailed
 from sim_twin.rigs.planar_slider_crank import solver_values
-from sim_twin.rigs.planar_slider_crank.healthy import draw_healthy
 from sim_twin.rigs.planar_slider_crank.motion import CENTRED
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
 from tests.sim_twin.planar_slider_crank.cranks import DRIVE, RIG, RPM, SpeedDrive, twin
@@ -73,7 +72,7 @@ def test_too_much_work_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_healthy_rigs_scatter_as_stated() -> None:
-    rigs = [draw_healthy(twin(), np.random.default_rng(seed)) for seed in range(400)]
+    rigs = [MODEL.draw_healthy(twin(), np.random.default_rng(seed)) for seed in range(400)]
 
     def deviation(values: list[float]) -> float:
         return float(np.std(values) / np.mean(values))

@@ -9,10 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
-from sim_twin.rigs.planar_slider_crank.frame import frame_acceleration
 from sim_twin.rigs.planar_slider_crank.model import FrameMode
+from sim_twin.rigs.planar_slider_crank.motion import CrankTruth, frame_acceleration
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
-from sim_twin.rigs.planar_slider_crank.truth import CrankTruth
 from sim_twin.status import Status
 from tests.sim_twin.planar_slider_crank.cranks import DRIVE, RIG, run, twin
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from daq.errors import UnphysicalParameter
-from sim_twin.parts.rod import Rod, bending_modes, wave_numbers
+from sim_twin.parts.beam import Rod, bending_modes, wave_numbers
 
 
 def shape(rod: Rod, beta_L: float, s: float) -> float:

@@ -22,7 +22,7 @@ VERTICAL = [2, 3, 6, 7]
 IMPACT = 0.01
 """m/s; slower onsets are the ripple of a surface that is about to part."""
 PER_TURN = 8192
-STARTS = (0.0, 2.0, 4.0)
+STARTS, SIX_STARTS = (0.0, 2.0, 4.0), (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
 """Crank angles from which it sets out, rad."""
 
 
@@ -32,9 +32,11 @@ def turns(rig: SpatialSliderCrank, rpm: float, count: int, settle: int = 6, star
     return motion.advance(count * PER_TURN)
 
 
-def impacts_a_turn(rig: SpatialSliderCrank, rpm: float, count: int = 6) -> list[float]:
+def impacts_a_turn(
+    rig: SpatialSliderCrank, rpm: float, count: int = 6, starts: tuple[float, ...] = STARTS
+) -> list[float]:
     """Of each start, once 16 turns have passed."""
-    return [impacts(turns(rig, rpm, count, settle=16, start=start)) / count for start in STARTS]
+    return [impacts(turns(rig, rpm, count, settle=16, start=start)) / count for start in starts]
 
 
 def impacts(trace: Trace) -> int:
@@ -59,12 +61,13 @@ def test_every_start_gives_many_a_turn_well_above_150_rpm(rpm: float) -> None:
 
 def test_at_230_rpm_peaks_vary_as_in_the_source() -> None:
     # Source: 27 to 80 N in 38 cycles at a vertical sensor that it does not name. The ends of the range of so
-    # few scatter by a third and now and then a cycle has hardly a peak, so nine cycles in ten are compared.
-    peaks = np.concatenate([cycle_peaks(turns(RIG, 230, 12, start=start), 7) for start in STARTS])
-    low, high = np.quantile(peaks, [0.05, 0.95])
-    assert low == pytest.approx(27.0, rel=0.9)
-    assert high == pytest.approx(80.0, rel=0.4)
-    assert high > 1.5 * low, "or they would be regular"
+    # few scatter and now and then a cycle has hardly a peak, so eight cycles in ten are compared, as
+    # the median over starts: from six starts 41 to 54 N and 72 to 90 N.
+    each = [cycle_peaks(turns(RIG, 230, 12, start=start), 7) for start in STARTS]
+    low, high = np.median([np.quantile(peaks, [0.1, 0.9]) for peaks in each], axis=0)
+    assert 27.0 < low < 2.2 * 27.0, "a tenth above the largest of six starts"
+    assert high == pytest.approx(80.0, rel=0.2)
+    assert high > 1.3 * low, "or they would be regular: 1.5 to 2.0 from six starts"
 
 
 def test_without_impacts_peaks_repeat() -> None:
@@ -73,10 +76,13 @@ def test_without_impacts_peaks_repeat() -> None:
     assert peaks.mean() > 1.0
 
 
-def test_without_friction_there_are_no_impacts_at_150_rpm() -> None:
-    # 1.4 to 2.3 a turn over six starts on three processors, and none; from single starts 0.2 to 6
-    assert np.mean(impacts_a_turn(RIG, 150)) > 0.5
-    assert np.mean(impacts_a_turn(replace(RIG, friction=0.0), 150)) < 0.06
+def test_without_friction_most_starts_give_no_impacts_at_150_rpm() -> None:
+    # At 150 rpm 0.5 to 2.8 a turn from all of six starts, and none from any without friction. Further from
+    # the onset both strike (at 152 rpm 15 to 24 a turn, and 0.5 to 4): hence the share of starts.
+    smooth = replace(RIG, friction=0.0)
+    struck = [np.count_nonzero(impacts_a_turn(rig, 150, starts=SIX_STARTS)) for rig in (RIG, smooth)]
+    assert struck[0] >= 4, "two starts in three"
+    assert struck[1] <= 2, "one start in three"
 
 
 def test_half_a_nanometre_changes_the_times_of_impact() -> None:

@@ -13,8 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.parts.modal import Elastic
-from sim_twin.parts.one_thread import by_one_thread
+from sim_twin.parts.modal import Elastic, by_one_thread
 from sim_twin.parts.plate import Plate, mesh_lines
 from sim_twin.parts.synthesis import Component, craig_bampton
 from sim_twin.rigs.impact_beam.base.model import Cover
@@ -28,6 +27,7 @@ _X, _Y, _Z = 0, 1, 2
 _CORNER = 0.125
 """Where the accelerometer near a corner sits, fraction of length and width from that corner."""
 _W, _WS, _WT, _WST = range(4)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)  # exact for the squares of a linear motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +92,16 @@ def wall_motions(walls: tuple[Wall, ...]) -> list[Array]:
     keys = {key: RIGID + i for i, key in enumerate(dict.fromkeys(k for each in shares for _, k, _ in each))}
     motions = []
     for wall, own in zip(walls, shares, strict=True):
-        motion = np.zeros((4 * wall.plate.nodes.shape[1], RIGID + len(keys)))
-        motion[:, :RIGID] = _rigid(wall)
+        dofs = wall.plate.dofs(np.full(wall.plate.nodes.shape[1], True))
+        X, Y, Z = wall.nodes()
+        motion = np.zeros((dofs.size, RIGID + len(keys)))
+        if wall.n == _Z:
+            motion[dofs[_W], :RIGID] = np.column_stack([np.ones_like(X), Y, -X])
+            motion[dofs[_WS], 2], motion[dofs[_WT], 1] = -1.0, 1.0
+        elif wall.n == _X:
+            motion[dofs[_W], 2], motion[dofs[_WT], 2] = Z, 1.0
+        else:
+            motion[dofs[_W], 1], motion[dofs[_WT], 1] = -Z, -1.0
         for dof, key, sign in own:
             motion[dof, keys[key]] = sign
         motions.append(motion)
@@ -131,51 +139,21 @@ def _turning(about: int, along: int, normal: int) -> float:
     return float(np.linalg.det(np.eye(3)[[about, along, normal]]))
 
 
-def _rigid(wall: Wall) -> Array:
-    dofs = wall.plate.dofs(np.full(wall.plate.nodes.shape[1], True))
-    X, Y, Z = wall.nodes()
-    motion = np.zeros((dofs.size, RIGID))
-    if wall.n == _Z:
-        motion[dofs[_W]] = np.column_stack([np.ones_like(X), Y, -X])
-        motion[dofs[_WS], 2], motion[dofs[_WT], 1] = -1.0, 1.0
-    elif wall.n == _X:
-        motion[dofs[_W], 2], motion[dofs[_WT], 2] = Z, 1.0
-    else:
-        motion[dofs[_W], 1], motion[dofs[_WT], 1] = -Z, -1.0
-    return motion
-
-
 def _mass_in_planes(cover: Cover) -> Array:
     """What the walls' motions in their own planes and the frame add to the rigid mass matrix (3, 3)."""
     M = np.zeros((RIGID, RIGID))
     for wall in walls_of(cover):
-        points, weights = _gauss(wall)
+        low, high = wall.plate.nodes.min(axis=1), wall.plate.nodes.max(axis=1)
+        middle, half = (low + high) / 2, (high - low) / 2
+        S, T = np.meshgrid(middle[0] + half[0] * _NODES, middle[1] + half[1] * _NODES)
+        points = np.full((3, S.size), wall.place)
+        points[wall.s], points[wall.t] = S.ravel(), T.ravel()
+        weights = np.outer(_WEIGHTS, _WEIGHTS).ravel() * half[0] * half[1]
         for motion in np.delete(_motion_at(points), wall.n, axis=0):
             M += np.einsum("p,pi,pj->ij", weights * cover.sheet.mass_per_area, motion, motion)
-    points, weights = _edges(cover)
-    frame = np.einsum("p,kpi,kpj->ij", weights, _motion_at(points), _motion_at(points))
+    points, lengths = _edges(cover)
+    frame = np.einsum("p,kpi,kpj->ij", lengths, _motion_at(points), _motion_at(points))
     return np.asarray(M + cover.frame_mass * frame)
-
-
-def _motion_at(points: Array) -> Array:
-    """Motion along x, y, z of `points` (3, p) by the rigid motion, shape (3, p, 3)."""
-    X, Y, Z = points
-    zero, one = np.zeros_like(X), np.ones_like(X)
-    return np.array([
-        np.column_stack([zero, zero, Z]), np.column_stack([zero, -Z, zero]), np.column_stack([one, Y, -X])
-    ])  # fmt: skip
-
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)  # exact for the squares of a linear motion
-
-
-def _gauss(wall: Wall) -> tuple[Array, Array]:
-    low, high = wall.plate.nodes.min(axis=1), wall.plate.nodes.max(axis=1)
-    middle, half = (low + high) / 2, (high - low) / 2
-    S, T = np.meshgrid(middle[0] + half[0] * _NODES, middle[1] + half[1] * _NODES)
-    points = np.full((3, S.size), wall.place)
-    points[wall.s], points[wall.t] = S.ravel(), T.ravel()
-    return points, np.outer(_WEIGHTS, _WEIGHTS).ravel() * half[0] * half[1]
 
 
 def _edges(cover: Cover) -> tuple[Array, Array]:
@@ -189,3 +167,12 @@ def _edges(cover: Cover) -> tuple[Array, Array]:
                 points.append(low + size * np.insert(np.array(corner, dtype=float), axis, (1 + node) / 2))
                 lengths.append(weight * size[axis] / 2)
     return np.array(points).T, np.array(lengths)
+
+
+def _motion_at(points: Array) -> Array:
+    """Motion along x, y, z of `points` (3, p) by the rigid motion, shape (3, p, 3)."""
+    X, Y, Z = points
+    zero, one = np.zeros_like(X), np.ones_like(X)
+    return np.array([
+        np.column_stack([zero, zero, Z]), np.column_stack([zero, -Z, zero]), np.column_stack([one, Y, -X])
+    ])  # fmt: skip

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from sim_twin.parts.frame import DOFS, Member, frame
-from sim_twin.parts.modal import Elastic
-from sim_twin.parts.one_thread import by_one_thread
+from sim_twin.parts.modal import Elastic, by_one_thread
 from sim_twin.parts.plate import Plate, mesh_lines
 from sim_twin.parts.synthesis import Component, Leading, craig_bampton, modal_damping
 from sim_twin.rigs.impact_beam.base.cover import RIGID, box_of, rigid_rise
-from sim_twin.rigs.impact_beam.base.model import FlexibleBase, Shaker
+from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 
 Array = NDArray[np.float64]
 PIVOT_Z, PIVOT_SLOPE, PIVOT_X, CONTACT, SHAKER = range(5)
@@ -60,7 +59,25 @@ def standing_on(base: FlexibleBase) -> Standing:
 
 def unreduced(base: FlexibleBase) -> Unreduced:
     """Put the base together from its elements."""
-    return _with_cover(base, _with_frame(base))
+    bare = _with_frame(base)
+    if base.cover is None:
+        return bare
+    box, plate = box_of(base.cover), _clamped_plate(base)
+    own, more = len(bare.elastic.M), box.component.size
+    lid = box.component.elastic
+    both = Elastic(block_diag(bare.elastic.M, lid.M), block_diag(bare.elastic.B, lid.B))
+    a, b = base.length, base.width
+    for x, y in ((0.0, b / 2), (a, b / 2), (a / 2, 0.0), (a / 2, b)):
+        gap = np.zeros(own + more)
+        gap[: len(plate.kept)] = plate.rows(x, y)[0]
+        gap[own : own + RIGID] = -rigid_rise(x - base.length / 2, y - base.width / 2)
+        both = both.with_spring(gap, base.cover.fixing_stiffness)
+    return Unreduced(
+        both,
+        np.pad(bare.boundary, ((0, 0), (0, more))),
+        np.append(bare.accelerometer, np.zeros(more)),
+        np.pad(box.accelerometers, ((0, 0), (own, 0))),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +110,12 @@ def _clamped_plate(base: FlexibleBase) -> _ClampedPlate:
 def _with_frame(base: FlexibleBase) -> Unreduced:
     plate = _clamped_plate(base)
     own = plate.elastic()
-    shaker = _shaker_foot(base, plate)
-    for row, inertia in zip(shaker, _shaker_inertia(base.shaker), strict=True):
+    side = base.shaker.diameter * np.sqrt(np.pi) / 2  # a square of the same area
+    shaker = plate.foot(base.shaker_x, base.width / 2, side, side)
+    # a cylinder's mass, and its moment of inertia about the foot, for rise and both slopes
+    m, r, h = base.shaker.body_mass, base.shaker.diameter / 2, base.shaker.height
+    turning = m * (r**2 / 4 + h**2 / 3)
+    for row, inertia in zip(shaker, (m, turning, turning), strict=True):
         own = own.with_mass(row, inertia)
     nodes, members, feet = _frame(base)
     tie = _tie(base, plate, len(nodes), feet)
@@ -115,18 +136,6 @@ def _with_frame(base: FlexibleBase) -> Unreduced:
         accelerometer,
         np.zeros((0, len(accelerometer))),
     )
-
-
-def _shaker_foot(base: FlexibleBase, plate: _ClampedPlate) -> Array:
-    side = base.shaker.diameter * np.sqrt(np.pi) / 2  # a square of the same area
-    return plate.foot(base.shaker_x, base.width / 2, side, side)
-
-
-def _shaker_inertia(shaker: Shaker) -> Array:
-    """Mass, and moment of inertia about the foot, of a cylinder; for rise and both slopes."""
-    m, r, h = shaker.body_mass, shaker.diameter / 2, shaker.height
-    turning = m * (r**2 / 4 + h**2 / 3)
-    return np.array([m, turning, turning])
 
 
 def _yoke_foot(base: FlexibleBase) -> tuple[float, float, float, float]:
@@ -170,28 +179,3 @@ def _tie(base: FlexibleBase, plate: _ClampedPlate, nodes: int, feet: tuple[int, 
         -base.yoke.foot_height * row for row in (w_x, w_y)
     )
     return tie
-
-
-def _with_cover(base: FlexibleBase, bare: Unreduced) -> Unreduced:
-    if base.cover is None:
-        return bare
-    box, plate = box_of(base.cover), _clamped_plate(base)
-    own, more = len(bare.elastic.M), box.component.size
-    lid = box.component.elastic
-    both = Elastic(block_diag(bare.elastic.M, lid.M), block_diag(bare.elastic.B, lid.B))
-    for x, y in _fixings(base):
-        gap = np.zeros(own + more)
-        gap[: len(plate.kept)] = plate.rows(x, y)[0]
-        gap[own : own + RIGID] = -rigid_rise(x - base.length / 2, y - base.width / 2)
-        both = both.with_spring(gap, base.cover.fixing_stiffness)
-    return Unreduced(
-        both,
-        np.pad(bare.boundary, ((0, 0), (0, more))),
-        np.append(bare.accelerometer, np.zeros(more)),
-        np.pad(box.accelerometers, ((0, 0), (own, 0))),
-    )
-
-
-def _fixings(base: FlexibleBase) -> tuple[tuple[float, float], ...]:
-    a, b = base.length, base.width
-    return (0.0, b / 2), (a, b / 2), (a / 2, 0.0), (a / 2, b)

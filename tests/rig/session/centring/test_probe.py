@@ -13,7 +13,7 @@ from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
-from rig.session.centring.probe import CentringPlan, centre_beam, plan_of
+from rig.session.centring import CentringPlan, centre_beam, plan_of
 
 BENCH = embedded_bench()
 SHAKER, RINGING, ALUMINIUM = map(scenario, BEAMS.values())
@@ -30,7 +30,7 @@ SHAKER, RINGING, ALUMINIUM = map(scenario, BEAMS.values())
     ],
 )
 def test_the_tip_is_held_in_the_middle(wanted: Scenario, share: float, seed: int) -> None:
-    plan, per_volt = plan_of(wanted, BENCH), BENCH.signal_generator.force_per_volt
+    plan, per_volt = plan_of(wanted, BENCH), BENCH.actuator.force_per_volt
     beam = drawn_beam(wanted, per_volt, seed, share * plan.clearance)
     beam.arm_sine(plan.frequency, plan.sine.least / per_volt, 0.0, triggered=False)
     beam.start()

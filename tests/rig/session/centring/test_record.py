@@ -9,7 +9,7 @@ import pytest
 from daq.channel import Channel
 from daq.errors import DeviceLost, RecorderFailed
 from daq.log.reader import LogReader
-from rig.session.centring.rig import FORCES, RECORD, CentringRecord
+from rig.session.centring_run import FORCES, RECORD, CentringRecord
 from tests.rig.session.centring.test_rig import rig_to_centre
 from tests.rig.session.fakes import SteppedCard
 

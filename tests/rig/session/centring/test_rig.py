@@ -16,9 +16,8 @@ from daq.clock import SystemClock
 from daq.time_base.run_clock import RunClock
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
-from rig.session.centring.probe import plan_of
-from rig.session.centring.rig import FORCES, RigBeam
-from rig.session.centring.search import NoCentre
+from rig.session.centring import NoCentre, plan_of
+from rig.session.centring_run import FORCES, RigBeam
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.session.centring.probe import what_is_touched
-from rig.session.centring.search import Middle, NoCentre, Sine, Touched, find_middle
+from rig.session.centring import Middle, NoCentre, Sine, Touched, find_middle, what_is_touched
 
 REACH = 0.26
 PRECISION = 0.01

@@ -1,1 +1,0 @@
-"""Where ensembles run: worker processes of this machine, or a Dask cluster."""

@@ -1,0 +1,183 @@
+"""A rig with a crank: what it has to tell of itself, and how it is shown then."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from daq.block import SampleBlock
+from daq.log.reader import CRANK_SPEED, Origin, derived_name
+from daq.log.records import Impact
+from rig.derived.order_lines import OrderLines
+from rig.derived.turns import KEPT_S, Turns, turns_from
+from rig.live import mechanism
+from rig.live.crank_plots import ImpactPicture, OrderPicture, SpeedPlot, impact_view, order_view, speed_view
+from rig.live.mechanism import Body, Joint, JointPicture, MovingMechanism, Pose, Solid, joints_view
+from rig.live.picture import Layout, OwnViews, Stage
+from rig.stream import Block, LastSeconds, Record, Shape
+from sim_twin.rigs.channel_table import ChannelTable
+
+_LOOKS_EVERY_S = 0.25
+_DRAWS_EVERY_S = 1.0
+
+
+class CrankPicture(ABC):
+    """A mechanism whose crank angle is measured."""
+
+    rig: ClassVar[str]
+    channels: ClassVar[ChannelTable]
+
+    speed_rad_s: float
+    """The speed that was set."""
+
+    @abstractmethod
+    def eye(self) -> rrb.EyeControls3D: ...
+
+    @abstractmethod
+    def fixed(self) -> tuple[Solid, ...]: ...
+
+    @abstractmethod
+    def bodies(self) -> tuple[Body, ...]: ...
+
+    @abstractmethod
+    def poses(self, angle: NDArray[np.float64]) -> tuple[Pose, ...]:
+        """Where each body is at crank angles in rad, shape (n,), with ideal joints."""
+
+    @abstractmethod
+    def joints(self) -> tuple[Joint, ...]: ...
+
+    @abstractmethod
+    def eccentricity(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Journal's centre less bearing's in m, shape (joints, 2), of a twin whose shape is `points_m`."""
+
+    def views(self, shown: Layout) -> OwnViews:
+        """Mechanism, joints, impacts and speed at the side, orders beside the traces."""
+        both = shown.origins.get("measured") and shown.origins.get("predicted")
+        whose = "measured" if shown.origins.get("measured") else "predicted"
+        line = "; line: the predicted" if both else ""
+        moving = rrb.Spatial3DView(
+            origin=mechanism.PATH,
+            name=f"Mechanism at the {whose} crank angle, ideal joints{line}",
+            line_grid=False,
+            eye_controls=self.eye(),
+        )
+        side: list[tuple[rrb.View | rrb.Container, float]] = [(moving, 2.8)]
+        if shown.origins.get("predicted"):
+            side.append((joints_view(self.joints()), 1.9))
+        impacts = [impact_view(group, shown.units[names[0]]) for group, names in self.heard(shown).items()]
+        if impacts:
+            side.append((rrb.Tabs(*impacts) if len(impacts) > 1 else impacts[0], 2.6))
+        side.append((speed_view(self.speed_rad_s, shown.window_s), 1.7))
+        orders = tuple(order_view(name, shown.units[name]) for name in self.turning(shown))
+        return OwnViews(tuple(side), orders, self.channels.plain)
+
+    def play(self, stage: Stage) -> CrankPlay:
+        return CrankPlay(self, stage)
+
+    def turning(self, shown: Layout) -> tuple[str, ...]:
+        return tuple(name for name in self.channels.ordered if name in shown.units)
+
+    def heard(self, shown: Layout) -> dict[str, tuple[str, ...]]:
+        return self.channels.heard(shown.units)
+
+
+class _Turning:
+    """One origin's crank: its angle, and what is found by it."""
+
+    def __init__(self, picture: CrankPicture, stage: Stage, turns: Turns, channels: tuple[str, ...]) -> None:
+        self.turns = turns
+        self.orders = OrderLines()
+        self.ordered = {
+            name: LastSeconds(KEPT_S) for name in picture.turning(stage.shown) if name in channels
+        }
+        self.ordered_until = 0
+        self.drawn_blocks = 0
+        self.looked_s = self.drawn_s = 0.0
+
+
+class CrankPlay:
+    """Mechanism, joints, orders, impacts and speed.
+
+    Impacts and speed come as the log has them. What is found by the angle here waits until that is known: the
+    mechanism is looked at four times a second of the origin's own time, orders once a second. What has waited
+    longer than turns are kept for is left out.
+    """
+
+    def __init__(self, picture: CrankPicture, stage: Stage) -> None:
+        self._picture, self._stage = picture, stage
+        self._turning: dict[Origin, _Turning] = {}
+        for origin, names in stage.shown.origins.items():
+            turns = turns_from(tuple(names), picture.channels.angle, picture.channels.marker)
+            if turns is not None:
+                self._turning[origin] = _Turning(picture, stage, turns, tuple(names))
+        moving = [origin for origin in self._turning if origin != "nominal"]
+        self._mechanism = MovingMechanism(stage, picture, moving)
+        self._joints = JointPicture(stage, picture.joints())
+        self._speed = SpeedPlot(stage, picture.speed_rad_s)
+        shown, recording = stage.shown, stage.recording
+        self._orders = {name: OrderPicture(recording, name) for name in picture.turning(shown)}
+        self._impacts: dict[str, ImpactPicture] = {}
+        for group, names in picture.heard(shown).items():
+            drawn = ImpactPicture(stage, group, shown.units[names[0]])
+            self._impacts |= dict.fromkeys(names, drawn)
+        self._speeds = {derived_name(origin, CRANK_SPEED): origin for origin in shown.origins}
+
+    def open(self) -> None:
+        self._mechanism.open()
+        self._joints.open()
+        self._speed.open()
+
+    def take(self, record: Record) -> None:
+        match record:
+            case Block("derived", samples) if samples.channel in self._speeds:
+                times_s = self._stage.times_of(samples)
+                self._speed.show(self._speeds[samples.channel], times_s, samples.values)
+            case Block(origin, samples) if origin in self._turning:
+                self._follow(origin, self._turning[origin], samples)
+            case Impact() if record.channel in self._impacts:
+                whose = self._stage.shown.whose(record.origin)
+                time_s = self._stage.time_of(record.time_ns)
+                self._impacts[record.channel].add(whose, time_s, record)
+            case Shape(time_s, points_m):
+                self._joints.show(time_s, self._picture.eccentricity(points_m))
+
+    def finish(self) -> None:
+        for impacts in self._impacts.values():
+            impacts.finish()
+
+    def _follow(self, origin: Origin, turning: _Turning, block: SampleBlock) -> None:
+        if block.channel in turning.ordered:
+            turning.ordered[block.channel].add(block)
+        if block.channel != turning.turns.channel:
+            return
+        turning.turns.add(block)
+        end_s = block.end_sample / block.sample_rate
+        if not 0 <= end_s - turning.looked_s < _LOOKS_EVERY_S:
+            turning.looked_s = end_s
+            self._mechanism.follow(origin, turning.turns, block.sample_rate)
+        if not 0 <= end_s - turning.drawn_s < _DRAWS_EVERY_S:
+            turning.drawn_s = end_s
+            self._order(turning, block.sample_rate)
+            self._stage.at(end_s)
+            whose = self._stage.shown.whose(origin)
+            amplitude = turning.orders.amplitude
+            if amplitude is not None and turning.orders.blocks != turning.drawn_blocks:
+                turning.drawn_blocks = turning.orders.blocks
+                for name, each in zip(turning.ordered, amplitude, strict=True):
+                    self._orders[name].draw(whose, turning.orders.order, each)
+
+    def _order(self, turning: _Turning, sample_rate: float) -> None:
+        """Hand the samples whose turns are known to the orders, at most what is kept."""
+        if not turning.ordered:
+            return
+        recent = turning.ordered.values()
+        end = min(turning.turns.known_until, *(each.end_sample for each in recent))
+        first = max(min(turning.ordered_until, end), end - round(KEPT_S * sample_rate))
+        turning.ordered_until = end
+        if end > first:
+            values = np.array([each.between(first, end) for each in recent])
+            turning.orders.add(values, turning.turns.at(np.arange(first, end)))

@@ -1,1 +1,0 @@
-"""Finds the offset of the drive that holds a beam's tip in the middle between its stops."""

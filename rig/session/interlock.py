@@ -1,0 +1,225 @@
+"""What ends a run by itself: a limit that is passed, a driven crank that does not turn as it should."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.angle.marker import MOST_MISSING
+from daq.block import BLIND, Flag
+from daq.clock import Clock
+from daq.errors import InterlockTripped
+from daq.log.records import Event
+from rig.files.scenario import Limit
+from rig.session.shaft_speed import RPM_PER_RAD_S, SpeedReading
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """A limit that was passed: `abort` or only a warning; `value` and `level` in the channel's unit."""
+
+    channel: str
+    unit: str
+    value: float
+    level: float
+    abort: bool
+
+    def __str__(self) -> str:
+        if math.isnan(self.value):
+            return f"{self.channel} is overloaded, open or not finite: its limit cannot be watched"
+        return f"{self.channel} = {self.value:.4g} {self.unit}, limit {self.level:.4g} {self.unit}"
+
+
+class LimitWatch:
+    """Checks each channel's absolute value against its limits.
+
+    A level counts as passed once the value has been beyond it for `hold` s without a break; each is told once
+    until the channel has stayed below it for a whole block.
+    """
+
+    def __init__(self, limits: Sequence[Limit], sample_rate: float) -> None:
+        self._limits = tuple(limits)
+        self._hold = {limit.channel: max(1, round(limit.hold * sample_rate)) for limit in limits}
+        self._beyond: dict[tuple[str, bool], int] = {}
+        self._told: set[tuple[str, bool]] = set()
+
+    def check(
+        self, rows: Mapping[str, NDArray[np.floating]], flags: Mapping[str, Flag] | None = None
+    ) -> list[Passed]:
+        """Check the next samples, one row (n,) a channel; return what has been passed newly.
+
+        A channel that `flags` marks as overloaded, open or not finite cannot be watched: with an abort level
+        it counts as passed at once.
+        """
+        found: list[Passed] = []
+        for limit in self._limits:
+            if limit.abort is not None and flags and flags[limit.channel] & BLIND:
+                found.append(Passed(limit.channel, limit.unit, math.nan, limit.abort, abort=True))
+                continue
+            values = np.abs(rows[limit.channel])
+            for level, abort in ((limit.warning, False), (limit.abort, True)):
+                if level is not None and self._held(limit, values, level, abort):
+                    found.append(Passed(limit.channel, limit.unit, float(np.nanmax(values)), level, abort))
+        return [passed for passed in found if self._news(passed)]
+
+    def _held(self, limit: Limit, values: NDArray[np.floating], level: float, abort: bool) -> bool:
+        beyond = values > level
+        before = self._beyond.get((limit.channel, abort), 0)
+        inside = np.flatnonzero(~beyond)
+        longest = before + len(beyond)
+        if len(inside):
+            runs = np.diff(np.concatenate(([-1 - before], inside, [len(beyond)]))) - 1
+            if inside[0] == 0:
+                runs[0] = 0  # it ended with the last block, which has told of it
+            longest = int(runs.max())
+            before = -int(inside[-1]) - 1
+        self._beyond[limit.channel, abort] = before + len(beyond)
+        if not beyond.any():
+            self._told.discard((limit.channel, abort))
+        return longest >= self._hold[limit.channel]
+
+    def _news(self, passed: Passed) -> bool:
+        key = (passed.channel, passed.abort)
+        news = key not in self._told
+        self._told.add(key)
+        return news
+
+
+BACK_S = 0.15
+"""How long it must be gone to count as over: more than two of a card's readings, which come every 0.1 s."""
+
+
+class Debounced:
+    """Tells whether something has held for `hold_s`.
+
+    It is over once it has been gone for 0.15 s, or once readings of which none showed it have lasted for
+    `hold_s`. So a wrong reading now and then proves nothing, and a value that chatters about a limit does not
+    begin anew each time. All times are of one clock, whichever.
+    """
+
+    def __init__(self, hold_s: float) -> None:
+        self._hold_s = hold_s
+        self._since_s: float | None = None
+        self._gone_s: float | None = None
+        self._latest_s, self._lapsed = -math.inf, False
+
+    @property
+    def since_s(self) -> float | None:
+        """Since when it holds, be it for how short; None while it does not."""
+        return self._since_s
+
+    def look(self, at_s: float, *, holds: bool, gone: bool) -> float | None:
+        """Take a reading; how long it has held, in s, once that is `hold_s`, else None.
+
+        A reading may be neither: within the hysteresis, or no value at all.
+        """
+        self._lapsed |= not holds
+        if self._lapsed and at_s - self._latest_s >= self._hold_s:
+            self._since_s = None
+        if holds:
+            self._gone_s, self._latest_s, self._lapsed = None, at_s, False
+            self._since_s = at_s if self._since_s is None else self._since_s
+            held_s = at_s - self._since_s
+            return held_s if held_s >= self._hold_s else None
+        if gone:
+            self._gone_s = at_s if self._gone_s is None else self._gone_s
+            if at_s - self._gone_s >= BACK_S:
+                self._since_s = None
+        return None
+
+
+OFF_SHARE, OFF_S = 0.05, 0.5
+"""A turn's mean off by more than a healthy drive's ever is, and for how long before the run ends."""
+BACK_SHARE = 0.04
+"""How near a speed that has been off must come to count as back."""
+UNKNOWN_S = 1.0
+"""How long a run goes on after its instrument has said that it knows nothing of the speed. A marker says so,
+and has lost the shaft, after four and a half turns without a mark."""
+SPEED_GUARDED = (
+    f"shaft within {OFF_SHARE:.0%} of its speed: the run ends {OFF_S:g} s after it has left it, "
+    f"{UNKNOWN_S:g} s after no instrument shows it; where a marker alone does, once more than {MOST_MISSING} "
+    "marks in a row are missing"
+)
+"""What a person should know of it before anything moves."""
+
+
+def guards_of_shaft(clock: Clock) -> tuple[SpeedGuard, SpeedGuard]:
+    """One that looks at what the card shows of the shaft, one at what an encoder on a bus does."""
+    return SpeedGuard(clock), SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
+
+
+class SpeedGuard:
+    """Looks at every block in the acquisition thread, between `arm` and `disarm`.
+
+    A speed that leaves the wanted one by more than 5 %, either way, is an event at once and `tripped` after
+    half a second; one that no instrument shows is an event at once and `tripped` after a second, and at once
+    where its instrument says that it has lost the shaft. Either is over after 0.15 s within 4 %, or seen; and
+    a speed between 4 % and 5 % off, or overdue, is off no more after half a second of it: one wrong reading,
+    as a glitch on a marker makes it, stops nothing, and a speed that chatters about the limit does. All times
+    are those of the instrument that shows it; readings come every 0.1 s, so that a shaft that runs away has
+    tripped it 0.6 s after that is shown, at the latest.
+    `shows` and `shows_not` say in words which instrument it is.
+    """
+
+    def __init__(
+        self, clock: Clock, shows: str = "shaft at", shows_not: str = "no instrument shows the shaft's speed"
+    ) -> None:
+        self._clock, self._shows, self._shows_not = clock, shows, shows_not
+        self._lock = threading.Lock()
+        self._wanted_rad_s: float | None = None
+        self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
+        self.tripped: str | None = None
+
+    def arm(self, wanted_rad_s: float) -> None:
+        """Hold the shaft to a speed from now on."""
+        with self._lock:
+            self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
+            self._wanted_rad_s = wanted_rad_s
+
+    @property
+    def armed(self) -> bool:
+        return self._wanted_rad_s is not None
+
+    def disarm(self) -> None:
+        """Let it do what it likes: the drive is about to change its speed."""
+        with self._lock:
+            self._wanted_rad_s = None
+
+    def check(self) -> None:
+        if self.tripped is not None:
+            raise InterlockTripped(f"interlock: {self.tripped}; the motor is off")
+
+    def look(self, shown: SpeedReading, card_s: float) -> list[Event]:
+        """Judge what a block that ends at `card_s`, by any even clock, showed; what to tell of it."""
+        with self._lock:
+            wanted = self._wanted_rad_s
+            if wanted is None:
+                return []
+            apart = abs(shown.speed_rad_s - wanted) / wanted if shown.valid else math.nan
+            rpm, wanted_rpm = shown.speed_rad_s * RPM_PER_RAD_S, wanted * RPM_PER_RAD_S
+            off = f"{self._shows} {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
+            told = [
+                *self._trip(shown.lost),
+                *self._judge("unknown", self._unknown, card_s, not shown.valid, shown.valid, self._shows_not),
+                *self._judge("off", self._off, card_s, apart > OFF_SHARE, apart <= BACK_SHARE, off),
+            ]
+        return [Event(self._clock.unix_ns(), level, "acquisition", code, text) for level, code, text in told]
+
+    def _judge(
+        self, what: str, held: Debounced, card_s: float, holds: bool, gone: bool, text: str
+    ) -> list[tuple[str, str, str]]:
+        known_s = held.since_s
+        lasted_s = held.look(card_s, holds=holds, gone=gone)
+        news = [("warning", f"speed.{what}", text)] if held.since_s not in (None, known_s) else []
+        return news if lasted_s is None else [*news, *self._trip(f"{text} for {lasted_s:.1f} s")]
+
+    def _trip(self, why: str) -> list[tuple[str, str, str]]:
+        if not why or self.tripped is not None:
+            return []
+        self.tripped = why
+        return [("error", "speed.abort", why)]

@@ -1,1 +1,0 @@
-"""Contact: normal force laws, sliding friction, and the stiffness of a pair of surfaces."""

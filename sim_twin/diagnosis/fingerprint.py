@@ -1,0 +1,197 @@
+"""What a motion without repeats can be known by: distributions of what its cycles show.
+
+Of each cycle of each channel: energies in bands, courses over the phase, peaks, delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+SLICES = 5
+"""A cell that is a distribution is kept as the means of its lowest to its highest fifth of values."""
+Array = NDArray[np.float32]
+_HIGHEST = 0.4
+"""Of the sample rate: above it anti-alias filters differ."""
+_BANDS_PER_OCTAVE = 3
+_PHASES = 16
+_COUNTS_FROM = 0.1
+_FAINT = 1e-12
+FIGURES = ("peak", "crest", "share of time", "contacts", "early or late", "first or second half")
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One thing that is compared: of `channel` (of both, for a coherence), in `run`.
+
+    `band` in Hz or `phase` in fractions of a cycle say where it lies; neither: a figure of the whole cycle,
+    `what` it is. `size` numbers stand for it: a distribution's `SLICES`, or 1.
+    """
+
+    run: int
+    channel: str
+    what: str
+    size: int = SLICES
+    band: tuple[float, float] | None = None
+    phase: tuple[float, float] | None = None
+    partner: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The cells of a fingerprint, in the order of its numbers."""
+
+    cells: tuple[Cell, ...]
+
+    @property
+    def starts(self) -> NDArray[np.intp]:
+        """Where each cell's numbers begin, and where the last ends; shape (cells + 1,)."""
+        return np.concatenate([[0], np.cumsum([cell.size for cell in self.cells])]).astype(np.intp)
+
+    @property
+    def size(self) -> int:
+        """How many numbers a fingerprint has."""
+        return int(self.starts[-1])
+
+
+def joined(layouts: tuple[Layout, ...]) -> Layout:
+    """The layout of several runs, one after the other."""
+    return Layout(tuple(cell for layout in layouts for cell in layout.cells))
+
+
+@dataclass(frozen=True)
+class Columns:
+    """How records of `channels` with cycles of `frequency` Hz at `rate` Hz become numbers.
+
+    The coherence between each two of `coupled` channels goes in, too. Of `angles` there is only the swing
+    over the cycle: the rest of what an encoder shows is the pattern of its own counts.
+    """
+
+    channels: tuple[str, ...]
+    coupled: tuple[str, ...]
+    frequency: float
+    rate: float
+    angles: tuple[str, ...] = ()
+
+    @cached_property
+    def harmonics(self) -> NDArray[np.intp]:
+        """Edges of the bands as multiples of the frequency, third octaves where harmonics are dense."""
+        top = int(_HIGHEST * self.rate / self.frequency)
+        steps = int(np.log2(top) * _BANDS_PER_OCTAVE)
+        return np.unique(np.round(np.geomspace(1, top, steps + 1)).astype(np.intp))
+
+    @cached_property
+    def octaves(self) -> NDArray[np.intp]:
+        """Edges of the bands in which coherence is told."""
+        top = int(_HIGHEST * self.rate / self.frequency)
+        return np.unique(np.round(np.geomspace(2, top, int(np.log2(top)))).astype(np.intp))
+
+    def cells(self, run: int) -> tuple[Cell, ...]:
+        """The cells that `numbers` fills, in its order."""
+        edges, phases = self.harmonics * self.frequency, np.arange(_PHASES + 1) / _PHASES
+        bands = [(float(low), float(high)) for low, high in pairwise(edges)]
+        parts = [(float(low), float(high)) for low, high in pairwise(phases)]
+        cells: list[Cell] = []
+        for name in self.channels:
+            if name in self.angles:
+                cells += [Cell(run, name, "swing", phase=part) for part in parts]
+                continue
+            cells += [Cell(run, name, "energy", band=band) for band in bands]
+            cells += [Cell(run, name, what, phase=part) for what in ("mean", "rms") for part in parts]
+            cells += [Cell(run, name, figure) for figure in FIGURES]
+        cells += [
+            Cell(run, one, part, 1, (float(low), float(high)), partner=other)
+            for one, other in combinations(self.coupled, 2)
+            for part in ("coherence", "quadrature")
+            for low, high in pairwise(self.octaves * self.frequency)
+        ]
+        return tuple(cells)
+
+    def numbers(self, records: Sequence[Array], starts: NDArray[np.intp], length: int) -> CycleTable:
+        """Look at `records` of the channels, each (n,), in cycles of `length` samples from `starts` on."""
+        at = starts[:, None] + np.arange(length)
+        half = length // 2
+        window = np.hanning(length).astype(np.float32)
+        columns, spectra = [], {}
+        for name, record in zip(self.channels, records, strict=True):
+            cycles = record[at]
+            if name in self.angles:
+                columns.append(_course(cycles)[0])
+                continue
+            turned = fft.rfft(np.stack([cycles, record[at + half]]) * window, axis=2)
+            energy = np.mean(turned.real**2 + turned.imag**2, axis=0)
+            bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
+            columns.append(np.concatenate([np.log(bands + _FAINT), *_course(cycles)], axis=1))
+            if name in self.coupled:
+                spectra[name] = turned
+        cross = [
+            self._in_octaves(spectra[one] * np.conj(spectra[other]))
+            for one, other in combinations(self.coupled, 2)
+        ]
+        power = [self._in_octaves(np.abs(spectra[name]) ** 2) for name in self.coupled]
+        return CycleTable(np.concatenate(columns, axis=1), np.array(cross), np.array(power))
+
+    def _in_octaves(self, density: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Sums over the bands and both halves of each cycle, shape (cycles, bands)."""
+        return np.add.reduceat(density[:, :, : self.octaves[-1]].sum(axis=0), self.octaves[:-1], axis=1)
+
+
+def _course(cycles: Array) -> tuple[Array, Array, Array]:
+    """Mean and logarithm of the mean square in each part of the cycle, and the figures of whole cycles."""
+    length = cycles.shape[1] // _PHASES * _PHASES
+    parts = cycles[:, :length].reshape(len(cycles), _PHASES, -1)
+    square, size = np.mean(parts * parts, axis=2), np.abs(cycles)
+    peak, total = size.max(axis=1), square.sum(axis=1) + _FAINT
+    beyond = size > _COUNTS_FROM * np.median(peak)
+    centre = square @ np.exp(2j * np.pi * (np.arange(_PHASES) + 0.5) / _PHASES) / total
+    figures = np.column_stack(
+        [
+            np.log(peak + _FAINT),
+            np.log(peak + _FAINT) - 0.5 * np.log(total),
+            np.mean(beyond, axis=1),
+            np.count_nonzero(beyond[:, 1:] & ~beyond[:, :-1], axis=1),
+            centre.real,
+            centre.imag,
+        ]
+    ).astype(np.float32)
+    return np.mean(parts, axis=2), np.log(square + _FAINT), figures
+
+
+@dataclass(frozen=True, slots=True)
+class CycleTable:
+    """One row a cycle: `values` (cycles, columns); `cross` (pairs, cycles, bands), `power` (coupled, ...)."""
+
+    values: Array
+    cross: NDArray[np.complex64]
+    power: Array
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def fingerprint(self, cycles: slice = slice(None)) -> Array:
+        """The numbers of the cells over some of the cycles."""
+        fifths = _fifths(self.values[cycles]).ravel()
+        if not len(self.cross):
+            return fifths
+        cross, power = self.cross[:, cycles].sum(axis=1), self.power[:, cycles].sum(axis=1)
+        one, other = np.array(list(combinations(range(len(power)), 2))).T
+        coherence = cross / np.sqrt(power[one] * power[other] + _FAINT)
+        parts = np.stack([coherence.real, coherence.imag], axis=1).ravel()
+        return np.concatenate([fifths, parts.astype(np.float32)])
+
+
+def _fifths(values: Array) -> Array:
+    """Means of the lowest to highest fifth of each column, shape (columns, SLICES)."""
+    ordered = np.sort(values.astype(np.float64), axis=0)
+    count = len(ordered)
+    edges = np.linspace(0, count, SLICES + 1)
+    sums = np.vstack([np.zeros(ordered.shape[1]), np.cumsum(ordered, axis=0)])
+    whole = np.floor(edges).astype(np.intp)
+    share = (edges - whole)[:, None]
+    at = sums[whole] + share * ordered[np.minimum(whole, count - 1)]
+    return (np.diff(at, axis=0) * SLICES / count).T.astype(np.float32)

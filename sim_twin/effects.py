@@ -1,0 +1,219 @@
+"""What an effect is: something that the nominal twin leaves out or has wrong; those of sensors and clocks.
+
+Each rig has its own besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.plugins import OpenTable
+from sim_twin.sensors import SensorChain
+from sim_twin.twin import AnyTwin, changed
+
+ParameterValues: TypeAlias = Mapping[str, float | str]
+Intervals: TypeAlias = tuple[tuple[float, float], ...]
+Coordinates: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number with its unit and the intervals (ends included) in which a rig may plausibly lie.
+
+    `whole`: where it is guessed, only whole numbers are. One with `words` is one of them instead.
+    """
+
+    name: str
+    unit: str = ""
+    intervals: Intervals = ()
+    whole: bool = False
+    words: tuple[str, ...] = ()
+
+    @property
+    def allowed(self) -> str:
+        """The intervals with their unit, or the words, for people."""
+        if self.words:
+            return f"one of {', '.join(self.words)}"
+        ranges = " or ".join(f"{low:g} to {high:g}" for low, high in self.intervals)
+        return f"{ranges} {self.unit}".rstrip()
+
+    def holds(self, value: object) -> bool:
+        """Whether `value` is allowed."""
+        if self.words:
+            return value in self.words
+        return isinstance(value, float) and any(low <= value <= high for low, high in self.intervals)
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """One cause: its `location`, its parameters (the main one first) and what it changes in a twin.
+
+    `channels` are those that the effect may sit on; empty for effects that sit on none. `refusal` says why
+    a twin cannot have it (a friction torque at a clamp), or nothing; `together` what is wrong with parameters
+    that are fine one by one. `sensing` effects change what is shown, not what moves. `coordinates` takes
+    parameters (n, parameters) to (n, any), in which responses are nearly straight; None: each by itself is.
+    """
+
+    name: str
+    location: str
+    parameters: tuple[Parameter, ...]
+    change: Callable[[Any, ParameterValues], Any]
+    channels: tuple[str, ...] = ()
+    refusal: Callable[[Any], str] = lambda _: ""
+    together: Callable[[ParameterValues], str] = lambda _: ""
+    sensing: bool = False
+    coordinates: Coordinates | None = None
+
+    @property
+    def asked(self) -> Mapping[str, Parameter]:
+        """All that has to be said of it, by name: its parameters, and the channel that it sits on."""
+        channel = (Parameter("channel", words=self.channels),) if self.channels else ()
+        return {each.name: each for each in (*self.parameters, *channel)}
+
+    def apply(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        """Return `twin` with the effect in; raises ValueError for what it cannot have or be."""
+        reason = self.refusal(twin)
+        if reason:
+            raise ValueError(f"{self.name} does not exist on this rig ({reason})")
+        expected = [*(["channel"] if self.channels else []), *(each.name for each in self.parameters)]
+        if set(values) != set(expected):
+            raise ValueError(f"{self.name} takes exactly {', '.join(expected)}, not {', '.join(values)}")
+        if self.channels and values["channel"] not in twin.channels:
+            raise ValueError(f"{self.name}: this rig has no channel {values['channel']}")
+        if self.channels and values["channel"] not in self.channels:
+            raise ValueError(
+                f"{self.name} sits on one of {', '.join(self.channels)}, not {values['channel']}"
+            )
+        for parameter in self.parameters:
+            value = float(values[parameter.name])
+            if not parameter.holds(value):
+                raise ValueError(f"{self.name}.{parameter.name} = {value:g}: {parameter.allowed}")
+        wrong = self.together(values)
+        if wrong:
+            raise ValueError(f"{self.name}: {wrong}")
+        affected: AnyTwin = self.change(twin, values)
+        return affected
+
+
+@dataclass(frozen=True, slots=True)
+class PutIn:
+    """Puts a part into a `field` of the twin's rig, made by `kind` of these parameters in their order."""
+
+    field: str
+    kind: Callable[..., Any]
+    parameters: tuple[str, ...]
+
+    def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        part = self.kind(*(float(values[name]) for name in self.parameters))
+        return replace(twin, rig=replace(twin.rig, **{self.field: part}))
+
+
+Catalogue: TypeAlias = Mapping[str, Effect]
+
+
+def catalogue_of(rig: str, effects: Iterable[Effect]) -> Catalogue:
+    """The effects of a rig by name, and those that other packages add to it in the group `rattle.effects`."""
+    return OpenTable({effect.name: effect for effect in effects}, "rattle.effects", Effect, owner=rig)
+
+
+def apply_effects(
+    catalogue: Catalogue, twin: AnyTwin, effects: Iterable[tuple[str, ParameterValues]]
+) -> AnyTwin:
+    """Return `twin` with the named effects in, in the order given.
+
+    Raises ValueError for an effect that the rig cannot have or a parameter outside its range.
+    """
+    for name, values in effects:
+        if name not in catalogue:
+            raise ValueError(f"no effect {name!r}; known: {', '.join(catalogue)}")
+        twin = catalogue[name].apply(twin, values)
+    return twin
+
+
+@dataclass(frozen=True, slots=True)
+class Scaled:
+    """Multiplies what stands at `places` in a twin by the parameter `scale`; of a tuple, each number."""
+
+    places: tuple[str, ...]
+
+    def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        scale = float(values["scale"])
+
+        def times(old: Any) -> Any:
+            return tuple(each * scale for each in old) if isinstance(old, tuple) else old * scale
+
+        for place in self.places:
+            twin = changed(twin, tuple(place.split(".")), times)
+        return twin
+
+
+@dataclass(frozen=True, slots=True)
+class SetTo:
+    """Sets fields of the twin's `part`, its rig or its drive, each to a parameter: by field, its name."""
+
+    part: str
+    fields: Mapping[str, str]
+
+    def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        numbers = {field: float(values[name]) for field, name in self.fields.items()}
+        return replace(twin, **{self.part: replace(getattr(twin, self.part), **numbers)})
+
+
+def scaled(name: str, location: str, intervals: Intervals, *places: str) -> Effect:
+    """An effect that multiplies numbers of a twin at `places` (with dots) by its one parameter, `scale`."""
+    return Effect(name, location, (Parameter("scale", "", intervals),), Scaled(places))
+
+
+@dataclass(frozen=True, slots=True)
+class _OfChain:
+    """Changes a `field` of the analog chain that the effect sits on: multiplied, shifted, or set."""
+
+    field: str
+    parameter: str
+
+    def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        channel, number = str(values["channel"]), float(values[self.parameter])
+        chain = twin.sensors.get(channel, SensorChain())
+        if not isinstance(chain, SensorChain):
+            raise ValueError(f"{channel} is not an analog channel")
+        number = {"gain": chain.gain * number, "skew": chain.skew + number}.get(self.field, number)
+        return replace(
+            twin,
+            sensors={**twin.sensors, channel: replace(chain, **{self.field: number})},
+        )
+
+
+def _on_a_channel(
+    name: str, location: str, parameter: Parameter, field: str, channels: tuple[str, ...]
+) -> Effect:
+    change = _OfChain(field, parameter.name)
+    return Effect(name, location, (parameter,), change, channels, sensing=True)
+
+
+def sensor_gain(channels: tuple[str, ...]) -> Effect:
+    """The channel's values are multiplied."""
+    parameter = Parameter("gain", "", ((0.5, 0.92), (1.08, 2.0)))
+    return _on_a_channel("sensor_gain", "sensor", parameter, "gain", channels)
+
+
+def sensor_droop(channels: tuple[str, ...]) -> Effect:
+    """A first-order high-pass: the time constant of a charge amplifier."""
+    parameter = Parameter("corner_hz", "Hz", ((0.3, 10.0),))
+    return _on_a_channel("sensor_droop", "sensor", parameter, "droop_corner", channels)
+
+
+def sensor_bandwidth(channels: tuple[str, ...]) -> Effect:
+    """A second-order Butterworth low-pass before the anti-alias filter."""
+    parameter = Parameter("corner_hz", "Hz", ((800.0, 8000.0),))
+    return _on_a_channel("sensor_bandwidth", "sensor", parameter, "bandwidth_corner", channels)
+
+
+def time_skew(channels: tuple[str, ...]) -> Effect:
+    """The channel shows x(t - seconds)."""
+    parameter = Parameter("seconds", "s", ((-2e-3, -5e-5), (5e-5, 2e-3)))
+    return _on_a_channel("time_skew", "clock", parameter, "skew", channels)
