@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import threading
+import time
 from pathlib import Path
 from typing import IO
 
@@ -134,8 +135,9 @@ def test_a_full_disk_stops_the_caller_and_says_so_at_the_end(tmp_path: Path) -> 
 
 
 def hand_over_until_it_fails(recorder: Recorder) -> None:
-    """The writer's thread fails some blocks later; the caller hears of it then."""
+    """At the pace of data, not of the processor: a writer that gets no turn would be a slow disk, not a full one."""
     while True:
+        time.sleep(1e-3)
         record_ramp(recorder, 1, begin=recorder.blocks)
         recorder.event(Event(START_NS + recorder.blocks * 10**9, "info", "rig", "x", "y"))
 
