@@ -20,7 +20,6 @@ from drivers.protocols.speed_drive import InverterOutput
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
 from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
 
-pytestmark = pytest.mark.timeout(240)
 OVERCURRENT = 0x10
 """E.OC1 in the fault history."""
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}

@@ -134,6 +134,7 @@ def test_an_encoder_on_the_bus_shows_the_same_shaft_by_a_clock_of_its_own(planar
     )
 
 
+@pytest.mark.long
 def test_instruments_of_another_process_are_real_ones_and_give_the_same_layout(
     planar_log: Path, tmp_path: Path
 ) -> None:

@@ -34,8 +34,8 @@ def stop_at(moment: str, run: Command, bench: SpiedBench) -> None:
         ("recording", signal.SIGINT, 10),
         ("ramp down", signal.SIGINT, 3),
         ("recording", signal.SIGTERM, 1),
-        ("recording", signal.SIGHUP, 1),
-        ("recording", signal.SIGQUIT, 1),
+        pytest.param("recording", signal.SIGHUP, 1, marks=pytest.mark.long),
+        pytest.param("recording", signal.SIGQUIT, 1, marks=pytest.mark.long),
     ],
 )
 def test_a_stop_leaves_the_rig_safe_and_the_log_closed(

@@ -18,8 +18,6 @@ from rig.session.centring import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 
-pytestmark = pytest.mark.timeout(300)
-
 HERTZ = (20.0, 20.6, 20.0)
 SWEEP = """\
 [sweep]

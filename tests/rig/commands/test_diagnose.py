@@ -63,7 +63,6 @@ def campaign(
     return diagnosed["one"]
 
 
-@pytest.mark.timeout(300)
 def test_the_hidden_effect_is_named_in_words_and_files(campaign: Campaign) -> None:
     content = campaign.content
     assert content["verdict"] == "effect"
@@ -79,7 +78,6 @@ def test_the_hidden_effect_is_named_in_words_and_files(campaign: Campaign) -> No
         assert word in campaign.answer.out
 
 
-@pytest.mark.timeout(300)
 def test_the_diagnosis_holds_to_the_interface(campaign: Campaign) -> None:
     content = campaign.content
     assert content["schema"] == "rattle.diagnosis/1"
@@ -104,7 +102,6 @@ def test_the_diagnosis_holds_to_the_interface(campaign: Campaign) -> None:
     assert all(isfinite(number) for number in _numbers(content))
 
 
-@pytest.mark.timeout(300)
 def test_the_gap_is_told_by_channel_run_band_phase_and_location(campaign: Campaign) -> None:
     block = campaign.content["gap"]
     assert block["before"] > 2
@@ -120,7 +117,6 @@ def test_the_gap_is_told_by_channel_run_band_phase_and_location(campaign: Campai
     assert max(block["by_location"], key=lambda one: block["by_location"][one]) == "contact joint"
 
 
-@pytest.mark.timeout(300)
 def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -> None:
     experiment = campaign.content["next_experiment"]
     scenario = parse_scenario(experiment["scenario"])
@@ -132,7 +128,6 @@ def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -
     assert load_scenario(campaign.out / "next_experiment.toml") == scenario
 
 
-@pytest.mark.timeout(300)
 def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Campaign, call: Call) -> None:
     effects = campaign.out / "effects.json"
     assert [name for name, _ in load_effects(effects, MODEL.effects)] == ["clearance"]
@@ -251,8 +246,8 @@ def test_effects_that_the_rig_does_not_have_are_wrong_use(call: Call, run: Path,
     assert "rod_flexibility" in answer.err
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.skipif(not FOREIGN.is_file(), reason=f"no {FOREIGN}")
+@pytest.mark.long
 def test_the_effect_in_another_program_s_recording_is_found(
     tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:

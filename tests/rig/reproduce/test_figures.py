@@ -1,10 +1,11 @@
-"""The page's figures: all there, their texts the sources', their numbers computed."""
+"""The page's figures: all there, their texts the sources', their numbers computed, all drawn in a browser."""
 
 from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -14,9 +15,13 @@ from rig.reproduce.beam_runs import beam
 from rig.reproduce.figure import Effort, Outcome, Statement, Verdict
 from rig.reproduce.figures import ibs_7_11
 from rig.reproduce.page import FIGURES, Reproduced, compute, compute_all
+from tests.rig.browser import browser_page, needs_chromium
 
 # On a cold cache every kernel of three rigs is compiled first.
 pytestmark = pytest.mark.timeout(400)
+
+DRAWN = """() => [...document.querySelectorAll(".plot")].map(plot => plot.calcdata.map(
+    points => [points[0].trace.name, points.length]))"""
 
 QUICK = Effort(quick=True)
 ASKED_FOR = {
@@ -44,6 +49,13 @@ SAID = [
     ("ssc-16", "smallest peak of a cycle, 230 rpm", 27.0),
     ("ssc-16", "largest peak of a cycle, 230 rpm", 80.0),
 ]
+
+
+@pytest.fixture(scope="module")
+def quick_figures() -> list[Reproduced]:
+    """All figures, the quick version, computed once."""
+    outcomes = compute_all(list(FIGURES), QUICK, None, lambda done: None)
+    return [Reproduced(FIGURES[name], outcome) for name, outcome in outcomes.items()]
 
 
 def statement(figures: list[Reproduced], figure: str, subject: str) -> Statement:
@@ -146,3 +158,27 @@ def test_the_json_says_what_the_page_says(quick_figures: list[Reproduced]) -> No
             gap = row["ours"] / row["text_value"] - 1
             assert row["deviation"] == pytest.approx(gap, abs=1e-12)  # rounding alone
             assert row["verdict"] == ("agrees" if abs(gap) <= record["agreement"] else "differs")
+
+
+@pytest.mark.browser
+@needs_chromium
+def test_every_plot_is_drawn_and_nothing_is_fetched(quick_figures: list[Reproduced], tmp_path: Path) -> None:
+    html = tmp_path / "reproduce.html"
+    html.write_text(page.html(quick_figures, quick=True), encoding="utf-8")
+    complaints: list[str] = []
+    fetched: list[str] = []
+    with browser_page() as opened:
+        opened.on("console", lambda message: complaints.append(message.text))
+        opened.on("pageerror", lambda error: complaints.append(str(error)))
+        opened.on("request", lambda request: fetched.append(request.url))
+        opened.goto(html.as_uri())
+        opened.wait_for_function("[...document.querySelectorAll('.plot')].every(plot => plot.calcdata)")
+        plots = opened.evaluate(DRAWN)
+        rows = opened.locator("#summary tbody tr:not(.figure)").count()
+    assert complaints == []
+    assert fetched == [html.as_uri()]
+    expected = [part for each in quick_figures for part in each.outcome.parts if part.kind == "figure"]
+    assert len(plots) == len(expected)
+    assert all(traces and all(count > 0 for _, count in traces) for traces in plots)
+    counted = [s for each in quick_figures for s in each.outcome.statements if not s.what_if]
+    assert rows == len(counted)

@@ -90,6 +90,7 @@ def test_a_pair_that_is_not_the_sum_of_both_is_found_since_it_is_simulated() -> 
     assert findings.verdict == "effect"
 
 
+@pytest.mark.long
 def test_nothing_is_found_in_healthy_rigs() -> None:
     cases = [found((), seed) for seed in range(12)]
     # of twelve with a false alarm of 5 % each, three or more have one in 2 of 100
