@@ -1,4 +1,4 @@
-"""Keeps every block on its way to the log: one thread writes, any thread hands over."""
+"""Keeps every block on its way to the log: one thread writes, one syncs, any thread hands over."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from daq.errors import RecorderFailed
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
-_QUEUE_ITEMS = 8192
-"""About 20 s of 16 channels, measured and predicted, in blocks of 0.1 s: longer than a stalled disk lasts."""
+_QUEUE_ITEMS = 1 << 15
+"""20 s of 64 channels, measured, predicted and derived, in blocks of 0.1 s: longer than a disk stalls."""
+_SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
 _IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
 _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
@@ -24,21 +25,25 @@ _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 class Recorder:
     """Writes a log from a thread of its own; the first failed write stops it for good.
 
-    Handing over never waits. It raises RecorderFailed once the writer has failed or the queue is full, which
-    is the caller's sign to stop the rig: nothing is dropped in silence.
+    Handing over never waits. It raises RecorderFailed once the writer has failed or the queue was full, which
+    is the caller's sign to stop the rig: nothing is dropped in silence, and nothing comes behind a hole.
+    `refused` counts what was handed over in vain.
     """
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:
         self._writer, self._clock = writer, clock
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(_QUEUE_ITEMS)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._closing = threading.Event()
+        self._syncing = threading.Thread(target=self._sync, name="recorder to disk", daemon=True)
         self._failure: RecorderFailed | None = None
-        self.high_water = 0
+        self.high_water = self.refused = 0
         self.blocks = 0
 
     def __enter__(self) -> Recorder:
         self._writer.open()
         self._thread.start()
+        self._syncing.start()
         return self
 
     def __exit__(
@@ -84,24 +89,38 @@ class Recorder:
                 self._thread.join(_HUNG_DISK_S)
             except queue.Full:
                 pass
-            if self._thread.is_alive():
+            self._closing.set()
+            self._syncing.join(_HUNG_DISK_S)
+            if self._thread.is_alive() or self._syncing.is_alive():
                 raise RecorderFailed(
                     f"{self._writer.path}: the disk does not answer; the end of the run is lost"
                 )
         self._writer.close()
         if self._failure is not None:
-            raise self._failure
+            raise RecorderFailed(f"{self._failure}; {self.refused} more refused") from self._failure
 
     def _put(self, write: Callable[[], None]) -> None:
+        if self._failure is None:
+            try:
+                self._queue.put_nowait(write)
+            except queue.Full:
+                self._failure = RecorderFailed(f"{self._writer.path}: the disk is slower than the data")
         if self._failure is not None:
+            self.refused += 1
             raise self._failure
-        try:
-            self._queue.put_nowait(write)
-        except queue.Full as error:
-            raise RecorderFailed(f"{self._writer.path}: the disk is slower than the data") from error
         self.high_water = max(self.high_water, self._queue.qsize())
 
+    def _sync(self) -> None:
+        """A disk that stalls holds nobody up but this thread."""
+        while not self._closing.wait(_SYNC_S):
+            try:
+                self._writer.sync()
+            except RecorderFailed as error:
+                self._failure = self._failure or error
+                return
+
     def _run(self) -> None:
+        broken = False
         while True:
             try:
                 write = self._queue.get(timeout=_IDLE_S)
@@ -109,11 +128,12 @@ class Recorder:
                 write = partial(self._writer.flush_if_older, self._clock.unix_ns())
             if write is None:
                 return
-            if self._failure is not None:
+            if broken:
                 continue
             try:
                 write()
             except RecorderFailed as error:
-                self._failure = error
+                broken, self._failure = True, self._failure or error
             except Exception as error:  # top of a thread: whatever it was, the next hand-over tells the rig
-                self._failure = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
+                told = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
+                broken, self._failure = True, self._failure or told

@@ -8,6 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Schema as SchemaRecord
 from mcap.writer import CompressionType, Writer
 
 from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
@@ -19,13 +22,16 @@ from daq.log.records import ClockRecord, Event, Gap, Impact
 
 MAXIMUM_CHUNK_AGE_S = 0.25  # the format's: no crash costs more than what the last chunk holds
 _CHUNK_BYTES = 1 << 20
+_NEVER_BY_ITSELF = 1 << 62
+"""The package ends no chunk: who ends it has to open the next with its declarations."""
 
 
 class LogWriter:
     """One MCAP file: channels are declared, then blocks, events, gaps and clocks added in any order.
 
     Sample indices are accounted for per topic: a block that starts later than the last one ended leaves a
-    `Gap` in the log, one that starts earlier is refused. Not thread-safe: one thread owns a writer.
+    `Gap` in the log, one that starts earlier is refused. Each chunk declares all channels anew, so that it
+    can be read where all others are lost. Not thread-safe but for `sync`: one thread owns a writer.
     """
 
     def __init__(self, path: Path, library: str = "rattle") -> None:
@@ -37,6 +43,8 @@ class LogWriter:
         self._told_gaps: set[tuple[str, int, int]] = set()
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
+        self._declarations = bytearray()
+        self._folder_synced = False
         self._failed: OSError | None = None
         self._open = False
 
@@ -49,7 +57,7 @@ class LogWriter:
         except OSError as error:
             raise RecorderFailed(f"cannot create {self.path}: {error}") from error
         self._writer = Writer(
-            self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+            self._file, chunk_size=_NEVER_BY_ITSELF, compression=CompressionType.ZSTD, enable_data_crcs=True
         )
         self._writer.start(profile="", library=self._library)
         self._open = True
@@ -124,8 +132,20 @@ class LogWriter:
             return
         age_ns = host_ns - self._chunk_opened_ns
         if not 0 <= age_ns < MAXIMUM_CHUNK_AGE_S * NS_PER_S:  # negative: the host's clock was set back
-            self._guard(self._writer.flush)
-            self._chunk_opened_ns = 0
+            self._end_chunk()
+
+    def sync(self) -> None:
+        """Bring to the disk what the system has of the file, and the first time its name; from any thread.
+
+        May take as long as the disk stalls. Raises RecorderFailed if the disk does not take it.
+        """
+        try:
+            os.fdatasync(self._file.fileno())
+            if not self._folder_synced:
+                sync_folder(self.path.parent)
+                self._folder_synced = True
+        except OSError as error:
+            raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
 
     def close(self) -> None:
         """Finish and sync the file. After a failed write it stays as it is: readable up to the last chunk."""
@@ -136,7 +156,7 @@ class LogWriter:
             if self._failed is None:
                 self._writer.finish()
                 self._file.flush()
-                os.fsync(self._file.fileno())
+                self.sync()
         except OSError as error:
             raise RecorderFailed(f"{self.path}: {error}") from error
         finally:
@@ -147,12 +167,17 @@ class LogWriter:
         if topic in self._topics:
             return
         if schema not in self._schemas:
-            self._schemas[schema] = self._writer.register_schema(
-                f"rattle.{schema}", "protobuf", embedded_schema(schema)
-            )
-        self._topics[topic] = self._writer.register_channel(
-            topic, "protobuf", self._schemas[schema], metadata
-        )
+            name, data = f"rattle.{schema}", embedded_schema(schema)
+            number = self._schemas[schema] = self._writer.register_schema(name, "protobuf", data)
+            self._keep(SchemaRecord(number, data, "protobuf", name))
+        schema_id = self._schemas[schema]
+        number = self._topics[topic] = self._writer.register_channel(topic, "protobuf", schema_id, metadata)
+        self._keep(ChannelRecord(number, topic, "protobuf", metadata, schema_id))
+
+    def _keep(self, declaration: ChannelRecord | SchemaRecord) -> None:
+        record = RecordBuilder()
+        declaration.write(record)
+        self._declarations += record.end()
 
     def _add(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         self.flush_if_older(log_ns)
@@ -160,11 +185,25 @@ class LogWriter:
         self._sequence[topic] = sequence + 1
         if not self._chunk_opened_ns:
             self._chunk_opened_ns = log_ns
+            if self._chunk.count < len(self._declarations):  # the first chunk has them as they were made
+                self._chunk.write(self._declarations)
         self._guard(
             lambda: self._writer.add_message(
                 self._topics[topic], log_time=log_ns, data=data, publish_time=publish_ns, sequence=sequence
             )
         )
+        if self._chunk.count >= _CHUNK_BYTES:
+            self._end_chunk()
+
+    @property
+    def _chunk(self) -> RecordBuilder:
+        """The records of the chunk; the package has no call to add any but messages to it."""
+        return self._writer._Writer__chunk_builder.record_writer  # type: ignore[attr-defined, no-any-return]
+
+    def _end_chunk(self) -> None:
+        """Its bytes go to the system: they outlive this process."""
+        self._guard(self._writer.flush)
+        self._chunk_opened_ns = 0
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._failed is not None:
@@ -174,3 +213,12 @@ class LogWriter:
         except OSError as error:
             self._failed = error
             raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names of its files to the disk; raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

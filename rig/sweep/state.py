@@ -15,6 +15,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from daq.errors import ConfigurationError, LogError, Problem, RattleError, RecorderFailed
+from daq.log.writer import sync_folder
 from rig.files.bench import Bench
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
@@ -127,11 +128,7 @@ def write_whole(path: Path, content: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         unfinished.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync_folder(path.parent)
     except OSError as error:
         raise RecorderFailed(f"cannot write {path}: {error.strerror}") from error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
@@ -142,24 +143,87 @@ def hand_over_until_it_fails(recorder: Recorder) -> None:
         recorder.event(Event(START_NS + recorder.blocks * 10**9, "info", "rig", "x", "y"))
 
 
-def test_a_queue_that_runs_full_is_an_error_not_a_loss(
+def test_nothing_comes_behind_what_a_full_queue_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 10)
     go = threading.Event()
     event = Event(START_NS, "info", "rig", "x", "y")
-    with Recorder(StuckWriter(tmp_path / "log.mcap", go), SystemClock()) as recorder:
+    recorder = Recorder(StuckWriter(tmp_path / "log.mcap", go), SystemClock())
+    recorder.__enter__()
+    recorder.event(event)
+    while recorder._queue.qsize():  # the writer's thread has it and sticks
+        SystemClock().sleep(0.001)
+    for _ in range(10):
         recorder.event(event)
-        while recorder._queue.qsize():  # the writer's thread has it and sticks
-            SystemClock().sleep(0.001)
-        for _ in range(10):
-            recorder.event(event)
-        with pytest.raises(RecorderFailed, match="the disk is slower than the data"):
-            recorder.event(event)
-        assert recorder.high_water == 10
-        go.set()
+    with pytest.raises(RecorderFailed, match="the disk is slower than the data"):
+        recorder.event(event)
+    assert recorder.high_water == 10
+    go.set()
+    while recorder._queue.qsize():
+        SystemClock().sleep(0.001)
+    with pytest.raises(RecorderFailed, match="the disk is slower than the data"):
+        recorder.event(event)
+    with pytest.raises(RecorderFailed, match="slower than the data; 2 more refused"):
+        recorder.close()
     with LogReader(tmp_path / "log.mcap") as log:
         assert len(log.events()) == 11
+
+
+class DiskOfItsOwnPace(LogWriter):
+    """Takes writes at once; what it does when it is asked to sync comes from outside."""
+
+    def __init__(self, path: Path, syncing: Callable[[], None]) -> None:
+        super().__init__(path)
+        self._before_sync = syncing
+
+    def sync(self) -> None:
+        self._before_sync()
+        super().sync()
+
+
+def test_what_is_written_comes_to_the_disk_every_second(tmp_path: Path) -> None:
+    synced: list[float] = []
+    clock = SystemClock()
+    begin_s = clock.monotonic_s()
+    with Recorder(DiskOfItsOwnPace(tmp_path / "log.mcap", lambda: synced.append(clock.monotonic_s())), clock):
+        while len(synced) < 2:
+            assert clock.monotonic_s() < begin_s + 20
+            clock.sleep(0.01)
+    assert synced[1] - synced[0] > 0.9
+    assert len(synced) >= 3  # the last as it is closed
+
+
+def test_a_disk_that_stalls_while_it_syncs_costs_nothing(tmp_path: Path) -> None:
+    stalled, go = threading.Event(), threading.Event()
+
+    def stall() -> None:
+        stalled.set()
+        go.wait()
+
+    clock, path = SystemClock(), tmp_path / "log.mcap"
+    with Recorder(DiskOfItsOwnPace(path, stall), clock) as recorder:
+        assert stalled.wait(20)
+        record_ramp(recorder, 50)
+        recorder.event(Event(clock.unix_ns(), "info", "rig", "x", "after them"))
+        deadline = clock.monotonic_s() + 20
+        while events_of(path) != ["after them"]:
+            assert clock.monotonic_s() < deadline
+            clock.sleep(0.01)
+        go.set()
+    assert verify_log(path).sound
+
+
+def test_a_disk_that_fails_to_sync_stops_the_caller(tmp_path: Path) -> None:
+    def fail() -> None:
+        raise RecorderFailed("no disk any more")
+
+    recorder = Recorder(DiskOfItsOwnPace(tmp_path / "log.mcap", fail), SystemClock())
+    recorder.__enter__()
+    with pytest.raises(RecorderFailed, match="no disk any more"):
+        hand_over_until_it_fails(recorder)
+    with pytest.raises(RecorderFailed, match="no disk any more"):
+        recorder.close()
 
 
 def test_a_fault_of_ours_while_writing_is_reported_as_a_lost_log(tmp_path: Path) -> None:
