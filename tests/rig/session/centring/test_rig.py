@@ -82,11 +82,11 @@ def test_a_sensor_that_shows_nothing_ends_the_search(tmp_path: Path) -> None:
     shown, kept = [Flag.GOOD], Kept()
     card = SteppedCard(tuple(Channel(name, "N") for name in FORCES), flags=lambda block: shown[0])
     with rig_to_centre(tmp_path, card, kept) as (rig, beam), coming(card), rig.acquisition:
-        rig.start_record(10**9)
+        began = rig.start_record(10**9)
         upper, lower = beam.forces(0.2)
         assert len(upper) == len(lower) == round(0.2 * card.sample_rate)
         # row 0 holds the card's sample numbers; what was judged can be found in the record again
-        first, end = beam.listened
+        first, end = (each - began for each in beam.listened)
         recorded = np.concatenate([block.values for block in kept.blocks(FORCES[0])])
         assert recorded[first:end] == pytest.approx(upper)
         for shown[0] in (Flag.OPEN_SENSOR, Flag.OVERLOAD, Flag.NOT_FINITE):
