@@ -24,7 +24,7 @@ _LATEST_NS = 1 << 63
 BLOCK_S = 0.1
 _ROUNDING_NS = 1
 """Some programs round the time of a block down, some to the nearest nanosecond."""
-_Entry = tuple[int, Callable[[], None]]
+_Entry = tuple[int, Callable[[], object]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import Chunk, Metadata
-from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
@@ -24,6 +23,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
+from daq.log.front import check_summary, metadata_and_chunks
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 Origin = Literal["measured", "nominal", "predicted", "derived"]
@@ -71,8 +71,8 @@ class LoggedMessage(NamedTuple):
 class LogReader:
     """A log opened for reading.
 
-    `complete` is False where the writer never finished: then the file is read from its front, up to the last
-    whole chunk, and `damage` says after the first full pass why it ended there.
+    `complete` is False where the writer never finished: then the file is read from its front, chunk by chunk,
+    also behind damage. `damage` says what was found wrong first.
     """
 
     def __init__(self, path: Path) -> None:
@@ -154,7 +154,7 @@ class LogReader:
             except LogError as error:
                 if not skip_damaged:
                     raise
-                self.damage = str(error)
+                self._note(str(error))
                 continue
             names.update((channel.id, channel.topic) for channel in chunk.channels)
             for number, sequence, log_ns, publish_ns, start, end in chunk.places:
@@ -223,10 +223,11 @@ class LogReader:
 
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
-        for _ in self._chunks_from_the_front():
+        for _ in metadata_and_chunks(self._file.fileno(), self._note):
             pass
 
     def _read_summary(self) -> None:
+        check_summary(self._file.fileno())
         reader = SeekingReader(self._file, validate_crcs=True)
         summary = reader.get_summary()
         if summary is None:
@@ -242,18 +243,18 @@ class LogReader:
         self._summary, self.complete = summary, True
 
     def _scan(self) -> None:
-        self._file.seek(0)
-        try:
-            stream = StreamReader(self._file, emit_chunks=True, validate_crcs=True)
-            for record in stream.records:
-                if isinstance(record, Metadata):
-                    self.metadata[record.name] = record.metadata
-                elif isinstance(record, Chunk):
-                    for channel in self._opened(partial(open_chunk, record)).channels:
-                        self._topics.setdefault(channel.topic, channel.metadata)
-                        self._channel_names[channel.id] = channel.topic
-        except _FOREIGN_ERRORS as error:
-            self.damage = f"{type(error).__name__}: {error}".removesuffix(": ")
+        for record in metadata_and_chunks(self._file.fileno(), self._note):
+            if isinstance(record, Metadata):
+                self.metadata[record.name] = record.metadata
+                continue
+            try:
+                chunk = self._opened(partial(open_chunk, record))
+            except LogError as error:
+                self._note(str(error).removeprefix(f"{self.path}: "))
+                continue
+            for channel in chunk.channels:
+                self._topics.setdefault(channel.topic, channel.metadata)
+                self._channel_names[channel.id] = channel.topic
         if not self._topics and not self.metadata:
             foreign = "" if begins_as_log(self.path) else "it does not begin as an MCAP file does"
             raise LogError(f"{self.path}: not a log ({foreign or self.damage or 'it holds nothing'})")
@@ -263,8 +264,9 @@ class LogReader:
     ) -> Iterator[Callable[[], OpenedChunk]]:
         """Chunks in file order, each to be opened by a call; without index all of them."""
         if self._summary is None:
-            for chunk in self._chunks_from_the_front():
-                yield partial(open_chunk, chunk)
+            for record in metadata_and_chunks(self._file.fileno(), self._note):
+                if isinstance(record, Chunk):
+                    yield partial(open_chunk, record)
             return
         numbers = None
         if topics is not None:
@@ -279,21 +281,9 @@ class LogReader:
         except _FOREIGN_ERRORS as error:
             raise LogError(f"{self.path}: a chunk is damaged ({type(error).__name__}: {error})") from error
 
-    def _chunks_from_the_front(self) -> Iterator[Chunk]:
-        """Each pass keeps its own place in the file, for several passes may run at once."""
-        records, position = StreamReader(self._file, emit_chunks=True, validate_crcs=True).records, 0
-        while True:
-            self._file.seek(position)
-            try:
-                record = next(records, None)
-            except _FOREIGN_ERRORS as error:
-                self.damage = f"{type(error).__name__}: {error}"
-                return
-            position = self._file.tell()
-            if record is None:
-                return
-            if isinstance(record, Chunk):
-                yield record
+    def _note(self, damage: str) -> None:
+        """What was found first says where it begins."""
+        self.damage = self.damage or damage
 
 
 def _join(

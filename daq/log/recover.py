@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO, get_args
+from typing import get_args
 
-from mcap.writer import CompressionType, Writer
+from daq.errors import LogError, RecorderFailed
+from daq.log.codec import decode_block, decode_record
+from daq.log.front import CUT
+from daq.log.reader import LoggedMessage, LogReader, Origin
+from daq.log.records import Gap
+from daq.log.writer import LogWriter
 
-from daq.block import NS_PER_S
-from daq.errors import LogError
-from daq.log.codec import decode_block, embedded_schema
-from daq.log.reader import LogReader, Origin
-from daq.log.writer import MAXIMUM_CHUNK_AGE_S
-
+LOST = "lost in a damaged log"
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
 _SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock", "/impact": "Impact"}
 
@@ -40,6 +39,15 @@ class LogReport:
     damage: str
     topics: tuple[TopicReport, ...]
     ledger_missing: int
+    recovered_from: str = ""
+    """What was wrong with the log that this one was recovered from."""
+    lost: int = 0
+    """Samples that were not in it any more, by its own count."""
+
+    @property
+    def whole(self) -> bool:
+        """True if a recovered log lacks nothing but what was never written."""
+        return not self.lost and self.recovered_from in ("", CUT)
 
     @property
     def sound(self) -> bool:
@@ -90,47 +98,38 @@ class _Account:
 
 
 def recover_log(damaged: Path, recovered: Path) -> LogReport:
-    """Copy every whole chunk of `damaged` to the new file `recovered`, then verify what was written.
+    """Copy what is whole of `damaged` to the new file `recovered`, then verify what was written.
 
-    Topics that are none of the format's are left out.
-
-    Samples of a damaged chunk are missing in it, outside the gap ledger, so that its report is not sound.
+    Samples that were lost in between are in its gap ledger, and counted in the report. How many came after
+    the last that could be read, no file tells: `recovered_from` says whether it was only cut there. Topics
+    that are none of the format's are left out.
     """
-    with LogReader(damaged) as log, _create(recovered) as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        writer.start(profile="", library=log.library or "rattle recover")
-        schemas: dict[str, int] = {}
-        channels: dict[str, int] = {}
-        for topic, metadata in log.topic_metadata().items():
-            if not topic.startswith(_SAMPLE_TOPICS) and topic not in _SCHEMA_OF_TOPIC:
-                continue  # another program's topic, whose schema this reader does not keep
-            name = _SCHEMA_OF_TOPIC.get(topic, "SampleBlock")
-            if name not in schemas:
-                schemas[name] = writer.register_schema(f"rattle.{name}", "protobuf", embedded_schema(name))
-            channels[topic] = writer.register_channel(topic, "protobuf", schemas[name], metadata)
-        for name, record in log.metadata.items():
-            writer.add_metadata(name, record)
-        with suppress(LogError):  # the file's frame is broken there: what comes before it is kept
-            _copy_messages(log, writer, channels)
-        writer.finish()
-    return verify_log(recovered)
+    with LogReader(damaged) as log:
+        topics = {
+            topic: _SCHEMA_OF_TOPIC.get(topic, "SampleBlock")
+            for topic in log.topic_metadata()
+            if topic.startswith(_SAMPLE_TOPICS) or topic in _SCHEMA_OF_TOPIC
+        }
+        try:
+            with LogWriter(recovered, log.library or "rattle recover") as writer:
+                for name, record in log.metadata.items():
+                    writer.add_metadata(name, record)
+                for topic, schema in topics.items():
+                    writer.register(topic, schema, log.topic_metadata()[topic])
+                lost = sum(_copy(message, writer) for message in log.messages(topics, skip_damaged=True))
+        except RecorderFailed as error:
+            raise LogError(str(error)) from error
+        return replace(verify_log(recovered), recovered_from=log.damage, lost=lost)
 
 
-def _copy_messages(log: LogReader, writer: Writer, channels: dict[str, int]) -> None:
-    chunk_opened_ns: int | None = None
-    for message in log.messages(channels, skip_damaged=True):
-        opened_ns = message.log_ns if chunk_opened_ns is None else chunk_opened_ns
-        if message.log_ns - opened_ns >= MAXIMUM_CHUNK_AGE_S * NS_PER_S:
-            writer.flush()
-            opened_ns = message.log_ns
-        chunk_opened_ns = opened_ns
-        writer.add_message(
-            channels[message.topic], message.log_ns, message.data, message.publish_ns, message.sequence
-        )
-
-
-def _create(path: Path) -> BinaryIO:
-    try:
-        return path.open("xb")
-    except OSError as error:
-        raise LogError(f"cannot create {path}: {error.strerror}") from error
+def _copy(message: LoggedMessage, writer: LogWriter) -> int:
+    """Samples missing before this message of which the log knew nothing."""
+    if message.topic == "/gap":
+        writer.add_gap(decode_record(Gap, message.data), message.log_ns)
+    elif message.topic in _SCHEMA_OF_TOPIC:
+        writer.add_message(message.topic, message.data, message.log_ns, message.publish_ns)
+    else:
+        _, origin, name = message.topic.split("/", 2)
+        block = decode_block(name, message.data)
+        return writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST)
+    return 0

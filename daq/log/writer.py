@@ -40,7 +40,7 @@ class LogWriter:
         self._next_sample: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._topics: dict[str, int] = {}
-        self._told_gaps: set[tuple[str, int, int]] = set()
+        self._told_gaps: dict[tuple[str, int], int] = {}  # their first sample, by channel and end
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
         self._declarations = bytearray()
@@ -73,7 +73,7 @@ class LogWriter:
 
     def declare(self, origin: str, channel: Channel) -> None:
         """Register /`origin`/`channel.name`, so that it is in the file even if no sample ever comes."""
-        self._register(f"/{origin}/{channel.name}", "SampleBlock", channel.metadata())
+        self.register(f"/{origin}/{channel.name}", "SampleBlock", channel.metadata())
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Add a metadata record (`scenario`, `run`)."""
@@ -84,47 +84,57 @@ class LogWriter:
         self.add_encoded_block(origin, block, codec.encode_block(block), host_ns)
 
     def add_encoded_block(
-        self, origin: str, block: SampleBlock, data: bytes, host_ns: int, record_gap: bool = True
-    ) -> None:
-        """Add a block as it stands in another log; `record_gap` is False where its ledger is copied too."""
+        self,
+        origin: str,
+        block: SampleBlock,
+        data: bytes,
+        host_ns: int,
+        record_gap: bool = True,
+        cause: str = "",
+    ) -> int:
+        """Add a block as it stands in another log; `record_gap` is False where its ledger is copied too.
+
+        Returns how many samples are missing before it of which no gap told; `cause` says why, if it is known.
+        """
         topic = f"/{origin}/{block.channel}"
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        gap = (block.channel, expected, block.first_sample - expected)
-        if gap in self._told_gaps:
-            self._told_gaps.remove(gap)
-        elif block.first_sample > expected and record_gap:
-            missing = block.first_sample - expected
-            start_ns = sample_time_ns(block.time_ns, -missing, block.sample_rate)
-            cause = "start of stream" if expected == 0 else "samples missing"
-            if not block.flags & Flag.SAMPLES_MISSING_BEFORE and expected:
-                cause = "not flagged by the source"
+        told_from = self._told_gaps.pop((block.channel, block.first_sample), block.first_sample)
+        missing = max(told_from - expected, 0) if record_gap else 0
+        if missing:
+            start_ns = sample_time_ns(block.time_ns, expected - block.first_sample, block.sample_rate)
+            if not cause and expected == 0:
+                cause = "start of stream"
+            elif not cause:
+                flagged = block.flags & Flag.SAMPLES_MISSING_BEFORE
+                cause = "samples missing" if flagged else "not flagged by the source"
             self._write_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
-        self._add(topic, data, host_ns, block.time_ns)
+        self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
+        return missing
 
     def add_event(self, event: Event) -> None:
-        self._register("/event", "Event", {})
-        self._add("/event", codec.encode_record(event), event.time_ns, event.time_ns)
+        self.register("/event", "Event", {})
+        self.add_message("/event", codec.encode_record(event), event.time_ns, event.time_ns)
 
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
-        self._told_gaps.add((gap.channel, gap.first_sample, gap.count))
+        self._told_gaps[gap.channel, gap.first_sample + gap.count] = gap.first_sample
         self._write_gap(gap, host_ns)
 
     def _write_gap(self, gap: Gap, host_ns: int) -> None:
-        self._register("/gap", "Gap", {})
-        self._add("/gap", codec.encode_record(gap), host_ns, gap.time_ns)
+        self.register("/gap", "Gap", {})
+        self.add_message("/gap", codec.encode_record(gap), host_ns, gap.time_ns)
 
     def add_clock(self, clock: ClockRecord) -> None:
-        self._register("/clock", "Clock", {})
-        self._add("/clock", codec.encode_record(clock), clock.time_ns, clock.time_ns)
+        self.register("/clock", "Clock", {})
+        self.add_message("/clock", codec.encode_record(clock), clock.time_ns, clock.time_ns)
 
     def add_impact(self, impact: Impact, host_ns: int) -> None:
         """Add an impact that was found in the samples."""
-        self._register("/impact", "Impact", {})
-        self._add("/impact", codec.encode_record(impact), host_ns, impact.time_ns)
+        self.register("/impact", "Impact", {})
+        self.add_message("/impact", codec.encode_record(impact), host_ns, impact.time_ns)
 
     def flush_if_older(self, host_ns: int) -> None:
         """End the chunk if it is older than 0.25 s; to be called now and then when no block comes."""
@@ -163,7 +173,8 @@ class LogWriter:
             with suppress(OSError):  # what a failed write left in its buffer fails once more, and is told
                 self._file.close()
 
-    def _register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
+    def register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
+        """Declare a topic of the format by the name of its schema (`SampleBlock`, `Event` ...)."""
         if topic in self._topics:
             return
         if schema not in self._schemas:
@@ -179,7 +190,8 @@ class LogWriter:
         declaration.write(record)
         self._declarations += record.end()
 
-    def _add(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
+    def add_message(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
+        """Add a message of a declared topic as it stands in another log."""
         self.flush_if_older(log_ns)
         sequence = self._sequence.get(topic, 0)
         self._sequence[topic] = sequence + 1

@@ -54,7 +54,7 @@ def overlay(
     report_and_name(overlaid, screen)
 
 
-_UNSOUND = 1
+_UNSOUND, _LOST = 1, 3
 
 
 def verify(log: RunFile, as_json: Json = False) -> None:
@@ -68,7 +68,13 @@ def recover(
 ) -> None:
     from daq.log.recover import recover_log
 
-    _show(recover_log(log, out), as_json=False)
+    report = recover_log(log, out)
+    _show(report, as_json=False)
+    if report.recovered_from:
+        Console().print(f"{log}: {report.recovered_from}", markup=False, highlight=False, soft_wrap=True)
+    if not report.whole:
+        Console().print(f"{report.lost} samples were lost, and what may have come after them")
+        raise typer.Exit(_LOST)
 
 
 def _show(report: LogReport, as_json: bool) -> None:

@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from daq.errors import LogError
 from daq.log.reader import LogReader
-from daq.log.recover import recover_log, verify_log
+from daq.log.recover import LOST, recover_log, verify_log
 from tests.daq.log.logs import BLOCK, crashed_file, write_ramp
 
 CUTS = 40
@@ -31,6 +31,14 @@ def data_end(path: Path) -> int:
     with path.open("rb") as file:
         ends = [file.tell() for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
     return ends[-1]
+
+
+def chunks_of(path: Path) -> list[tuple[int, int]]:
+    """First byte and end of each chunk."""
+    with LogReader(path) as log:
+        assert log._summary is not None
+        indexes = log._summary.chunk_indexes
+    return [(each.chunk_start_offset, each.chunk_start_offset + each.chunk_length) for each in indexes]
 
 
 @pytest.mark.parametrize("share", [0.001, *np.linspace(0.05, 0.999, CUTS)])
@@ -80,21 +88,66 @@ def test_a_flipped_bit_is_never_read_as_a_sample(ramp: Path, tmp_path: Path, cra
             continue
 
 
-def test_recovering_passes_over_a_damaged_chunk_and_says_what_is_missing(ramp: Path, tmp_path: Path) -> None:
-    whole = bytearray(ramp.read_bytes())
-    whole[data_end(ramp) // 2] ^= 0x10
-    (tmp_path / "flipped.mcap").write_bytes(whole)
-    report = recover_log(tmp_path / "flipped.mcap", tmp_path / "recovered.mcap")
-    assert not report.sound
-    assert report.complete
-    a = next(topic for topic in report.topics if topic.topic == "/measured/a")
-    assert a.missing > 0
-    assert a.samples + a.missing == 20 * BLOCK
+@pytest.mark.parametrize("crashed", [False, True], ids=["with its summary", "without"])
+@pytest.mark.parametrize("number", [0, 3])
+@pytest.mark.parametrize("place", ["opcode", "length", "content"])
+def test_one_damaged_chunk_costs_only_itself(
+    ramp: Path, tmp_path: Path, place: str, number: int, crashed: bool
+) -> None:
+    whole = bytearray(ramp.read_bytes()[: data_end(ramp) if crashed else None])
+    begin, end = chunks_of(ramp)[number]
+    whole[begin + {"opcode": 0, "length": 3, "content": (end - begin) // 2}[place]] ^= 0x10
+    (tmp_path / "damaged.mcap").write_bytes(whole)
+    report = recover_log(tmp_path / "damaged.mcap", tmp_path / "recovered.mcap")
+    assert report.sound
+    assert report.lost == sum(topic.missing for topic in report.topics) == report.ledger_missing
+    if place == "content":
+        assert not report.whole
+        assert 0 < report.lost <= 2 * 4 * BLOCK  # a chunk of at most 0.4 s of two channels
+        with LogReader(tmp_path / "recovered.mcap") as log:
+            assert {gap.cause for gap in log.gaps()} == {LOST}
+    for topic in report.topics:
+        if topic.topic.startswith("/measured"):
+            assert topic.samples + topic.missing == 20 * BLOCK
+    with LogReader(tmp_path / "recovered.mcap") as log:
+        assert set(log.channels("measured")) == {"a", "b"}
+        for _, block in log.blocks():
+            assert np.array_equal(block.values, np.arange(block.first_sample, block.end_sample))
+
+
+def test_every_chunk_can_be_read_alone(ramp: Path) -> None:
+    content = ramp.read_bytes()
+    assert len(chunks_of(ramp)) > 3
+    for begin, end in chunks_of(ramp):
+        alone = ramp.with_name(f"{begin}.mcap")
+        alone.write_bytes(content[begin:end])
+        with LogReader(alone) as log:
+            assert log.damage == "it does not begin as an MCAP file does"
+            for name in ("a", "b"):
+                assert log.channels("measured")[name].unit == "N"
+                assert len(log.series("measured", name).values) >= BLOCK
+
+
+def test_a_flip_behind_the_data_is_no_sound_log(ramp: Path, tmp_path: Path) -> None:
+    """In its index, summary or footer, bit by bit: what the samples are called, and where, stands there."""
+    whole, begin = ramp.read_bytes(), data_end(ramp)
+    flipped_path = tmp_path / "flipped.mcap"
+    for at in range(begin, len(whole)):
+        flipped = bytearray(whole)
+        flipped[at] ^= 1 << at % 8
+        flipped_path.write_bytes(flipped)
+        assert not verify_log(flipped_path).sound, at
+        with LogReader(flipped_path) as log:
+            assert {name: each.unit for name, each in log.channels("measured").items()} == {
+                "a": "N",
+                "b": "N",
+            }
+            assert sum(len(block) for _, block in log.blocks()) == 2 * 20 * BLOCK
 
 
 def test_recovering_never_overwrites(ramp: Path, tmp_path: Path) -> None:
     (tmp_path / "there.mcap").write_bytes(b"mine")
-    with pytest.raises(LogError, match=r"cannot create .*File exists"):
+    with pytest.raises(LogError, match="exists already"):
         recover_log(ramp, tmp_path / "there.mcap")
     assert (tmp_path / "there.mcap").read_bytes() == b"mine"
 
