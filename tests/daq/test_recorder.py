@@ -135,7 +135,7 @@ def test_a_full_disk_stops_the_caller_and_says_so_at_the_end(tmp_path: Path) -> 
 
 
 def hand_over_until_it_fails(recorder: Recorder) -> None:
-    """At the pace of data, not of the processor: a writer that gets no turn would be a slow disk, not a full one."""
+    """At the pace of data: a writer that gets no turn would be a slow disk, not a full one."""
     while True:
         time.sleep(1e-3)
         record_ramp(recorder, 1, begin=recorder.blocks)
