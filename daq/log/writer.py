@@ -92,31 +92,24 @@ class LogWriter:
             cause = "start of stream" if expected == 0 else "samples missing"
             if not block.flags & Flag.SAMPLES_MISSING_BEFORE and expected:
                 cause = "not flagged by the source"
-            self._write_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
+            self._record("/gap", "Gap", Gap(start_ns, block.channel, expected, missing, cause), host_ns)
         self._add(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
 
     def add_event(self, event: Event) -> None:
-        self._register("/event", "Event", {})
-        self._add("/event", codec.encode_record(event), event.time_ns, event.time_ns)
+        self._record("/event", "Event", event, event.time_ns)
 
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
         self._told_gaps.add((gap.channel, gap.first_sample, gap.count))
-        self._write_gap(gap, host_ns)
-
-    def _write_gap(self, gap: Gap, host_ns: int) -> None:
-        self._register("/gap", "Gap", {})
-        self._add("/gap", codec.encode_record(gap), host_ns, gap.time_ns)
+        self._record("/gap", "Gap", gap, host_ns)
 
     def add_clock(self, clock: ClockRecord) -> None:
-        self._register("/clock", "Clock", {})
-        self._add("/clock", codec.encode_record(clock), clock.time_ns, clock.time_ns)
+        self._record("/clock", "Clock", clock, clock.time_ns)
 
     def add_impact(self, impact: Impact, host_ns: int) -> None:
         """Add an impact that was found in the samples."""
-        self._register("/impact", "Impact", {})
-        self._add("/impact", codec.encode_record(impact), host_ns, impact.time_ns)
+        self._record("/impact", "Impact", impact, host_ns)
 
     def flush_if_older(self, host_ns: int) -> None:
         """End the chunk if it is older than 0.25 s; to be called now and then when no block comes."""
@@ -153,6 +146,12 @@ class LogWriter:
         self._topics[topic] = self._writer.register_channel(
             topic, "protobuf", self._schemas[schema], metadata
         )
+
+    def _record(
+        self, topic: str, schema: str, record: Event | Gap | ClockRecord | Impact, host_ns: int
+    ) -> None:
+        self._register(topic, schema, {})
+        self._add(topic, codec.encode_record(record), host_ns, record.time_ns)
 
     def _add(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         self.flush_if_older(log_ns)
