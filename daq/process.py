@@ -95,15 +95,15 @@ def deaf(signals: Collection[signal.Signals]) -> Iterator[None]:
 
 def end_with_parent(grace_s: float = 0.0) -> None:
     """End this process that long after the one that started it; for a pool's workers too."""
-    threading.Thread(target=_end_after_parent, args=(grace_s,), name="parent watch", daemon=True).start()
 
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()  # a pipe that only the parent holds: it closes however that ends
+            time.sleep(grace_s)
+            os._exit(1)
 
-def _end_after_parent(grace_s: float) -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()  # a pipe that only the parent holds: it closes however that ends
-        time.sleep(grace_s)
-        os._exit(1)
+    threading.Thread(target=watch, name="parent watch", daemon=True).start()
 
 
 def _child(

@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterator, KeysView, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from inspect import Parameter, signature
 from types import NoneType, UnionType
-from typing import Annotated, Any, Final, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
 
+T = TypeVar("T")
 REQUIRED: Final = MISSING
 """The default of a setting that has none."""
 
@@ -159,6 +160,24 @@ class Check:
     find: Callable[[Mapping[str, Any]], Iterator[tuple[str | tuple[str, ...], str]]]
 
 
+def rule(
+    keys: tuple[str, ...],
+    sound: Callable[[Mapping[str, Any]], bool],
+    fault: str | tuple[str, ...],
+    allowed: str,
+) -> Check:
+    """The check that the values are `sound`; else `fault` is the key at fault, and `allowed` may stand there.
+
+    A key in braces in `allowed` is that setting's value.
+    """
+
+    def find(values: Mapping[str, Any]) -> Iterator[tuple[str | tuple[str, ...], str]]:
+        if not sound(values):
+            yield fault, allowed.format_map(values)
+
+    return Check(keys, find)
+
+
 @dataclass(frozen=True, slots=True)
 class Setting:
     """One setting of a class or function: its `name` there, its `key` in a file, `type`, default, meaning.
@@ -174,13 +193,14 @@ class Setting:
     part: type[Any] | None = None
 
 
+def _cached(function: Callable[[Any], T]) -> Callable[[Any], T]:
+    """`functools.cache` for any argument; to mypy a `type[Any]` is not hashable."""
+    return functools.cache(function)
+
+
+@_cached
 def settings_of(owner: Any) -> Mapping[str, Setting]:
     """What a file may give of a dataclass or a function's parameters, by key, required ones first."""
-    return _settings_of(owner)
-
-
-@functools.cache
-def _settings_of(owner: Any) -> Mapping[str, Setting]:
     hints = get_type_hints(owner, include_extras=True)
     found: list[Setting] = []
     for name, default in _defaults(owner).items():
@@ -198,16 +218,11 @@ def _settings_of(owner: Any) -> Mapping[str, Setting]:
     return {each.key: each for each in sorted(found, key=lambda each: each.default is not REQUIRED)}
 
 
+@_cached
 def bounds_of(owner: Any) -> Mapping[str, Bound]:
     """What the fields of a dataclass can be at all, by name."""
-    return _bounds_of(owner)
-
-
-@functools.cache
-def _bounds_of(owner: Any) -> Mapping[str, Bound]:
-    found = {
-        name: _metadata(hint, Bound) for name, hint in get_type_hints(owner, include_extras=True).items()
-    }
+    hints = get_type_hints(owner, include_extras=True)
+    found = {name: _metadata(hint, Bound) for name, hint in hints.items()}
     return {name: bound for name, bound in found.items() if bound is not None}
 
 

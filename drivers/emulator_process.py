@@ -144,7 +144,17 @@ def start(
 
 def _serve(pipe: Connection, make: Callable[[], Emulator]) -> None:
     running: list[Emulator] = []
-    threading.Thread(target=_end_with_pipe, args=(pipe, running), daemon=True).start()
+
+    def end_with_pipe() -> None:
+        with suppress(EOFError, OSError):
+            pipe.recv_bytes()
+        for emulator in running:
+            emulator.stop()
+        # Whatever hangs, a plant or a client, must not keep the process alive.
+        grace_s = STOP_DEADLINE_S / 2.0 if running else 0.0
+        threading.Timer(grace_s, os._exit, args=(1,)).start()
+
+    threading.Thread(target=end_with_pipe, daemon=True).start()
     try:
         emulator = make()
         addresses = emulator.open()
@@ -156,13 +166,3 @@ def _serve(pipe: Connection, make: Callable[[], Emulator]) -> None:
     pipe.send((addresses, ""))
     emulator.serve()
     emulator.close()
-
-
-def _end_with_pipe(pipe: Connection, running: list[Emulator]) -> None:
-    with suppress(EOFError, OSError):
-        pipe.recv_bytes()
-    for emulator in running:
-        emulator.stop()
-    # Whatever hangs, a plant or a client, must not keep the process alive.
-    grace_s = STOP_DEADLINE_S / 2.0 if running else 0.0
-    threading.Timer(grace_s, os._exit, args=(1,)).start()

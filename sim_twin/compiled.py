@@ -20,8 +20,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 _OPTIONS: dict[str, Any] = {"cache": True, "fastmath": True}
 _UNCOUNTED: dict[str, Any] = {**_OPTIONS, "_nrt": False}
-
-
+_STRICT: dict[str, Any] = {**_UNCOUNTED, "fastmath": False}
 _IMPORT = re.compile(r"^\s*(?:from|import) (sim_twin[\w.]*)", re.MULTILINE)
 
 
@@ -89,7 +88,12 @@ def compiled(function: Callable[P, T]) -> Callable[P, T]:
 
 def strict(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel that rounds just as it is written. Nothing in it may allocate."""
-    return cast(Callable[P, T], njit(**{**_UNCOUNTED, "fastmath": False})(function))
+    return cast(Callable[P, T], njit(**_STRICT)(function))
+
+
+def strict_inlined(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile a piece of such a kernel into whatever calls it."""
+    return cast(Callable[P, T], njit(**_STRICT, inline="always")(function))
 
 
 def inlined(function: Callable[P, T]) -> Callable[P, T]:

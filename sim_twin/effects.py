@@ -75,6 +75,10 @@ class Effect:
         channel = (Parameter("channel", words=self.channels),) if self.channels else ()
         return {each.name: each for each in (*self.parameters, *channel)}
 
+    def allows(self, values: ParameterValues) -> bool:
+        """Whether parameters that are fine one by one may go together."""
+        return not self.together(values)
+
     def apply(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
         """Return `twin` with the effect in; raises ValueError for what it cannot have or be."""
         reason = self.refusal(twin)
@@ -121,20 +125,6 @@ def catalogue_of(rig: str, effects: Iterable[Effect]) -> Catalogue:
     return OpenTable({effect.name: effect for effect in effects}, "rattle.effects", Effect, owner=rig)
 
 
-def apply_effects(
-    catalogue: Catalogue, twin: AnyTwin, effects: Iterable[tuple[str, ParameterValues]]
-) -> AnyTwin:
-    """Return `twin` with the named effects in, in the order given.
-
-    Raises ValueError for an effect that the rig cannot have or a parameter outside its range.
-    """
-    for name, values in effects:
-        if name not in catalogue:
-            raise ValueError(f"no effect {name!r}; known: {', '.join(catalogue)}")
-        twin = catalogue[name].apply(twin, values)
-    return twin
-
-
 @dataclass(frozen=True, slots=True)
 class Scaled:
     """Multiplies what stands at `places` in a twin by the parameter `scale`; of a tuple, each number."""
@@ -164,9 +154,29 @@ class SetTo:
         return replace(twin, **{self.part: replace(getattr(twin, self.part), **numbers)})
 
 
+def set_to(name: str, location: str, parameter: Parameter, place: str) -> Effect:
+    """An effect that sets the number at `place`, `rig.field` or `drive.field`, to its one parameter."""
+    part, field = place.split(".")
+    return Effect(name, location, (parameter,), SetTo(part, {field: parameter.name}))
+
+
 def scaled(name: str, location: str, intervals: Intervals, *places: str) -> Effect:
     """An effect that multiplies numbers of a twin at `places` (with dots) by its one parameter, `scale`."""
     return Effect(name, location, (Parameter("scale", "", intervals),), Scaled(places))
+
+
+def base_flexibility(mass: Callable[..., Any]) -> Effect:
+    """What the rig stands on gives: a `mass` on spring and damper, made of Hz, kg and damping ratio."""
+    return Effect(
+        "base_flexibility",
+        "base",
+        (
+            Parameter("frequency_hz", "Hz", ((150.0, 1500.0),)),
+            Parameter("mass_kg", "kg", ((0.5, 8.0),)),
+            Parameter("damping_ratio", "", ((0.003, 0.05),)),
+        ),
+        PutIn("base", mass, ("frequency_hz", "mass_kg", "damping_ratio")),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,32 +109,25 @@ class LogWriter:
             elif not cause:
                 flagged = block.flags & Flag.SAMPLES_MISSING_BEFORE
                 cause = "samples missing" if flagged else "not flagged by the source"
-            self._write_gap(Gap(start_ns, block.channel, expected, missing, cause), host_ns)
+            self._record("/gap", "Gap", Gap(start_ns, block.channel, expected, missing, cause), host_ns)
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
         return missing
 
     def add_event(self, event: Event) -> None:
-        self.register("/event", "Event", {})
-        self.add_message("/event", codec.encode_record(event), event.time_ns, event.time_ns)
+        self._record("/event", "Event", event, event.time_ns)
 
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
         self._told_gaps[gap.channel, gap.first_sample + gap.count] = gap.first_sample
-        self._write_gap(gap, host_ns)
-
-    def _write_gap(self, gap: Gap, host_ns: int) -> None:
-        self.register("/gap", "Gap", {})
-        self.add_message("/gap", codec.encode_record(gap), host_ns, gap.time_ns)
+        self._record("/gap", "Gap", gap, host_ns)
 
     def add_clock(self, clock: ClockRecord) -> None:
-        self.register("/clock", "Clock", {})
-        self.add_message("/clock", codec.encode_record(clock), clock.time_ns, clock.time_ns)
+        self._record("/clock", "Clock", clock, clock.time_ns)
 
     def add_impact(self, impact: Impact, host_ns: int) -> None:
         """Add an impact that was found in the samples."""
-        self.register("/impact", "Impact", {})
-        self.add_message("/impact", codec.encode_record(impact), host_ns, impact.time_ns)
+        self._record("/impact", "Impact", impact, host_ns)
 
     def flush_if_older(self, host_ns: int) -> None:
         """End the chunk if it is older than 0.25 s; to be called now and then when no block comes."""
@@ -184,6 +177,12 @@ class LogWriter:
         schema_id = self._schemas[schema]
         number = self._topics[topic] = self._writer.register_channel(topic, "protobuf", schema_id, metadata)
         self._keep(ChannelRecord(number, topic, "protobuf", metadata, schema_id))
+
+    def _record(
+        self, topic: str, schema: str, record: Event | Gap | ClockRecord | Impact, host_ns: int
+    ) -> None:
+        self.register(topic, schema, {})
+        self.add_message(topic, codec.encode_record(record), host_ns, record.time_ns)
 
     def _keep(self, declaration: ChannelRecord | SchemaRecord) -> None:
         record = RecordBuilder()

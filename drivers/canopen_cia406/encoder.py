@@ -64,7 +64,17 @@ class CanopenEncoder:
         self._stream.connected()
         self._link.open()
         try:
-            self._verify()
+            # A node that an earlier client left operational must not send while it is being read.
+            self._link.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+            said = startup.read(self._link, self.settings)
+            differences = startup.differences(said, self.settings)
+            if differences:
+                what = f"it is not the encoder of the bench file: {'; '.join(differences)}"
+                raise InstrumentAbsent(self.name, self.address, what, "which encoder it is, and its settings")
+            self.identity = said.identity()
+            self.counts_per_revolution = said.counts_per_revolution or 0
+            self.total_range = said.total_range or 0
+            self._layout = PositionLayout.of(said.mapped)
             self._require_heartbeat()
             self._link.download(objects.CYCLIC_TIMER, self.settings.period_ms)
         except BaseException:
@@ -119,19 +129,6 @@ class CanopenEncoder:
         if self._layout is None:
             raise DeviceLost(self.name, self.address, "the encoder is not open")
         return self._layout
-
-    def _verify(self) -> None:
-        # A node that an earlier client left operational must not send while it is being read.
-        self._link.command(NmtCommand.ENTER_PRE_OPERATIONAL)
-        found = startup.read(self._link, self.settings)
-        said = startup.differences(found, self.settings)
-        if said:
-            what = f"it is not the encoder of the bench file: {'; '.join(said)}"
-            raise InstrumentAbsent(self.name, self.address, what, "which encoder it is, and its settings")
-        self.identity = found.identity()
-        self.counts_per_revolution = found.counts_per_revolution or 0
-        self.total_range = found.total_range or 0
-        self._layout = PositionLayout.of(found.mapped)
 
     def _require_heartbeat(self) -> None:
         """A heartbeat that was never there cannot be missed (CiA 301, 7.2.8.3.2.2): wait for the first."""

@@ -302,7 +302,12 @@ class Motor:
             try:
                 await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon())
                 # Done is what is seen: the drive says that it runs no more, within one and a half ramps.
-                if await self._comes_to_rest():
+                state = await self.look()
+                deadline_s = self._clock.monotonic_s() + self._longest_ramp_s(state.output_frequency_hz)
+                while state.running and self._clock.monotonic_s() < deadline_s:
+                    await asyncio.sleep(LOOK_AGAIN_S)
+                    state = await self.look()
+                if not state.running:
                     if ran:
                         self._notices.note("info", "inverter.off", "run withdrawn")
                     return
@@ -317,15 +322,6 @@ class Motor:
             f"stops it within {self.parameters.watchdog_s:g} s",
             "THE MOTOR, and the emergency stop",
         )
-
-    async def _comes_to_rest(self) -> bool:
-        """Wait for the ramp that follows a withdrawn run; whether it ended."""
-        state = await self.look()
-        deadline_s = self._clock.monotonic_s() + self._longest_ramp_s(state.output_frequency_hz)
-        while state.running and self._clock.monotonic_s() < deadline_s:
-            await asyncio.sleep(LOOK_AGAIN_S)
-            state = await self.look()
-        return not state.running
 
     def _longest_ramp_s(self, from_hz: float) -> float:
         return max(RAMP_MARGIN * self.parameters.ramp_s(from_hz, 0.0), OBEY_GRACE_S)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from daq.errors import InstrumentRefused, Problem
-from daq.quantity import Check, Key, Quantity, Text, Whole
+from daq.quantity import Check, Key, Quantity, Text, Whole, rule
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Block, Register
 from drivers.protocols.instrument import misplaced
@@ -60,16 +60,6 @@ def _within_its_output(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]
         yield "maximum_speed", allowed
 
 
-def _baudrate_known(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if inverter["baudrate"] not in _BAUDRATES:
-        yield "baudrate", " or ".join(map(str, _BAUDRATES))
-
-
-def _patient(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if inverter["silent"] <= inverter["answer"]:
-        yield "silent", f"longer than answer, {inverter['answer']:g} s"
-
-
 @dataclass(frozen=True, slots=True)
 class InverterSettings:
     """The table [inverter] of a bench: where the inverter is and how far it may go.
@@ -98,8 +88,18 @@ class InverterSettings:
     CHECKS: ClassVar = (
         Check(("port", "emulated"), _reachable),
         Check(("maximum_speed", "rpm_per_hz"), _within_its_output),
-        Check(("baudrate",), _baudrate_known),
-        Check(("silent", "answer"), _patient),
+        rule(
+            ("baudrate",),
+            lambda inverter: inverter["baudrate"] in _BAUDRATES,
+            "baudrate",
+            " or ".join(map(str, _BAUDRATES)),
+        ),
+        rule(
+            ("silent", "answer"),
+            lambda inverter: inverter["silent"] > inverter["answer"],
+            "silent",
+            "longer than answer, {answer:g} s",
+        ),
     )
 
     @staticmethod

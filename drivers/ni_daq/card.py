@@ -87,7 +87,11 @@ class NiDaqCard:
                 with suppress(Error):  # whatever device or server has against it: a run does without
                     self._stamps = self._analog.stamp_by_host()
             for channel in _on(self.settings, "ctr"):
-                self._counters.append(self._create_counter(channel, f"/{seen.chassis}/ai/SampleClock"))
+                counter = CounterTask(self._declared([channel]), channel)
+                self._counters.append(counter)
+                sample_clock = f"/{seen.chassis}/ai/SampleClock"
+                with self._translated(f"clocking {_label(counter)} by {sample_clock}"):
+                    counter.follow(sample_clock, self.sample_rate, self.settings.buffer_s)
         except BaseException:
             self.close()
             raise
@@ -217,16 +221,6 @@ class NiDaqCard:
             described(replace(channel, serial=channel.serial or sheets.get(channel.name, "")))
             for channel in self.settings.channels
         )
-
-    def _create_counter(self, channel: CardChannel, clock: str) -> CounterTask:
-        counter = CounterTask(self._declared([channel]), channel)
-        try:
-            with self._translated(f"clocking {_label(counter)} by {clock}"):
-                counter.follow(clock, self.sample_rate, self.settings.buffer_s)
-        except BaseException:
-            counter.close()
-            raise
-        return counter
 
     def _declared(self, channels: list[CardChannel]) -> Any:
         with self._translated("creating a task"):

@@ -11,7 +11,7 @@ from datetime import date
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.errors import Problem
-from daq.quantity import Check, Depending, Flat, Key, Quantity, Text, Whole, Words
+from daq.quantity import Check, Depending, Flat, Key, Quantity, Text, Whole, Words, rule
 from drivers.ni_daq.sensing import (
     GAIN,
     INPUT_WORDS,
@@ -33,18 +33,12 @@ _INPUT_TEXT = Text(
 )
 
 
-def _ends_after_it_began(part: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    first, last = part["calibrated"], part["valid_until"]
-    if first and last and first >= last:
-        yield "valid_until", f"a day after calibrated, {first}"
-
-
-def _operates(amplifier: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if amplifier["state"] == "reset":
-        yield "state", '"operate" (in reset its output is 0 V, whatever the sensor does)'
-
-
-_CALIBRATION = Check(("calibrated", "valid_until"), _ends_after_it_began)
+_CALIBRATION = rule(
+    ("calibrated", "valid_until"),
+    lambda part: not (part["calibrated"] and part["valid_until"]) or part["calibrated"] < part["valid_until"],
+    "valid_until",
+    "a day after calibrated, {calibrated}",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +55,15 @@ class Amplifier:
     state: Annotated[Literal["operate", "reset"], Key()] = "operate"
     calibrated: Annotated[date | None, Key()] = None
     valid_until: Annotated[date | None, Key()] = None
-    CHECKS: ClassVar = (_CALIBRATION, Check(("state",), _operates))
+    CHECKS: ClassVar = (
+        _CALIBRATION,
+        rule(
+            ("state",),
+            lambda amplifier: amplifier["state"] != "reset",
+            "state",
+            '"operate" (in reset its output is 0 V, whatever the sensor does)',
+        ),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,13 @@ class QualityWatch:
         # NaN compares false: what is not finite has a flag of its own.
         beyond = np.any(np.abs(values) >= self._limits, axis=1).tolist()
         for row in self._analog:
-            beyond[row] |= _flattened(values[row], float(self._limits[row, 0]) * NEAR_FULL_SCALE)
+            # near full scale, some samples in a row that are equal tell the same
+            high = np.abs(values[row]) >= float(self._limits[row, 0]) * NEAR_FULL_SCALE
+            if np.count_nonzero(high) >= EQUAL_SAMPLES:
+                runs = (values[row, 1:] == values[row, :-1]) & high[1:]
+                for _ in range(EQUAL_SAMPLES - 2):
+                    runs = runs[1:] & runs[:-1]
+                beyond[row] |= bool(runs.any())
         return [
             (Flag.OVERLOAD if over else Flag.GOOD) | (Flag.GOOD if sound else Flag.NOT_FINITE)
             for over, sound in zip(beyond, finite, strict=True)
@@ -97,14 +103,3 @@ class QualityWatch:
                 text = f"off zero by more than {OFFSET:.0%} of its range, which its chain does not pass"
                 found.append(Finding(channel.name, "offset", f"{text}: bias, cable or amplifier drift"))
         return found
-
-
-def _flattened(values: NDArray[np.float64], level: float) -> bool:
-    """Whether some samples in a row are equal at `level` or beyond."""
-    high = np.abs(values) >= level
-    if np.count_nonzero(high) < EQUAL_SAMPLES:
-        return False
-    runs = (values[1:] == values[:-1]) & high[1:]
-    for _ in range(EQUAL_SAMPLES - 2):
-        runs = runs[1:] & runs[:-1]
-    return bool(runs.any())

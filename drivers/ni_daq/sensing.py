@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
-from daq.quantity import Check, Quantity
+from daq.quantity import Check, Quantity, rule
 from drivers.ni_daq.sensors import SENSORS, Sensor
 
 # what an input can resolve and take: below a millivolt lies its noise, above 10 V its range
@@ -56,12 +56,6 @@ def _fits_input(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "kind", f"{kinds} on {INPUT_WORDS[sort]}"
 
 
-def _measures_unit(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    sensor = _sensor(channel)
-    if sensor is not None and channel["unit"] not in sensor.units:
-        yield "kind", f"a kind that measures {channel['unit']}"
-
-
 def _has_its_keys(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     sensor = _sensor(channel)
     if sensor is None:
@@ -81,7 +75,12 @@ def _has_its_keys(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 SENSING_CHECKS: Final = (
     Check(("kind", "physical"), _fits_input),
-    Check(("unit", "kind", "physical"), _measures_unit),
+    rule(
+        ("unit", "kind", "physical"),
+        lambda channel: (sensor := _sensor(channel)) is None or channel["unit"] in sensor.units,
+        "kind",
+        "a kind that measures {unit}",
+    ),
     Check(("kind", "physical"), _has_its_keys),
 )
 """Of a channel's table together with the `unit` that its rig declares."""

@@ -77,18 +77,16 @@ class Attribution:
         def of(u: Array) -> Array:
             values = values_of(hypothesis, u)
             mean, excess = self.response(hypothesis, values)
-            logs = self._density(measured - mean, excess) / TEMPER
-            return np.where(allowed_by(hypothesis, values), logs, _FORBIDDEN)
+            # the logarithm of Student's density in so many directions
+            variance, size = self.scatter + excess, len(self.scatter)
+            squares = np.sum((measured - mean) ** 2 / variance, axis=1)
+            spread = 0.5 * np.sum(np.log(variance), axis=1)
+            level = gammaln((_FREEDOM + size) / 2) - gammaln(_FREEDOM / 2)
+            level -= size / 2 * np.log(_FREEDOM * np.pi)
+            logs = level - spread - 0.5 * (_FREEDOM + size) * np.log1p(squares / _FREEDOM)
+            return np.where(allowed_by(hypothesis, values), logs / TEMPER, _FORBIDDEN)
 
         return of
-
-    def _density(self, difference: Array, excess: Array) -> Array:
-        variance = self.scatter + excess
-        squares = np.sum(difference**2 / variance, axis=1)
-        size = len(self.scatter)
-        spread = 0.5 * np.sum(np.log(variance), axis=1)
-        level = gammaln((_FREEDOM + size) / 2) - gammaln(_FREEDOM / 2) - size / 2 * np.log(_FREEDOM * np.pi)
-        return np.asarray(level - spread - 0.5 * (_FREEDOM + size) * np.log1p(squares / _FREEDOM))
 
     def misfit(self, hypothesis: Hypothesis, values: Array, measured: Array) -> Array:
         """Mean square of what is left of a measured place, in its own scatter and the emulator's; about 1."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import ceil, pi
 from typing import TypeAlias
 
@@ -15,8 +14,7 @@ from scipy import fft
 
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.fingerprint import Columns, Layout, joined
-from sim_twin.diagnosis.subject import Draw, Named, Observed, Values
-from sim_twin.effects import Effect
+from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.cycles import Cycles
@@ -116,7 +114,6 @@ class Campaign:
             if any(effect.refusal(twin) for twin in twins):
                 continue
             channels = [name for name in effect.channels if name in shown] if effect.channels else [None]
-            allows = partial(_fine_together, effect)
             found += [
                 Cause(
                     effect.name,
@@ -124,7 +121,7 @@ class Campaign:
                     effect.parameters,
                     channel,
                     effect.sensing,
-                    allows,
+                    effect.allows,
                     effect.coordinates,
                 )
                 for channel in channels
@@ -174,10 +171,6 @@ class Campaign:
         count = setting.samples(max(draw.blocks for draw in draws))
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
         return variants, [None if one is None or not np.isfinite(one).all() else one for one in clean]
-
-
-def _fine_together(effect: Effect, values: Values) -> bool:
-    return not effect.together(values)
 
 
 def _observed(

@@ -52,7 +52,18 @@ class Cause:
         """Coordinates in which responses are smooth, shape (n, parameters or more)."""
         if self.nearly_straight is not None:
             return self.nearly_straight(values)
-        columns = [c for k, p in enumerate(self.parameters) for c in _coordinates(p, values[:, k])]
+        columns: list[Array] = []
+        for parameter, value in zip(self.parameters, values.T, strict=True):
+            low, high = parameter.intervals[0][0], parameter.intervals[-1][1]
+            if parameter.unit == "rad":
+                columns += [np.cos(value), np.sin(value)]
+            elif low > 0 and _logarithmic(low, high):
+                columns.append(np.log(value))
+            elif low < 0 < high and len(parameter.intervals) > 1:
+                nearest = min(abs(end) for interval in parameter.intervals for end in interval)
+                columns.append(np.sign(value) * (0.5 + np.log(np.abs(value) / nearest)))
+            else:
+                columns.append(value)
         return np.column_stack(columns)
 
     def named(self, values: Array) -> Named:
@@ -155,15 +166,3 @@ def _place(parameter: Parameter, value: Array) -> Array:
         within = (value >= low) & (value <= high)
         place = np.where(within | ((nearest == k) & (place == 0)), (k + share) / count, place)
     return place
-
-
-def _coordinates(parameter: Parameter, value: Array) -> list[Array]:
-    low, high = parameter.intervals[0][0], parameter.intervals[-1][1]
-    if parameter.unit == "rad":
-        return [np.cos(value), np.sin(value)]
-    if low > 0 and _logarithmic(low, high):
-        return [np.log(value)]
-    if low < 0 < high and len(parameter.intervals) > 1:
-        nearest = min(abs(end) for interval in parameter.intervals for end in interval)
-        return [np.sign(value) * (0.5 + np.log(np.abs(value) / nearest))]
-    return [value]

@@ -152,7 +152,8 @@ def _judged(
         after = None if twins is None else gap_after(measure, judged_on, twins)
         name = each.hypothesis[0].name
         is_chosen = chosen is not None and any(one.name == name for one in chosen.hypothesis)
-        told_by = chosen if chosen is not None and is_chosen else _most_probable_with(name, ranked)
+        with_it = (one for one in ranked if any(cause.name == name for cause in one.hypothesis))
+        told_by = chosen if chosen is not None and is_chosen else next(with_it)
         at = next(k for k, one in enumerate(told_by.hypothesis) if one.name == name)
         cause = told_by.hypothesis[at]
         found[name] = Judged(
@@ -164,10 +165,6 @@ def _judged(
             None if after is None else shrink_of(before, after),
         )
     return sorted(found.values(), key=lambda each: -each.probability)
-
-
-def _most_probable_with(name: str, ranked: Sequence[Ranked]) -> Ranked:
-    return next(each for each in ranked if any(cause.name == name for cause in each.hypothesis))
 
 
 def _estimates(ranked: Ranked, cause: Cause, wider: float) -> dict[str, Estimate]:

@@ -175,7 +175,15 @@ class CycleTable:
 
     def fingerprint(self, cycles: slice = slice(None)) -> Array:
         """The numbers of the cells over some of the cycles."""
-        fifths = _fifths(self.values[cycles]).ravel()
+        # means of the lowest to highest fifth of each column
+        ordered = np.sort(self.values[cycles].astype(np.float64), axis=0)
+        count = len(ordered)
+        edges = np.linspace(0, count, SLICES + 1)
+        sums = np.vstack([np.zeros(ordered.shape[1]), np.cumsum(ordered, axis=0)])
+        whole = np.floor(edges).astype(np.intp)
+        share = (edges - whole)[:, None]
+        at = sums[whole] + share * ordered[np.minimum(whole, count - 1)]
+        fifths = (np.diff(at, axis=0) * SLICES / count).T.astype(np.float32).ravel()
         if not len(self.cross):
             return fifths
         cross, power = self.cross[:, cycles].sum(axis=1), self.power[:, cycles].sum(axis=1)
@@ -183,15 +191,3 @@ class CycleTable:
         coherence = cross / np.sqrt(power[one] * power[other] + _FAINT)
         parts = np.stack([coherence.real, coherence.imag], axis=1).ravel()
         return np.concatenate([fifths, parts.astype(np.float32)])
-
-
-def _fifths(values: Array) -> Array:
-    """Means of the lowest to highest fifth of each column, shape (columns, SLICES)."""
-    ordered = np.sort(values.astype(np.float64), axis=0)
-    count = len(ordered)
-    edges = np.linspace(0, count, SLICES + 1)
-    sums = np.vstack([np.zeros(ordered.shape[1]), np.cumsum(ordered, axis=0)])
-    whole = np.floor(edges).astype(np.intp)
-    share = (edges - whole)[:, None]
-    at = sums[whole] + share * ordered[np.minimum(whole, count - 1)]
-    return (np.diff(at, axis=0) * SLICES / count).T.astype(np.float32)

@@ -116,7 +116,10 @@ def gap_between(
     The interval is from resampled blocks and resampled rigs. `selected` with nothing repaired: nobody knows.
     """
     cells = measure.cells(judged_on)
-    before, own = measure.total(cells), _within(measure, measured)
+    before = measure.total(cells)
+    # how far the recording's blocks lie from their own mean
+    centred = replace(measure, twin=np.mean(measured, axis=0, dtype=np.float64))
+    own = centred.total(centred.cells(measured))
     if repaired is None:
         after = None if selected else before
         shrink = None if selected else shrink_of(before, before)
@@ -128,12 +131,6 @@ def gap_between(
     return Gap(
         before, after, shrink_of(before, after), interval, cells, cells_after, measure.unit, mended.unit, own
     )
-
-
-def _within(measure: GapMeasure, measured: Blocks) -> float:
-    """How far a recording's blocks lie from their own mean."""
-    own = replace(measure, twin=np.mean(measured, axis=0, dtype=np.float64))
-    return own.total(own.cells(measured))
 
 
 def _interval(

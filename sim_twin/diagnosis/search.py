@@ -67,10 +67,16 @@ class Ranked:
         return np.asarray(values[int(np.argmax(weights))])
 
     def estimates(self) -> list[Estimate]:
-        """Of each parameter in order."""
+        """Median and interval of each parameter in order; of an angle, about the mean direction."""
         parameters = [p for cause in self.hypothesis for p in cause.parameters]
-        columns = zip(parameters, self.values().T, strict=True)
-        return [_estimate(values, self.posterior.weights, p.unit == "rad") for p, values in columns]
+        weights, found = self.posterior.weights, []
+        for parameter, values in zip(parameters, self.values().T, strict=True):
+            turning = parameter.unit == "rad"
+            about = float(np.angle(np.sum(weights * np.exp(1j * values)))) if turning else 0.0
+            off = np.angle(np.exp(1j * (values - about))) if turning else values
+            low, middle, high = (about + quantile(off, weights, share) for share in (0.025, 0.5, 0.975))
+            found.append(Estimate(middle, low, high))
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,23 +101,10 @@ def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
     return sorted(ranked, key=lambda each: -each.probability)
 
 
-def _dimensions(cause: Cause) -> int:
-    """Of the space in which its response is nearly straight."""
-    return int(cause.coordinates(drawn((cause,), 1, np.random.default_rng(0))).shape[1])
-
-
 def _in_order(first: Cause, second: Cause) -> Hypothesis:
     """A pair is one hypothesis, whichever cause was found first."""
     one, other = ((cause.name, cause.channel or "") for cause in (first, second))
     return (first, second) if one < other else (second, first)
-
-
-def _estimate(values: Array, weights: Array, turning: bool) -> Estimate:
-    """Median and interval; of an angle, about the mean direction."""
-    about = float(np.angle(np.sum(weights * np.exp(1j * values)))) if turning else 0.0
-    off = np.angle(np.exp(1j * (values - about))) if turning else values
-    low, middle, high = (about + quantile(off, weights, share) for share in (0.025, 0.5, 0.975))
-    return Estimate(middle, low, high)
 
 
 def quantile(values: Array, weights: Array, share: float) -> float:
@@ -175,7 +168,9 @@ class Search:
         causes = self.subject.causes
         motions = int(_FIRST * self.motions)
         healthy = max(_FEWEST_HEALTHY, int(_HEALTHY_SHARE * motions))
-        weight = {cause: np.sqrt(_dimensions(cause)) for cause in causes}
+        # by the dimensions of the space in which its response is nearly straight
+        any_place = {cause: drawn((cause,), 1, np.random.default_rng(0)) for cause in causes}
+        weight = {cause: np.sqrt(cause.coordinates(any_place[cause]).shape[1]) for cause in causes}
         together = sum(weight[cause] / (6 if cause.sensing else 1) for cause in causes)
         each = (motions - healthy) / max(1.0, together)
         cases: dict[Hypothesis, Array] = {
@@ -220,24 +215,18 @@ class Search:
     ) -> list[Weighed]:
         """How well each hypothesis explains the measurement."""
         place = attribution.place(self.measured).mean(axis=0)
+        # effects are alike beforehand, however many channels they may sit on
+        names = [cause.name for cause in self.subject.causes]
+        share = {name: 1 / len(set(names)) / names.count(name) for name in names}
         found = []
         for h in hypotheses:
+            each = [share[cause.name] for cause in h]
+            prior = NONE if not h else SINGLE * each[0] if len(h) == 1 else 2 * PAIR * each[0] * each[1]
             posterior = attribution.posterior(h, place, self.rng, effort)
             best = values_of(h, posterior.places[[int(np.argmax(posterior.weights))]])
             misfit = float(attribution.misfit(h, best, place)[0])
-            found.append(
-                Weighed(h, posterior.log_evidence + float(np.log(self._prior(h))), posterior, misfit)
-            )
+            found.append(Weighed(h, posterior.log_evidence + float(np.log(prior)), posterior, misfit))
         return found
-
-    def _prior(self, hypothesis: Hypothesis) -> float:
-        """Effects are alike beforehand, however many channels they may sit on."""
-        causes = self.subject.causes
-        names = {cause.name for cause in causes}
-        each = [1 / len(names) / sum(c.name == cause.name for c in causes) for cause in hypothesis]
-        if not hypothesis:
-            return NONE
-        return SINGLE * each[0] if len(each) == 1 else 2 * PAIR * each[0] * each[1]
 
     def _require_enough(self) -> None:
         """An effect that was not simulated cannot be ruled out; neither can anything without healthy rigs."""

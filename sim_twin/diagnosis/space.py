@@ -120,16 +120,13 @@ def space_of(healthy: Array, others: Array, tolerance: Array, directions: int) -
     plain = Space(centre, scale, np.zeros((len(centre), 0)))
     x = plain.scaled(np.concatenate([healthy, others]))
     size = np.linalg.norm(x, axis=1, keepdims=True)
-    return Space(centre, scale, _main_directions(x / np.maximum(size, np.sqrt(x.shape[1])), directions))
-
-
-def _main_directions(x: Array, count: int) -> Array:
-    """Right singular vectors of the largest singular values, shape (features, count); by a Gram matrix."""
-    count = min(count, *x.shape)
+    x = x / np.maximum(size, np.sqrt(x.shape[1]))
+    # right singular vectors of the largest singular values, by the smaller Gram matrix
+    last = min(x.shape) - 1
+    wanted = (max(0, last - directions + 1), last)
     if x.shape[0] >= x.shape[1]:
-        last = x.shape[1] - 1
-        _, vectors = eigh(x.T @ x, subset_by_index=(last - count + 1, last))
-        return np.asarray(vectors[:, ::-1])
-    last = x.shape[0] - 1
-    values, vectors = eigh(x @ x.T, subset_by_index=(last - count + 1, last))
-    return np.asarray((x.T @ (vectors / np.sqrt(np.maximum(values, 1e-12))))[:, ::-1])
+        _, vectors = eigh(x.T @ x, subset_by_index=wanted)
+    else:
+        values, left = eigh(x @ x.T, subset_by_index=wanted)
+        vectors = x.T @ (left / np.sqrt(np.maximum(values, 1e-12)))
+    return Space(centre, scale, np.asarray(vectors[:, ::-1]))

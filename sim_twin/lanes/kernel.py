@@ -9,14 +9,10 @@ each harmonic.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar, cast
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-import sim_twin.compiled  # noqa: F401 - sets how machine code is cached
+from sim_twin.compiled import strict, strict_inlined
 from sim_twin.vector import (
     LANES,
     Vector,
@@ -34,8 +30,6 @@ from sim_twin.vector import (
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-P = ParamSpec("P")
-T = TypeVar("T")
 
 TURN_RE, TURN_IM, PUSH_RE, PUSH_IM, RATE_RE, RATE_IM, TWIST_RE, TWIST_IM, SPIN_RE, SPIN_IM = range(10)
 """Of a slot: factor of a step; F held over it; row of the gap's rate. With friction also the pivot's torque
@@ -54,26 +48,15 @@ _SETTLE_EVERY = 8 * CHUNK
 _NEWTON_STEPS = 3
 _SWEEPS = 2
 
-
-# Without fastmath, so that the bits of a lane are the same in every place of every block; and nothing in here
-# allocates.
-_OPTIONS: dict[str, Any] = {"cache": True, "_nrt": False}
+# All strict, so that the bits of a lane are the same in every place of every block.
 
 
-def _kernel(function: Callable[P, T]) -> Callable[P, T]:
-    return cast(Callable[P, T], njit(**_OPTIONS)(function))
-
-
-def _inlined(function: Callable[P, T]) -> Callable[P, T]:
-    return cast(Callable[P, T], njit(**_OPTIONS, inline="always")(function))
-
-
-@_inlined
+@strict_inlined
 def _number(number: Array, n: int, which: int) -> Vector:
     return load(number, n + LANES * which)
 
 
-@_inlined
+@strict_inlined
 def _linear(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vector, Vector]:
     """Force at the middle of the step, and its mean over the step."""
     zero, share = spread(0.0), _number(number, n, SHARE)
@@ -88,7 +71,7 @@ def _linear(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vector,
     return force, where_positive(reach - magnitude(depth), part, force)
 
 
-@_inlined
+@strict_inlined
 def _hertzian(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vector, Vector]:
     """The same for F = K d^1.5 + c d', by Newton's method; the force enters d and d' at the middle itself."""
     zero, share = spread(0.0), _number(number, n, SHARE)
@@ -108,7 +91,7 @@ def _hertzian(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vecto
     return force, where_positive(reach - magnitude(depth), part, force)
 
 
-@_inlined
+@strict_inlined
 def _contact(number: Array, n: int, gap: Vector, rate: Vector, hertzian: bool) -> tuple[Vector, Vector]:
     """Upper minus lower force in the middle of the step, and its mean over the step."""
     from_centre = gap + _number(number, n, CENTRE)
@@ -121,7 +104,7 @@ def _contact(number: Array, n: int, gap: Vector, rate: Vector, hertzian: bool) -
     return signed(force, from_centre), signed(mean, from_centre)
 
 
-@_inlined
+@strict_inlined
 def _friction(number: Array, n: int, spin: Vector, force: Vector) -> Vector:
     """The torque that stops the pivot by the end of the step, or all that there is."""
     most = _number(number, n, TORQUE)
@@ -130,7 +113,7 @@ def _friction(number: Array, n: int, spin: Vector, force: Vector) -> Vector:
     return where_positive(magnitude(torque) - most, signed(most, torque), torque)
 
 
-@_inlined
+@strict_inlined
 def _contact_with_friction(
     number: Array, n: int, gap: Vector, rate: Vector, spin: Vector, hertzian: bool
 ) -> tuple[Vector, Vector, Vector]:
@@ -145,7 +128,7 @@ def _contact_with_friction(
     return force, mean, torque
 
 
-@_inlined
+@strict_inlined
 def _turn(slot: Array, at: int, state: Array, y: int, slots: int, force: Vector) -> tuple[Vector, Vector]:
     """Take the slots over a step; return the gap and its rate at the end without what the force adds to them.
 
@@ -173,7 +156,7 @@ def _turn(slot: Array, at: int, state: Array, y: int, slots: int, force: Vector)
     return gap + gap2, rate + rate2
 
 
-@_inlined
+@strict_inlined
 def _turn_with_friction(
     slot: Array, at: int, state: Array, y: int, slots: int, force: Vector, torque: Vector
 ) -> tuple[Vector, Vector, Vector]:
@@ -199,7 +182,7 @@ def _turn_with_friction(
     return gap, rate, spin
 
 
-@_inlined
+@strict_inlined
 def _accelerations(
     row: Array,
     row_gain: Array,
@@ -222,15 +205,7 @@ def _accelerations(
         store(buffer, column + (r + 1) * CHUNK * LANES, total)
 
 
-@_inlined
-def _settle(state: Array, first: int, size: int) -> None:
-    # Modes that have died out would reach the denormal numbers, which cost far more than normal ones.
-    for at in range(first, first + size, LANES):
-        value = load(state, at)
-        store(state, at, where_positive(spread(_FADED) - magnitude(value), spread(0.0), value))
-
-
-@_inlined
+@strict_inlined
 def _deliver(buffer: Array, place: Index, first: int, last: int, start: int, count: int, out: Array) -> None:
     """Turn the samples of a chunk, which lie lane beside lane, into one run of samples for each lane."""
     rows, steps = out.shape[1], out.shape[2]
@@ -248,7 +223,7 @@ def _deliver(buffer: Array, place: Index, first: int, last: int, start: int, cou
                         out[to, r, start + k + j] = buffer[g - first, r, k + lane, j]
 
 
-@_kernel
+@strict
 def advance(
     slot: Array, row: Array | None, row_gain: Array | None, number: Array, state: Array, scalar: Array,
     buffer: Array, place: Index, hertzian: bool, out: Array,
@@ -291,5 +266,8 @@ def advance(
                     store(scalar, sc, gap)
                     store(scalar, sc + RATE * LANES, rate)
             if start % _SETTLE_EVERY == 0:
-                _settle(state, first * slots * 2 * LANES, (last - first) * slots * 2 * LANES)
+                # Modes that have died out would reach the denormal numbers, which cost far more than others.
+                for at in range(first * slots * 2 * LANES, last * slots * 2 * LANES, LANES):
+                    value = load(state, at)
+                    store(state, at, where_positive(spread(_FADED) - magnitude(value), spread(0.0), value))
             _deliver(buffer, place, first, last, start, count, out)

@@ -29,7 +29,17 @@ def first_onset(depths: Depths, p: Any, run: Run, reach: float, t: float, h: flo
         if run.new_penetration[j] > 0.0:
             first = min(first, _crossing(depths, p, run, reach, t, h, j, 1.0, run.new_penetration[j]))
         elif _may_overlap(run, j, h):
-            x, d = _summit(depths, p, run, t, h, j)
+            # bisection for the deepest point, up to the first overlap found on the way
+            low, high, x, d = 0.0, 1.0, 0.5, -1.0
+            for _ in range(_BISECTIONS):
+                x = 0.5 * (low + high)
+                d = _depth_at(depths, p, run, t, h, j, x)
+                if d > 0.0:
+                    break
+                if run.sought_rate[j] > 0.0:
+                    low = x
+                else:
+                    high = x
             if d > 0.0:
                 first = min(first, _crossing(depths, p, run, reach, t, h, j, x, d))
     return first
@@ -59,22 +69,6 @@ def _depth_at(depths: Depths, p: Any, run: Run, t: float, h: float, j: int, x: f
     dense(run.dense, x, run.between)
     depths(p, t + x * h, run.between, run.sought_penetration, run.sought_rate)
     return float(run.sought_penetration[j])
-
-
-@generic
-def _summit(depths: Depths, p: Any, run: Run, t: float, h: float, j: int) -> tuple[float, float]:
-    """Fraction and depth of the first overlap found on the way to the deepest point, else of that point."""
-    low, high, x, d = 0.0, 1.0, 0.5, -1.0
-    for _ in range(_BISECTIONS):
-        x = 0.5 * (low + high)
-        d = _depth_at(depths, p, run, t, h, j, x)
-        if d > 0.0:
-            break
-        if run.sought_rate[j] > 0.0:
-            low = x
-        else:
-            high = x
-    return x, d
 
 
 @generic
@@ -139,24 +133,17 @@ def follow_peaks(rates: Rates, p: Any, run: Run, t: float, h: float) -> None:
         x, top = summit(run.force[j], LATE, run.late_force[j], run.new_force[j])
         if -_LOOSE < x < 1.0 + _LOOSE and top > peak:
             set_dense(run, h)
-            peak = max(peak, _highest(rates, p, run, t, h, j, min(max(x, _EDGE), 1.0 - _EDGE)))
+            x = min(max(x, _EDGE), 1.0 - _EDGE)
+            for _ in range(_LOOKS):  # each at the parabola's new summit
+                dense(run.dense, x, run.between)
+                # The second slope of a step is not needed any more.
+                rates(p, t + x * h, run.between, run.latched, run.slopes[1], run.sought_force)
+                peak = max(peak, run.sought_force[j])
+                before = x
+                x, _top = summit(run.force[j], x, run.sought_force[j], run.new_force[j])
+                if not 0.0 < x < 1.0 or abs(x - before) < _NEAR:
+                    break
         run.open_episode[j, PEAK] = peak
-
-
-@generic
-def _highest(rates: Rates, p: Any, run: Run, t: float, h: float, j: int, x: float) -> float:
-    """Largest force found from the fraction `x` of the step on, each look at the parabola's new summit."""
-    highest = 0.0
-    for _ in range(_LOOKS):
-        dense(run.dense, x, run.between)
-        # The second slope of a step is not needed any more.
-        rates(p, t + x * h, run.between, run.latched, run.slopes[1], run.sought_force)
-        highest = max(highest, run.sought_force[j])
-        before = x
-        x, _top = summit(run.force[j], x, run.sought_force[j], run.new_force[j])
-        if not 0.0 < x < 1.0 or abs(x - before) < _NEAR:
-            break
-    return highest
 
 
 @mechanical
@@ -194,15 +181,10 @@ def follow_contacts(run: Run, limits: StepLimits, t: float, episodes: Real) -> t
         if run.latched[j] > 0.0 and d <= 0.0 and (run.rate[j] <= 0.0 or d < -limits.reach):
             run.latched[j] = 0.0
             run.open_episode[j, END] = t
-            _list_episode(run, j, episodes)
+            row = run.counts[EPISODES]
+            if row < episodes.shape[0]:
+                for column in range(episodes.shape[1]):
+                    episodes[row, column] = run.open_episode[j, column]
+            run.counts[EPISODES] = row + 1
             ended = True
     return latch_overlaps(run, limits.floor, t), ended
-
-
-@mechanical
-def _list_episode(run: Run, j: int, episodes: Real) -> None:
-    row = run.counts[EPISODES]
-    if row < episodes.shape[0]:
-        for column in range(episodes.shape[1]):
-            episodes[row, column] = run.open_episode[j, column]
-    run.counts[EPISODES] = row + 1

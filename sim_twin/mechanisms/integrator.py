@@ -21,7 +21,7 @@ from collections.abc import Callable
 from math import isfinite
 from typing import Any
 
-from sim_twin.compiled import generic, mechanical
+from sim_twin.compiled import generic
 from sim_twin.mechanisms.contacts import (
     Depths,
     first_onset,
@@ -72,7 +72,9 @@ def integrate(
     first, column, tries = counts[SAMPLES], 0, 0
     while True:
         while column < out.shape[1] and (first + column) * dt <= clock[NOW]:
-            _sample(observe, p, run, (first + column) * dt, out, column)
+            t, span = (first + column) * dt, clock[NOW] - clock[BEFORE]
+            dense(run.dense, (t - clock[BEFORE]) / span if span > 0.0 else 0.0, run.trial)
+            observe(p, t, run.trial, run.during, out, column)
             column += 1
         counts[SAMPLES] = first + column
         # The present, which is the next sample, has to lie in the last step too.
@@ -103,13 +105,6 @@ def _start(rates: Rates, depths: Depths, p: Any, run: Run, limits: StepLimits) -
 
 
 @generic
-def _sample(observe: Observe, p: Any, run: Run, t: float, out: Real, column: int) -> None:
-    before, span = run.clock[BEFORE], run.clock[NOW] - run.clock[BEFORE]
-    dense(run.dense, (t - before) / span if span > 0.0 else 0.0, run.trial)
-    observe(p, t, run.trial, run.during, out, column)
-
-
-@generic
 def _advance(
     rates: Rates, depths: Depths, p: Any, run: Run, limits: StepLimits, present: float, episodes: Real
 ) -> bool:
@@ -127,7 +122,10 @@ def _advance(
         counts[REJECTED] += 1
         return bool(h > limits.shortest)
     depths(p, t + h, run.trial, run.new_penetration, run.new_rate)
-    clock[STEP] = _next_step(clock, h, error)
+    # PI control (Hairer, Norsett and Wanner II, IV.2) on the squared error: error^-0.08 error_before^0.02.
+    error = max(error, _LEAST_ERROR)
+    power = (clock[ERROR] / (error * error * error * error)) ** (0.5 * _EXPONENT)
+    clock[ERROR], clock[STEP] = error, h * min(_MOST_GROWTH, max(_MOST_SHRINK, _SAFETY * power))
     if may_touch(run, h):
         set_dense(run, h)
         x = first_onset(depths, p, run, limits.reach, t, h)
@@ -163,12 +161,3 @@ def _accept(
     if begun or ended:
         clock[ERROR] = _FRESH_ERROR
         rates(p, t + h, run.y, run.latched, run.slopes[0], run.force)
-
-
-@mechanical
-def _next_step(clock: Real, h: float, error: float) -> float:
-    # PI control (Hairer, Norsett and Wanner II, IV.2) on the squared error: error^-0.08 error_before^0.02.
-    error = max(error, _LEAST_ERROR)
-    power = (clock[ERROR] / (error * error * error * error)) ** (0.5 * _EXPONENT)
-    clock[ERROR] = error
-    return float(h * min(_MOST_GROWTH, max(_MOST_SHRINK, _SAFETY * power)))

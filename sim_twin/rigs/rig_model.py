@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.effects import Catalogue, ParameterValues, apply_effects
+from sim_twin.effects import Catalogue, ParameterValues
 from sim_twin.healthy import Matched, Tolerance, drawn, moved
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.cycles import Cycles
@@ -152,8 +152,15 @@ class RigModel:
         return TwinStream(twin, truth, sample_rate, rng)
 
     def with_effects(self, twin: AnyTwin, effects: Iterable[tuple[str, ParameterValues]]) -> AnyTwin:
-        """Return `twin` with effects in; raises ValueError for what the rig cannot have."""
-        return apply_effects(self.effects, twin, effects)
+        """Return `twin` with the named effects in, in the order given.
+
+        Raises ValueError for an effect that the rig cannot have or a parameter outside its range.
+        """
+        for name, values in effects:
+            if name not in self.effects:
+                raise ValueError(f"no effect {name!r}; known: {', '.join(self.effects)}")
+            twin = self.effects[name].apply(twin, values)
+        return twin
 
     def lasting_tolerances(self, twin: AnyTwin) -> tuple[Tolerance, ...]:
         """Those that belong to the rig of `twin`, not to one run."""

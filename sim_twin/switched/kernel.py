@@ -19,7 +19,6 @@ from sim_twin.compiled import allocation_free, allocation_free_inlined
 from sim_twin.switched.tables import Tables
 from sim_twin.vector import (
     LANES,
-    Vector,
     first_positive,
     fused,
     load,
@@ -39,8 +38,15 @@ Index = NDArray[np.int64]
 
 
 @allocation_free_inlined
-def _coming(ahead: Real, r: int, constant: float, s: Real, b: int) -> Vector:
-    """The first condition of regime r one to eight fine steps from now, if the regime lasts."""
+def look_ahead(
+    ahead: Real, opposite: Real, r: int, constant: float, s: Real, b: int, out: Real, line: int, column: int
+) -> tuple[int, float]:
+    """Look for events at the next eight fine steps; record minus the first condition up to there.
+
+    Returns which step of 1, 2, 4 or 8 fine ones can be taken at once (its power of two; -1: none), and the
+    first condition after it.
+    """
+    # the first condition of regime r one to eight fine steps from now, if the regime lasts
     size = ahead.shape[1]
     at, y = r * size * LANES, b * size
     one, two, three, four = spread(constant), spread(0.0), spread(0.0), spread(0.0)
@@ -50,19 +56,7 @@ def _coming(ahead: Real, r: int, constant: float, s: Real, b: int) -> Vector:
         three = fused(load(ahead, at + 2 * LANES), repeated(s, y + 2), three)
         four = fused(load(ahead, at + 3 * LANES), repeated(s, y + 3), four)
         at, y = at + 4 * LANES, y + 4
-    return (one + two) + (three + four)
-
-
-@allocation_free_inlined
-def look_ahead(
-    ahead: Real, opposite: Real, r: int, constant: float, s: Real, b: int, out: Real, line: int, column: int
-) -> tuple[int, float]:
-    """Look for events at the next eight fine steps; record minus the first condition up to there.
-
-    Returns which step of 1, 2, 4 or 8 fine ones can be taken at once (its power of two; -1: none), and the
-    first condition after it.
-    """
-    coming = _coming(ahead, r, constant, s, b)
+    coming = (one + two) + (three + four)
     other = fused(spread(opposite[r, 2]), coming, spread(opposite[r, 1]))
     passed = first_positive(where_positive(coming - other, coming, other))
     if passed == 0:
@@ -233,12 +227,6 @@ def _locate(
 
 
 @allocation_free
-def _to_state(to_state: Real, rest: Real, r: int, s: Real, b: int, x: Real) -> None:
-    for k in range(x.size):
-        x[k] = rest[r, k] + _product(to_state, r * x.size + k, s, b)
-
-
-@allocation_free
 def _to_slots(t: Tables, r: int, x: Real, s: Real) -> None:
     """Express state x, which is lost, in regime r's modes; s[0] has the excitations and is zero elsewhere."""
     half = t.step.shape[1]
@@ -308,11 +296,9 @@ def _try(
         second = opposite[r, 1] + opposite[r, 2] * first
         if first <= 0.0 and second <= 0.0:
             return -1, first, second
-    elif residual[r, 0] == 0.0:
-        _turn(step, at, s, b, 1 - b)
+        fired, _value = _fired(rows, numbers, target, residual, r, s, 1 - b)
     else:
-        _turn_with_residual(step, at, rows, numbers, residual, r, s, b, 1 - b)
-    fired, _value = _fired(rows, numbers, target, residual, r, s, 1 - b)
+        fired, _value = _attempt(step, at, rows, numbers, target, residual, r, s, b)
     return fired, first, second
 
 
@@ -403,5 +389,6 @@ def _run(  # noqa: C901 - what is split off is inlined again, and every further 
             if switches < switch_time.size:
                 switch_time[switches], switch_regime[switches] = position / fine, new
             r, switches = new, switches + 1
-    _to_state(t.to_state, t.rest, r, s, b, x)
+    for k in range(x.size):
+        x[k] = t.rest[r, k] + _product(t.to_state, r * x.size + k, s, b)
     return r, switches

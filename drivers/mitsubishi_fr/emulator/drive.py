@@ -6,6 +6,7 @@ be had; what is known from other manuals of the family or from memory (M) is mar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -168,8 +169,12 @@ class EmulatedDrive:
     def settle(self) -> None:
         """Let happen what was due: a trip of the watchdog, the end of a ramp that followed one."""
         now_s = self._now()
-        due_s = self._watchdog_due_s()
-        if due_s is not None and now_s >= due_s:
+        # Pr.122: the watchdog trips so long after the last frame, counted only in network operation.
+        raw, due_s = self._parameters[122], math.inf
+        waits = self._mode == fr.NETWORK_MODE and self._tripping is None and not self._fault
+        if self._last_frame_s is not None and waits and raw != WATCHDOG_OFF:
+            due_s = self._last_frame_s + fr.WATCHDOG.value(raw)
+        if now_s >= due_s:
             # As Pr.502 says: 0 coasts, 1 ramps down and shows the fault at rest (M).
             self._run = False
             if self._parameters[502] == RAMP_ON_SILENCE:
@@ -215,22 +220,6 @@ class EmulatedDrive:
         if number in range(fr.FAULTS[0].number, fr.FAULTS[-1].number + 1):
             return self._history[number - fr.FAULTS[0].number]
         now_s = self._now()
-        readings: dict[int, Callable[[], float]] = {
-            fr.STATUS_AND_COMMAND.number: lambda: self._status(now_s),
-            fr.OPERATION_MODE.number: lambda: self._mode,
-            fr.RUNNING_FREQUENCY.number: lambda: self._set,
-            RUNNING_FREQUENCY_EEPROM: lambda: self._eeprom,
-            fr.OUTPUT_FREQUENCY.number: lambda: self.output.at(now_s) / fr.OUTPUT_FREQUENCY.scale,
-            fr.OUTPUT_CURRENT.number: lambda: self._load.current_a() / fr.OUTPUT_CURRENT.scale,
-            fr.OUTPUT_VOLTAGE.number: (
-                lambda: self.output.at(now_s) * _VOLTS_PER_HZ / fr.OUTPUT_VOLTAGE.scale
-            ),
-        }
-        if number in readings:
-            return min(max(round(readings[number]()), 0), 0xFFFF)
-        return self._parameters.get(number - fr.PARAMETERS, 0)
-
-    def _status(self, now_s: float) -> int:
         output_hz = self.output.at(now_s)
         status = Status(0)
         if self.output.on and (self._run or output_hz > 0.0):
@@ -239,7 +228,18 @@ class EmulatedDrive:
                 status |= Status.UP_TO_FREQUENCY
         if self._fault:
             status |= Status.FAULT | Status.FAULT_OUTPUT
-        return int(status)
+        readings: dict[int, Callable[[], float]] = {
+            fr.STATUS_AND_COMMAND.number: lambda: int(status),
+            fr.OPERATION_MODE.number: lambda: self._mode,
+            fr.RUNNING_FREQUENCY.number: lambda: self._set,
+            RUNNING_FREQUENCY_EEPROM: lambda: self._eeprom,
+            fr.OUTPUT_FREQUENCY.number: lambda: output_hz / fr.OUTPUT_FREQUENCY.scale,
+            fr.OUTPUT_CURRENT.number: lambda: self._load.current_a() / fr.OUTPUT_CURRENT.scale,
+            fr.OUTPUT_VOLTAGE.number: lambda: output_hz * _VOLTS_PER_HZ / fr.OUTPUT_VOLTAGE.scale,
+        }
+        if number in readings:
+            return min(max(round(readings[number]()), 0), 0xFFFF)
+        return self._parameters.get(number - fr.PARAMETERS, 0)
 
     def _write(self, number: int, value: int) -> ExcCodes | None:
         if not self._has(number) or number in self.faults.not_obeyed:
@@ -312,14 +312,6 @@ class EmulatedDrive:
         slope = reference_hz / time_s if time_s > 0.0 else _NO_RAMP_HZ_PER_S
         self.output = InverterOutput(on, from_hz, target_hz, slope, at_s)
         self._load.drive(self.output)
-
-    def _watchdog_due_s(self) -> float | None:
-        """When the watchdog trips: Pr.122 after the last frame, counted only in network operation."""
-        raw = self._parameters[122]
-        waits = self._mode == fr.NETWORK_MODE and self._tripping is None and not self._fault
-        if self._last_frame_s is None or not waits or raw == WATCHDOG_OFF:
-            return None
-        return self._last_frame_s + fr.WATCHDOG.value(raw)
 
     def _indicate(self, code: int, at_s: float) -> None:
         self._run, self._tripping, self._fault = False, None, code

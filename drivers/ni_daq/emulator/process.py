@@ -56,9 +56,15 @@ class _Card:
         self._stopped = threading.Event()
 
     def open(self) -> tuple[str]:
-        address = self._server.open()
-        if self._drive is not None:
-            threading.Thread(target=self._receive, args=(self._drive,), daemon=True).start()
+        address, drive = self._server.open(), self._drive
+        if drive is not None:
+
+            def receive() -> None:
+                with suppress(EOFError, OSError):  # the generator is gone; the drive stays as it was
+                    while True:
+                        self._inbox.put(drive.recv())
+
+            threading.Thread(target=receive, daemon=True).start()
         return (address,)
 
     def serve(self) -> None:
@@ -69,8 +75,3 @@ class _Card:
 
     def close(self) -> None:
         self._server.close()
-
-    def _receive(self, drive: Connection) -> None:
-        with suppress(EOFError, OSError):  # the generator is gone; the drive stays as it was
-            while True:
-                self._inbox.put(drive.recv())

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_twin.effects import (
     Effect,
     Parameter,
-    ParameterValues,
-    PutIn,
     SetTo,
+    base_flexibility,
     catalogue_of,
     scaled,
     sensor_bandwidth,
     sensor_droop,
     sensor_gain,
+    set_to,
     time_skew,
 )
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
@@ -30,17 +31,8 @@ _ACCELERATIONS = tuple(each.name for each in COVER)
 _SENSED = (DRIVE.name, *_FORCES, *_ACCELERATIONS)
 
 
-def _too_little(values: ParameterValues) -> str:
-    largest = max(float(values["second"]), float(values["third"]))
-    return f"second or third is at least {_LEAST_DISTORTION}" if largest < _LEAST_DISTORTION else ""
-
-
 def _not_if_clamped(twin: BeamTwin) -> str:
     return "the beam is clamped" if twin.rig.clamped else ""
-
-
-def _not_on_a_flexible_base(twin: BeamTwin) -> str:
-    return "its base is flexible already" if isinstance(twin.rig.base, FlexibleBase) else ""
 
 
 EFFECTS = catalogue_of(
@@ -56,22 +48,17 @@ EFFECTS = catalogue_of(
             "rig.hertz",
         ),
         scaled("contact_damping", "contact joint", ((3.0, 20.0),), "rig.contact_damping"),
-        Effect(
+        set_to(
             "hertzian_contact",
             "contact joint",
-            (Parameter("stiffness_n_per_m15", "N/m^1.5", ((3e9, 3e10),)),),
-            SetTo("rig", {"hertz": "stiffness_n_per_m15"}),
+            Parameter("stiffness_n_per_m15", "N/m^1.5", ((3e9, 3e10),)),
+            "rig.hertz",
         ),
-        Effect(
-            "base_flexibility",
-            "base",
-            (
-                Parameter("frequency_hz", "Hz", ((150.0, 1500.0),)),
-                Parameter("mass_kg", "kg", ((0.5, 8.0),)),
-                Parameter("damping_ratio", "", ((0.003, 0.05),)),
+        replace(
+            base_flexibility(BaseMass),
+            refusal=lambda twin: (
+                "its base is flexible already" if isinstance(twin.rig.base, FlexibleBase) else ""
             ),
-            PutIn("base", BaseMass, ("frequency_hz", "mass_kg", "damping_ratio")),
-            refusal=_not_on_a_flexible_base,
         ),
         Effect(
             "pivot_friction",
@@ -88,12 +75,7 @@ EFFECTS = catalogue_of(
             refusal=_not_if_clamped,
         ),
         scaled("structural_damping", "beam", ((2.0, 8.0),), "rig.modal_damping"),
-        Effect(
-            "shaker_mass",
-            "drive",
-            (Parameter("mass_kg", "kg", ((0.02, 0.3),)),),
-            SetTo("rig", {"shaker_mass": "mass_kg"}),
-        ),
+        set_to("shaker_mass", "drive", Parameter("mass_kg", "kg", ((0.02, 0.3),)), "rig.shaker_mass"),
         Effect(
             "shaker_suspension",
             "drive",
@@ -108,7 +90,11 @@ EFFECTS = catalogue_of(
             "drive",
             (Parameter("second", "", ((0.0, 0.2),)), Parameter("third", "", ((0.0, 0.2),))),
             SetTo("drive", {"second": "second", "third": "third"}),
-            together=_too_little,
+            together=lambda values: (
+                f"second or third is at least {_LEAST_DISTORTION}"
+                if max(float(values["second"]), float(values["third"])) < _LEAST_DISTORTION
+                else ""
+            ),
         ),
         sensor_gain(_SENSED),
         sensor_droop(_SENSED),

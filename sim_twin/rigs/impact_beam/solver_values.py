@@ -43,7 +43,11 @@ def run_figures(twin: BeamTwin, phase: float, settle: float, duration: float) ->
     cycles = half_cycles(trace.outputs[0, start:], trace.outputs[1, start:], RATE)
     contact_s, peak_n = _first_contact(trace)
     if contact_s is not None:
-        peak_n = _fine_peak(twin, phase, contact_s)
+        # once more up to it on a grid so fine that a damper's jump at the onset is in the peak
+        fine = _driven(twin, phase, _FINER * RATE)
+        while (before := round(contact_s * _FINER * RATE) - _MARGIN - fine.samples) > 0:
+            fine.advance(min(before, _AT_ONCE))
+        _, peak_n = _first_contact(fine.advance(round(_LONGEST_CONTACT * _FINER * RATE)))
     return figures_of(cycles, peak_n, contact_s)
 
 
@@ -64,18 +68,6 @@ def _driven(twin: BeamTwin, phase: float, rate: float) -> Simulation:
     simulation = Simulation(assemble(twin.rig, _ORDERS), 1 / rate)
     simulation.drive(twin.drive.phasors(), 2 * np.pi * twin.drive.frequency, phase)
     return simulation
-
-
-def _fine_peak(twin: BeamTwin, phase: float, contact_s: float) -> float | None:
-    """Peak of the first contact on a grid so fine that a damper's jump at the onset is in it."""
-    fine = _driven(twin, phase, _FINER * RATE)
-    while True:
-        before = round(contact_s * _FINER * RATE) - _MARGIN - fine.samples
-        if before <= 0:
-            break
-        fine.advance(min(before, _AT_ONCE))
-    trace = fine.advance(round(_LONGEST_CONTACT * _FINER * RATE))
-    return _first_contact(trace)[1]
 
 
 def _first_contact(trace: Trace) -> tuple[float | None, float | None]:

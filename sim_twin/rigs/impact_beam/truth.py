@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 from sim_twin.rigs.impact_beam.structure import deflection_shapes
-from sim_twin.sensors import LinearFilter, resonance
+from sim_twin.sensors import resonance
 from sim_twin.status import Status
 from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
@@ -28,14 +27,10 @@ class BeamTruth:
     def __init__(self, twin: BeamTwin, rate: float, drive_changes: bool = False) -> None:
         self._orders = _ORDERS if drive_changes or _needs_all(twin.drive) else _ORDERS[1:2]
         self._simulation = Simulation(assemble(twin.rig, self._orders), 1 / rate)
-        self._rig, self._rate = twin.rig, rate
+        self._yoke = resonance(twin.rig.yoke_frequency, twin.rig.yoke_damping, rate)
         self._shapes = deflection_shapes(twin.rig, np.linspace(0, 1, _SHAPE_POINTS))
         self._force = _DriveForce()
         self._finite = True
-
-    @cached_property
-    def _yoke(self) -> LinearFilter:
-        return resonance(self._rig.yoke_frequency, self._rig.yoke_damping, self._rate)
 
     def change_drive(self, drive: SineDrive, phase: float, reference: float) -> None:
         """Drive like this from now on, at `phase` rad of the sine at `reference` s."""

@@ -10,11 +10,11 @@ from sim_twin.effects import (
     Parameter,
     ParameterValues,
     PutIn,
-    SetTo,
     catalogue_of,
     scaled,
     sensor_bandwidth,
     sensor_gain,
+    set_to,
     time_skew,
 )
 from sim_twin.rigs.crank_drive import speed_fluctuation
@@ -42,24 +42,9 @@ EFFECTS = catalogue_of(
         scaled("joint1_clearance", "joint 1", _CLEARANCE, "rig.clearance_1"),
         scaled("joint2_clearance", "joint 2", _CLEARANCE, "rig.clearance_2"),
         scaled("contact_stiffness", "joints", ((0.2, 0.7), (1.4, 5.0)), "rig.stiffness_scales"),
-        Effect(
-            "restitution",
-            "joints",
-            (Parameter("value", "", ((0.3, 0.8),)),),
-            SetTo("rig", {"restitution": "value"}),
-        ),
-        Effect(
-            "joint_friction",
-            "joints",
-            (Parameter("coefficient", "", ((0.04, 0.3),)),),
-            SetTo("rig", {"friction": "coefficient"}),
-        ),
-        Effect(
-            "guide_friction",
-            "guide",
-            (Parameter("coefficient", "", ((0.1, 0.5),)),),
-            SetTo("rig", {"guide_friction": "coefficient"}),
-        ),
+        set_to("restitution", "joints", Parameter("value", "", ((0.3, 0.8),)), "rig.restitution"),
+        set_to("joint_friction", "joints", Parameter("coefficient", "", ((0.04, 0.3),)), "rig.friction"),
+        set_to("guide_friction", "guide", Parameter("coefficient", "", ((0.1, 0.5),)), "rig.guide_friction"),
         Effect(
             "rod_flexibility",
             "rod",

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import sqrt
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from daq.quantity import Bound, Check, Key, Quantity
+from daq.quantity import Bound, Key, Quantity, rule
 from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS, CRANK_X, CRANK_Y, PISTON_Y
 
@@ -175,14 +174,12 @@ def nominal(
     )
 
 
-def _turns_over(model: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
-    crank, rod = model["crank_length"], model["rod_length"]
-    if rod <= crank:
-        yield (
-            ("rod_length", "crank_length"),
-            f"a rod longer than the crank, or it cannot turn over: {rod:g} m and {crank:g} m",
-        )
-
-
-CHECKS: Final = (Check(("crank_length", "rod_length"), _turns_over),)
+CHECKS: Final = (
+    rule(
+        ("crank_length", "rod_length"),
+        lambda model: model["rod_length"] > model["crank_length"],
+        ("rod_length", "crank_length"),
+        "a rod longer than the crank, or it cannot turn over: {rod_length:g} m and {crank_length:g} m",
+    ),
+)
 """Of what may be asked for together."""

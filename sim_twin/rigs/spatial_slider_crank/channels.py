@@ -23,6 +23,5 @@ CHANNELS = ChannelTable(
     )
 )
 FORCES = CHANNELS.with_role(Role.CONTACT)
-GUIDE_FORCES = CHANNELS.heard(FORCES)["guide"]
 (TACHOMETER,) = CHANNELS.with_role(Role.SPEED)
 MARKER = CHANNELS.marker

@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import sqrt
 
 from sim_twin.compiled import mechanical
-from sim_twin.joints.vectors import Vector, added, cross, dot, scaled, subtracted
+from sim_twin.joints.vectors import Vector, added, cross, dot, inward, scaled, subtracted
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
 from sim_twin.rigs.spatial_slider_crank.pose import Pose
 
@@ -58,7 +58,16 @@ def set_rod(p: Constants, y: Array, pose: Pose, dy: Array, A: Array) -> None:
         growth += u * u_rate + w * w_rate
         bend_u, bend_w = bend_u + u_rate * along, bend_w + w_rate * along
     first = 0.5 * p.rod_mass * p.rod_length
-    _set_rod_matrix(p, A, first, Au, Aw, sway2, uu, ww, uw)
+    # The lower triangle only.
+    for i in range(8):
+        for j in range(i + 1):
+            A[i, j] = 0.0
+    A[0, 0] = p.rod_mass
+    A[1, 1] = A[2, 2] = p.rod_mass - sway2
+    A[3, 3] = p.rod_spin
+    A[4, 4], A[5, 5], A[5, 4] = p.rod_swing + ww, p.rod_swing + uu, -uw
+    A[4, 0], A[5, 0] = Aw, -Au
+    A[4, 2], A[5, 1] = first, -first
     D = (-first, Au, Aw)
     force = added(cross(pose.Omega, cross(pose.Omega, D)), scaled(2.0, cross(pose.Omega, (0.0, vu, vw))))
     H = (
@@ -73,27 +82,11 @@ def set_rod(p: Constants, y: Array, pose: Pose, dy: Array, A: Array) -> None:
 
 
 @mechanical
-def _set_rod_matrix(
-    p: Constants, A: Array, first: float, Au: float, Aw: float, sway2: float, uu: float, ww: float, uw: float
-) -> None:
-    # Lower triangle only.
-    for i in range(8):
-        for j in range(i + 1):
-            A[i, j] = 0.0
-    A[0, 0] = p.rod_mass
-    A[1, 1] = A[2, 2] = p.rod_mass - sway2
-    A[3, 3] = p.rod_spin
-    A[4, 4], A[5, 5], A[5, 4] = p.rod_swing + ww, p.rod_swing + uu, -uw
-    A[4, 0], A[5, 0] = Aw, -Au
-    A[4, 2], A[5, 1] = first, -first
-
-
-@mechanical
 def add_slider(p: Constants, pose: Pose, A: Array) -> None:
     """Add the slider's part to the matrix and to the last row of `A`."""
     m, C = p.slider_mass, pose.joint
     omega = subtracted(pose.Omega, pose.relative)
-    arm = _pin_in_rod(p, C)
+    arm = inward(C, (p.pin[0], p.pin[1], p.pin[2]))
     I11, I22, I33 = _turned(p.inertia, C, 0, 0), _turned(p.inertia, C, 1, 1), _turned(p.inertia, C, 2, 2)
     I21, I31, I32 = _turned(p.inertia, C, 1, 0), _turned(p.inertia, C, 2, 0), _turned(p.inertia, C, 2, 1)
     I0 = (I11, I21, I31), (I21, I22, I32), (I31, I32, I33)
@@ -104,8 +97,9 @@ def add_slider(p: Constants, pose: Pose, A: Array) -> None:
         (I31 - m * x * z, I32 - m * y * z, I33 + m * (x * x + y * y)),
     )
     _add_slider_matrix(m, arm, about, pose.axis, A)
-    # Accelerations of the slider while those of pin, rod and joint are zero.
-    turn = _joint_bias(pose, omega)
+    # Accelerations of the slider while those of pin, rod and joint are zero: the joint's own axes turn.
+    about_y = scaled(dot(pose.axis, pose.relative), cross(omega, pose.axis))
+    turn = added(about_y, scaled(pose.relative[2], cross(pose.Omega, (0.0, 0.0, 1.0))))
     force = scaled(-m, added(cross(arm, turn), cross(omega, cross(omega, arm))))
     H = (dot(I0[0], omega), dot(I0[1], omega), dot(I0[2], omega))
     moment = subtracted(cross(omega, H), (dot(I0[0], turn), dot(I0[1], turn), dot(I0[2], turn)))
@@ -132,28 +126,10 @@ def add_rod_load(force: Vector, at: Vector, A: Array) -> None:
 
 
 @mechanical
-def _pin_in_rod(p: Constants, C: tuple[Vector, Vector, Vector]) -> Vector:
-    x, y, z = p.pin[0], p.pin[1], p.pin[2]
-    return (
-        C[0][0] * x + C[1][0] * y + C[2][0] * z,
-        C[0][1] * x + C[1][1] * y + C[2][1] * z,
-        C[0][2] * x + C[1][2] * y + C[2][2] * z,
-    )
-
-
-@mechanical
 def _turned(inertia: Array, C: tuple[Vector, Vector, Vector], i: int, j: int) -> float:
     """Entry i, j of the slider's inertia in the rod's frame."""
     total = inertia[0] * C[0][i] * C[0][j] + inertia[1] * C[1][i] * C[1][j]
     return float(total + inertia[2] * C[2][i] * C[2][j])
-
-
-@mechanical
-def _joint_bias(pose: Pose, omega: Vector) -> Vector:
-    """How the joint's own axes turn: what the slider's angular acceleration lacks, rod's frame."""
-    about_y = scaled(dot(pose.axis, pose.relative), cross(omega, pose.axis))
-    about_z = scaled(pose.relative[2], cross(pose.Omega, (0.0, 0.0, 1.0)))
-    return added(about_y, about_z)
 
 
 @mechanical

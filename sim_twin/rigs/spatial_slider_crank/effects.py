@@ -3,59 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from sim_twin.effects import (
-    Effect,
     Parameter,
-    PutIn,
-    SetTo,
+    base_flexibility,
     catalogue_of,
     scaled,
     sensor_bandwidth,
     sensor_droop,
     sensor_gain,
+    set_to,
     time_skew,
 )
 from sim_twin.rigs.crank_drive import speed_fluctuation
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER
 from sim_twin.rigs.spatial_slider_crank.model import BaseMass, SpatialSliderCrank
 
-if TYPE_CHECKING:
-    from sim_twin.rigs.spatial_slider_crank.motion import SpatialTwin
-
-
-def _not_if_rigid(twin: SpatialTwin) -> str:
-    return "" if twin.rig.bending_modes else "the rod is rigid"
-
-
 _CLEARANCE, _STIFFNESS, _DAMPING = ((0.3, 0.8), (1.25, 2.5)), ((0.2, 0.7), (1.4, 5.0)), ((3.0, 20.0),)
 
 EFFECTS = catalogue_of(
     SpatialSliderCrank.kind,
     (
-        Effect(
-            "base_flexibility",
-            "base",
-            (
-                Parameter("frequency_hz", "Hz", ((150.0, 1500.0),)),
-                Parameter("mass_kg", "kg", ((0.5, 8.0),)),
-                Parameter("damping_ratio", "", ((0.003, 0.05),)),
-            ),
-            PutIn("base", BaseMass, ("frequency_hz", "mass_kg", "damping_ratio")),
-        ),
+        base_flexibility(BaseMass),
         scaled("socket_clearance", "socket", _CLEARANCE, "rig.socket_clearance"),
         scaled("guide_clearance", "guide", _CLEARANCE, "rig.guide_clearance"),
-        Effect(
+        set_to(
             "guide_friction",
             "guide",
-            (Parameter("coefficient", "", ((0.0, 0.05), (0.16, 0.3))),),
-            SetTo("rig", {"friction": "coefficient"}),
+            Parameter("coefficient", "", ((0.0, 0.05), (0.16, 0.3))),
+            "rig.friction",
         ),
         scaled("contact_stiffness", "joints", _STIFFNESS, "rig.socket_stiffness", "rig.guide_stiffness"),
         scaled("contact_damping", "joints", _DAMPING, "rig.socket_damping", "rig.guide_damping"),
         replace(
-            scaled("rod_stiffness", "rod", ((0.4, 0.8), (1.25, 2.5)), "rig.rod.E"), refusal=_not_if_rigid
+            scaled("rod_stiffness", "rod", ((0.4, 0.8), (1.25, 2.5)), "rig.rod.E"),
+            refusal=lambda twin: "" if twin.rig.bending_modes else "the rod is rigid",
         ),
         speed_fluctuation(),
         sensor_gain(FORCES),

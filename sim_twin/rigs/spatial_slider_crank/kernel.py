@@ -48,7 +48,11 @@ def rates(p: Constants, t: float, y: Array, v0: Array, dy: Array, force: Array) 
     _write_accelerations(p, y, at, p.work, dy)
     dy[2 * n] = crank_speed(p, y[2 * n])
     dy[2 * n + 1] = work
-    dy[2 * n + 2] = lost + socket_lost + _modal_loss(p, y)
+    modal_loss, m = 0.0, p.modes
+    for k in range(m):
+        u_rate, w_rate = y[n + RIGID + k], y[n + RIGID + m + k]
+        modal_loss += 2.0 * p.damping * p.omega[k] * (u_rate * u_rate + w_rate * w_rate)
+    dy[2 * n + 2] = lost + socket_lost + modal_loss
 
 
 @mechanical
@@ -104,15 +108,18 @@ def _guide_forces(
     p: Constants, y: Array, at: Pose, v0: Array, force: Array, dy: Array
 ) -> tuple[Vector, Vector, float]:
     """Force on the slider, its moment about the pin (world frame), what contacts lose (W); moves the base."""
-    push = twist = (0.0, 0.0, 0.0)
+    push = twist = base_velocity = (0.0, 0.0, 0.0)
     lost = 0.0
+    if p.base[1] > 0.0:
+        base = 2 * (RIGID + 2 * p.modes) + 3
+        base_velocity = (0.0, y[base + 2], y[base + 3])
     for i in range(POINTS):
         force[i] = 0.0
         if v0[i] > 0.0:
             place, velocity = slider_point(at, (p.points[i, 0], p.points[i, 1], p.points[i, 2]))
             d, rate = _overlap(p, y, i, place, velocity)
             force[i] = normal_force(p.guide_law, d, rate, v0[i])
-            slip = subtracted(velocity, _base_velocity(p, y))
+            slip = subtracted(velocity, base_velocity)
             rubbing = friction_force(p.friction, force[i], face_axis(i), slip)
             normal = face_side(i) * force[i]
             total = added(rubbing, (0.0, normal, 0.0) if face_axis(i) == 1 else (0.0, 0.0, normal))
@@ -122,14 +129,6 @@ def _guide_forces(
     if p.base[1] > 0.0:
         lost += _move_base(p, y, push, dy)
     return push, twist, lost
-
-
-@mechanical
-def _base_velocity(p: Constants, y: Array) -> Vector:
-    if p.base[1] == 0.0:
-        return 0.0, 0.0, 0.0
-    base = 2 * (RIGID + 2 * p.modes) + 3
-    return 0.0, y[base + 2], y[base + 3]
 
 
 @mechanical
@@ -165,16 +164,6 @@ def _socket_force(p: Constants, y: Array, at: Pose, v0: Array, force: Array) -> 
     push = scaled(F, touch.normal)
     power = dot(push, crank_pin_velocity(p, y[2 * (RIGID + 2 * p.modes)]))
     return push, power, (F - elastic_force(p.socket_law, touch.depth)) * touch.rate
-
-
-@mechanical
-def _modal_loss(p: Constants, y: Array) -> float:
-    m = p.modes
-    n, total = RIGID + 2 * m, 0.0
-    for k in range(m):
-        u_rate, w_rate = y[n + RIGID + k], y[n + RIGID + m + k]
-        total += 2.0 * p.damping * p.omega[k] * (u_rate * u_rate + w_rate * w_rate)
-    return total
 
 
 @mechanical

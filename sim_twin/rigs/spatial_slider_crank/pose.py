@@ -59,24 +59,17 @@ def pose(p: Constants, y: Array) -> Pose:
     Omega = (y[n + 3], y[n + 4], y[n + 5])
     relative = (sb * y[n + 6], cb * y[n + 6], y[n + 7])
     omega = outward(joint, subtracted(Omega, relative))
-    tip, tip_rate = _tip(p, y, n)
-    pin, velocity = (y[0], y[1], y[2]), (y[n], y[n + 1], y[n + 2])
-    ball = added(pin, outward(rod, tip))
-    ball_velocity = added(velocity, outward(rod, added(tip_rate, cross(Omega, tip))))
-    return Pose(pin, velocity, slider, joint, rod, axis, Omega, relative, omega, tip, ball, ball_velocity)
-
-
-@mechanical
-def _tip(p: Constants, y: Array, n: int) -> tuple[Vector, Vector]:
-    """The ball from the pin in the rod's frame, and its rate there."""
-    m = p.modes
     u = w = u_rate = w_rate = 0.0
     for k in range(m):
         u += p.tip[k] * y[RIGID + k]
         w += p.tip[k] * y[RIGID + m + k]
         u_rate += p.tip[k] * y[n + RIGID + k]
         w_rate += p.tip[k] * y[n + RIGID + m + k]
-    return (-p.rod_length, u, w), (0.0, u_rate, w_rate)
+    tip, tip_rate = (-p.rod_length, u, w), (0.0, u_rate, w_rate)
+    pin, velocity = (y[0], y[1], y[2]), (y[n], y[n + 1], y[n + 2])
+    ball = added(pin, outward(rod, tip))
+    ball_velocity = added(velocity, outward(rod, added(tip_rate, cross(Omega, tip))))
+    return Pose(pin, velocity, slider, joint, rod, axis, Omega, relative, omega, tip, ball, ball_velocity)
 
 
 @mechanical

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,22 +152,18 @@ def _mass_in_planes(cover: Cover) -> Array:
         weights = np.outer(_WEIGHTS, _WEIGHTS).ravel() * half[0] * half[1]
         for motion in np.delete(_motion_at(points), wall.n, axis=0):
             M += np.einsum("p,pi,pj->ij", weights * cover.sheet.mass_per_area, motion, motion)
-    points, lengths = _edges(cover)
-    frame = np.einsum("p,kpi,kpj->ij", lengths, _motion_at(points), _motion_at(points))
-    return np.asarray(M + cover.frame_mass * frame)
-
-
-def _edges(cover: Cover) -> tuple[Array, Array]:
-    """Gauss points on the twelve edges, shape (3, p), and their lengths in m."""
-    low = np.array([-cover.length / 2, -cover.width / 2, 0.0])
+    # Gauss points on the twelve edges, and their lengths in m
+    corner = np.array([-cover.length / 2, -cover.width / 2, 0.0])
     size = np.array([cover.length, cover.width, cover.height])
-    points, lengths = [], []
+    on_edges, lengths = [], []
     for axis in range(3):
-        for corner in ((a, b) for a in (0, 1) for b in (0, 1)):
+        for a, b in product((0.0, 1.0), repeat=2):
             for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-                points.append(low + size * np.insert(np.array(corner, dtype=float), axis, (1 + node) / 2))
+                on_edges.append(corner + size * np.insert(np.array([a, b]), axis, (1 + node) / 2))
                 lengths.append(weight * size[axis] / 2)
-    return np.array(points).T, np.array(lengths)
+    motions = _motion_at(np.array(on_edges).T)
+    frame = np.einsum("p,kpi,kpj->ij", np.array(lengths), motions, motions)
+    return np.asarray(M + cover.frame_mass * frame)
 
 
 def _motion_at(points: Array) -> Array:
