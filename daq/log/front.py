@@ -24,48 +24,61 @@ _LONGEST = 2 * MAXIMUM_CHUNK_BYTES
 _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
-_LENGTH = struct.Struct("<Q")
+_LENGTH = 8
 _FOOTER_BEFORE_CHECKSUM = struct.Struct("<BQQQ")
 _FOOTER_BYTES = _FOOTER_BEFORE_CHECKSUM.size + 4
 
 
 def metadata_and_chunks(descriptor: int, note: Callable[[str], None]) -> Iterator[Metadata | Chunk]:
-    """What a log holds in file order; `note` is told what is wrong with its frame and checksums.
+    """What a log holds in file order; `note` is told what is wrong with its frame.
 
     Behind damage it goes on at the next chunk that is whole. Chunks are checked by who opens them.
     """
+    for opcode, record in _records(descriptor, note):
+        try:
+            if opcode == Opcode.METADATA:
+                yield Metadata.read(_content(record))
+            elif opcode == Opcode.CHUNK:
+                yield Chunk.read(_content(record))
+        except (ValueError, struct.error, McapError) as error:
+            note(f"a record of kind {opcode} is damaged ({type(error).__name__})")
+
+
+def check_data(descriptor: int, note: Callable[[str], None]) -> None:
+    """Tell `note` where the frame of a log, or the checksum of all before its summary, is wrong."""
+    checksum, ended = zlib.crc32(MCAP0_MAGIC), False
+    for opcode, record in _records(descriptor, note):
+        if opcode == Opcode.DATA_END:
+            ended = True
+            if DataEnd.read(_content(record)).data_section_crc not in (0, checksum):
+                note("the checksum of its data is wrong")
+        checksum = zlib.crc32(record, checksum)
+    if not ended:
+        note("nothing says where its data ends")
+
+
+def _records(descriptor: int, note: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
     size = os.fstat(descriptor).st_size
-    position, checksum = len(MCAP0_MAGIC), zlib.crc32(MCAP0_MAGIC)
+    position = len(MCAP0_MAGIC)
     if os.pread(descriptor, position, 0) != MCAP0_MAGIC:
         note("it does not begin as an MCAP file does")
         position = 0
-    intact, data_ended = True, False
-    while True:
+    opcode = 0
+    while opcode != Opcode.FOOTER:
         try:
             opcode, record = _record_at(descriptor, position, size)
-            content = ReadDataStream(BytesIO(record[_RECORD.size :]))
-            if opcode == Opcode.FOOTER:
-                if not data_ended:
-                    note("nothing says where its data ends")
-                _check_end(descriptor, position, size, Footer.read(content))
-                return
-            if opcode == Opcode.DATA_END:
-                data_ended, claimed = True, DataEnd.read(content).data_section_crc
-                if intact and claimed not in (0, checksum):
-                    note("the checksum of its data is wrong")
-            elif opcode == Opcode.METADATA:
-                yield Metadata.read(content)
-            elif opcode == Opcode.CHUNK:
-                yield Chunk.read(content)
-            position, checksum = position + len(record), zlib.crc32(record, checksum)
-        except (ValueError, KeyError, struct.error, EOFError, McapError) as error:
-            intact = False
+            position += len(record)
+        except ValueError as error:
+            note(str(error))
             found = _next_whole_chunk(descriptor, position) if position < size else None
-            note(str(error) or type(error).__name__)
             if found is None:
                 return
-            chunk, position = found
-            yield chunk
+            opcode, (record, position) = Opcode.CHUNK, found
+        yield opcode, record
+
+
+def _content(record: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(record[_RECORD.size :]))
 
 
 def check_summary(descriptor: int) -> None:
@@ -75,7 +88,7 @@ def check_summary(descriptor: int) -> None:
     opcode, record = _record_at(descriptor, max(position, 0), size)
     if opcode != Opcode.FOOTER:
         raise ValueError(CUT)
-    _check_end(descriptor, position, size, Footer.read(ReadDataStream(BytesIO(record[_RECORD.size :]))))
+    _check_end(descriptor, position, size, Footer.read(_content(record)))
 
 
 def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
@@ -103,29 +116,27 @@ def _check_end(descriptor: int, position: int, size: int, footer: Footer) -> Non
         raise ValueError("it does not end as an MCAP file does")
 
 
-def _next_whole_chunk(descriptor: int, position: int) -> tuple[Chunk, int] | None:
-    """The first chunk at or behind `position` whose checksum is right, and where it ends."""
+def _next_whole_chunk(descriptor: int, position: int) -> tuple[bytes, int] | None:
+    """Record and end of the first chunk at or behind `position` whose checksum is right."""
     with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as file:
         found = file.find(_COMPRESSION, position)
         while found >= 0:
             begin = found - _BEFORE_COMPRESSION.size
-            if begin >= position and (chunk := _chunk_at(file, begin)) is not None:
-                return chunk, found + len(_COMPRESSION) + _LENGTH.size + len(chunk.data)
+            if begin >= position and (record := _chunk_at(file, begin)):
+                return record, begin + len(record)
             found = file.find(_COMPRESSION, found + 1)
     return None
 
 
-def _chunk_at(file: mmap.mmap, begin: int) -> Chunk | None:
-    """By the lengths inside of it: that of the record may be what is damaged."""
-    _, _, start_ns, end_ns, size, checksum = _BEFORE_COMPRESSION.unpack_from(file, begin)
+def _chunk_at(file: mmap.mmap, begin: int) -> bytes:
+    """Its record by the lengths inside of it, since its own may be what is damaged; empty if it is none."""
     at = begin + _BEFORE_COMPRESSION.size + len(_COMPRESSION)
-    if at + _LENGTH.size > len(file):
-        return None
-    (length,) = _LENGTH.unpack_from(file, at)
-    data = file[at + _LENGTH.size : at + _LENGTH.size + min(length, MAXIMUM_CHUNK_BYTES)]
-    chunk = Chunk("zstd", data, end_ns, start_ns, checksum, size)
+    length = int.from_bytes(file[at : at + _LENGTH], "little")
+    content = file[begin + _RECORD.size : at + _LENGTH + min(length, MAXIMUM_CHUNK_BYTES)]
+    record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
     try:
+        chunk = Chunk.read(_content(record))
         open_chunk(chunk)
-    except (ValueError, struct.error, zstandard.ZstdError):
-        return None
-    return chunk if checksum and len(data) == length else None
+    except (ValueError, struct.error, McapError, zstandard.ZstdError):
+        return b""
+    return record if chunk.uncompressed_crc else b""

@@ -23,7 +23,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
-from daq.log.front import check_summary, metadata_and_chunks
+from daq.log.front import check_data, check_summary, metadata_and_chunks
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 Origin = Literal["measured", "nominal", "predicted", "derived"]
@@ -223,8 +223,7 @@ class LogReader:
 
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
-        for _ in metadata_and_chunks(self._file.fileno(), self._note):
-            pass
+        check_data(self._file.fileno(), self._note)
 
     def _read_summary(self) -> None:
         check_summary(self._file.fileno())
