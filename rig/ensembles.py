@@ -192,14 +192,9 @@ def spread_table(spreads: Mapping[str, Spread]) -> Table:
         table.add_column(column, justify="right")
     for name, spread in spreads.items():
         numbers = (spread.mean, spread.deviation, spread.p5, spread.median, spread.p95)
-        table.add_row(name, str(spread.runs), *(_figure(x) for x in numbers))
+        shown = ("-" if x is None else f"{x:{'.0f' if 1e3 <= abs(x) < 1e9 else '.4g'}}" for x in numbers)
+        table.add_row(name, str(spread.runs), *shown)
     return table
-
-
-def _figure(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
 def failure_lines(outcomes: Outcomes) -> list[str]:

@@ -141,26 +141,18 @@ def main() -> None:
     app = _app()
     for name, _, told in COMMANDS:
         app.command(name, cls=_LoadedWhenCalled, help=told)(lambda: None)
-    sys.exit(_guarded(app))
-
-
-def _told(app: typer.Typer) -> Any:
-    """Run; what other packages offered in vain is told before what it may have led to."""
     try:
-        return app(standalone_mode=False)
-    finally:
-        for fault in UNUSED:
-            print(f"! {fault}", file=sys.stderr)
-
-
-def _guarded(app: typer.Typer) -> int:
-    try:
-        # Without standalone mode typer returns the code of a typer.Exit that a command raised.
-        return int(_told(app) or 0)
+        try:
+            # Without standalone mode typer returns the code of a typer.Exit that a command raised.
+            code = int(app(standalone_mode=False) or 0)
+        finally:  # what other packages offered in vain is told before what it may have led to
+            for fault in UNUSED:
+                print(f"! {fault}", file=sys.stderr)
     except tuple(kind for kind, _ in _CODES) as error:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
-        return next(code for kind, code in _CODES if isinstance(error, kind))
+        code = next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
-        told = error.format_message() if isinstance(error, typer.BadParameter) else error
-        print(f"rattle: {told}", file=sys.stderr)
-        return WRONG_USE
+        words = error.format_message() if isinstance(error, typer.BadParameter) else error
+        print(f"rattle: {words}", file=sys.stderr)
+        code = WRONG_USE
+    sys.exit(code)

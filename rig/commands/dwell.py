@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
-from collections.abc import Iterator
 from math import tau
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +17,7 @@ from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
-    from daq.angle.skew import RecordingSkew, Skew
+    from daq.angle.skew import RecordingSkew
     from rig.files.scenario import Scenario
 
 
@@ -94,8 +93,14 @@ def skew(runs: RunFiles, as_json: Json = False) -> None:
             each |= {} if taken is None else dataclasses.asdict(taken)
         print_json(told)
         return
+    lines = [*map(_of_run, runs, found.recordings)]
+    if found.angle_rad is None or found.angle_uncertainty_rad is None:
+        lines.append(str(found))
+    else:
+        lines.append(f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad")
+        lines.append(f"{found} by itself, with the travel time of the bus's fastest frame")
     console = Console()
-    for line in (*map(_of_run, runs, found.recordings), *_of_all(found)):
+    for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
@@ -107,11 +112,3 @@ def _of_run(run: Path, each: RecordingSkew) -> str:
     if each.skew_s is None or each.skew_uncertainty_s is None:
         return f"{run}: {marks}"
     return f"{run}: {marks}; late by {late(each.skew_s, each.skew_uncertainty_s)} as this log places it"
-
-
-def _of_all(found: Skew) -> Iterator[str]:
-    if found.angle_rad is None or found.angle_uncertainty_rad is None:
-        yield str(found)
-        return
-    yield f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad"
-    yield f"{found} by itself, with the travel time of the bus's fastest frame"

@@ -132,7 +132,7 @@ def ensemble(
             simulate(variants[:1], a_glance, found.executor)
         with screen.bar("simulating", runs, "runs") as bar:
             queued = _QUEUED * found.count
-            outcomes = simulate(variants, figures, found.executor, lambda done, _: bar.at(done), queued)
+            outcomes = simulate(variants, figures, found.executor, lambda done, _: bar(done), queued)
     spreads, failed = spread_of(outcomes), failure_lines(outcomes)
     if not any(outcome.value is not None for outcome in outcomes):
         raise RattleError("; ".join(failed))

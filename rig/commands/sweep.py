@@ -133,7 +133,7 @@ def sweep(
     from rig.app import connect
     from rig.files.model_file import load_model
     from rig.files.sweep import points_named
-    from rig.sweep.execute import SweepRequest, begun, run_sweep
+    from rig.sweep.execute import Sweeping, SweepRequest, begun
     from rig.sweep.plan import real_instruments
     from rig.sweep.results import TABLE, headings_of, rows_of, write_page
     from rig.sweep.state import held, load_state
@@ -160,7 +160,7 @@ def sweep(
     with held(folder):
         now = begun(request)  # read anew: another sweep may have been at work here until just now
         try:
-            run_sweep(request, now, screen, SystemClock(), centre=_centring(folder))
+            Sweeping(request, now, screen, SystemClock(), centre=_centring(folder)).all()
         finally:
             state = load_state(folder) or now
             rows = [headings_of(swept), *rows_of(swept, state)]

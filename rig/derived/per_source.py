@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import replace
 from math import nan
 
 import numpy as np
@@ -52,7 +52,7 @@ class ImpactWatch:
         self._origin, self._name, self._role = origin, name, role_of(name)
         self._levels, self._within_s = settings.levels[name], settings.within_s[name]
         self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
-        self._waiting: deque[tuple[int, _Event]] = deque()
+        self._waiting: deque[Impact] = deque()
         self._unseen: list[NDArray[np.floating]] = []
         self._base = self._next = 0
         self._detector = ImpactDetector(self._levels, self._rate)
@@ -87,52 +87,34 @@ class ImpactWatch:
         self._note(self._grouper.finish())
 
     def _note(self, events: ImpactEvents) -> None:
-        if len(events):
-            columns = (getattr(events, name).tolist() for name in _COLUMNS)
-            self._waiting.extend((self._base, _Event(*row)) for row in zip(*columns, strict=True))
+        for row in range(len(events)):
+            start = self._base + int(events.start[row])
+            impact = Impact(
+                sample_time_ns(self._start_ns, start, self._rate),
+                self._origin,
+                self._name,
+                first_sample=start,
+                end_sample=self._base + int(events.end[row]),
+                peak_sample=self._base + int(events.index[row]),
+                peak=float(events.peak_n[row]),
+                first_peak=float(events.first_n[row]),
+                impulse=float(events.impulse_ns[row]),
+                contact_s=float(events.contact_s[row]),
+                bounces=int(events.contacts[row]) - 1,
+                turns=nan,
+            )
+            self._waiting.append(impact)
 
     def _tell(self, publish: Consumer) -> None:
         while self._waiting:
-            base, event = self._waiting[0]
-            start, turns = base + event.start, nan
+            impact = self._waiting[0]
             if self._cycles is not None:
-                if start >= self._cycles.begins.until:
+                if impact.first_sample >= self._cycles.begins.until:
                     return
-                turns = self._cycles.turns_at(start)
-            publish(
-                Impact(
-                    sample_time_ns(self._start_ns, start, self._rate),
-                    self._origin,
-                    self._name,
-                    first_sample=start,
-                    end_sample=base + event.end,
-                    peak_sample=base + event.index,
-                    peak=event.peak_n,
-                    first_peak=event.first_n,
-                    impulse=event.impulse_ns,
-                    contact_s=event.contact_s,
-                    bounces=event.contacts - 1,
-                    turns=turns,
-                )
-            )
+                impact = replace(impact, turns=self._cycles.turns_at(impact.first_sample))
+            publish(impact)
             self._waiting.popleft()
 
-
-@dataclass(frozen=True, slots=True)
-class _Event:
-    """A row of `ImpactEvents`."""
-
-    index: int
-    start: int
-    end: int
-    first_n: float
-    peak_n: float
-    impulse_ns: float
-    contact_s: float
-    contacts: int
-
-
-_COLUMNS = tuple(field.name for field in fields(_Event))
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""

@@ -68,7 +68,12 @@ class EncoderTurns:
             return
         first = self.known_until
         begin = max(first - half, self._begin)
-        smooth = smooth_turns(angle_turns(_mended(self._raw.between(begin, end + half))), 2 * half + 1)
+        angle = self._raw.between(begin, end + half)
+        good = np.isfinite(angle)
+        if not good.all():  # a straight line in the place of samples that are no numbers
+            at = np.arange(len(angle))
+            angle = np.interp(at, at[good], angle[good])
+        smooth = smooth_turns(angle_turns(angle), 2 * half + 1)
         settled = smooth[first - begin : end - begin]
         self._turns.add(SampleBlock(block.channel, first, 0, block.sample_rate, settled))
         self.known_until = end
@@ -110,12 +115,3 @@ class MarkerTurns:
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
         return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad)
-
-
-def _mended(angle: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Without samples that are no numbers: a straight line in their place."""
-    good = np.isfinite(angle)
-    if good.all():
-        return angle
-    at = np.arange(len(angle))
-    return np.asarray(np.interp(at, at[good], angle[good]))

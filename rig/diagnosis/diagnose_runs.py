@@ -75,7 +75,7 @@ def diagnose_runs(
         raise RattleError(f"cannot write to {out}: {error.strerror}") from error
     effort = effort_for(data.campaign, budget_s)
     with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
-        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
+        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
 
@@ -196,7 +196,7 @@ def _simulated(
         for _ in range(count)
     ]
     with worker_processes(cores()) as workers, screen.bar("simulating", len(draws), "rigs") as bar:
-        simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar.at)
+        simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar)
         shown = iter(simulated(draws))
     sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
     if any(len(each) < _FEWEST for each in sets):

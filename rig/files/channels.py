@@ -42,14 +42,14 @@ def _read_channels(tables: object, key: str, faults: Faults) -> tuple[CardChanne
     inputs = [table.get("physical") for table in tables if isinstance(table, dict)]
     if inputs and all(isinstance(name, str) and sort_of_input(name) == "ctr" for name in inputs):
         faults.add(f"{key}.physical", inputs[0], f"{INPUT_WORDS['ai']} too, whose clock samples the counters")
-    read = (_channel(table, _key_of(table, index, key), faults) for index, table in enumerate(tables))
-    return tuple(channel for channel in read if channel is not None)
-
-
-def _key_of(table: Any, index: int, key: str) -> str:
-    """`daq_card.channels."yoke.force"`, or the table's number (from 1) where it has no name."""
-    name = table.get("name") if isinstance(table, dict) else None
-    return dotted(key, name) if isinstance(name, str) and name else f"{key}[{index + 1}]"
+    channels: list[CardChannel] = []
+    for number, table in enumerate(tables, start=1):
+        name = table.get("name") if isinstance(table, dict) else None
+        # `daq_card.channels."yoke.force"`, or the table's number where it has no name
+        here = dotted(key, name) if isinstance(name, str) and name else f"{key}[{number}]"
+        if (channel := _channel(table, here, faults)) is not None:
+            channels.append(channel)
+    return tuple(channels)
 
 
 def _note_twice(tables: list[Any], key: str, field: str, faults: Faults) -> None:

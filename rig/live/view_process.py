@@ -69,7 +69,7 @@ class ViewerServer:
             ],
             stdin=subprocess.DEVNULL,
             env=viewer_environment(),
-            preexec_fn=_die_with_parent,
+            preexec_fn=lambda: ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL),
         )
         deadline = time.monotonic() + _START_TIMEOUT_S
         while not (_listens(self.grpc_port) and _listens(self.web_port)):
@@ -109,10 +109,6 @@ def _listens(port: int) -> bool:
             return True
     except OSError:
         return False
-
-
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def serve(pipe: Connection, layout: Layout, patience_s: float, memory_limit: str) -> None:

@@ -77,7 +77,7 @@ def find_centre(
             with rig.moving(), screen.bar("centring", _USUAL_PROBES, "offsets") as bar:
 
                 def told(probe: Probe) -> None:
-                    bar.at(probe.number)
+                    bar(probe.number)
                     record.note(probe, *beam.listened)
 
                 beam.start()

@@ -106,4 +106,4 @@ class _Dwells:
             return (rig.acquisition.acquired - begin) / rig.sample_rate
 
         with rig.screen.bar(what, self.dwell_s) as bar:
-            rig.watch.until(rig.acquisition, lambda: stayed_s() >= self.dwell_s, lambda: bar.at(stayed_s()))
+            rig.watch.until(rig.acquisition, lambda: stayed_s() >= self.dwell_s, lambda: bar(stayed_s()))

@@ -52,23 +52,19 @@ class Screen:
             yield
 
     @contextmanager
-    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Bar]:
-        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter."""
+    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
+        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter.
+
+        What it gives is told how far it is, in that unit.
+        """
         if not self.console.is_terminal:
             self.say(f"{text} ({total:g} {unit}) ...")
-            yield Bar(lambda done: None) if unit == "s" else Bar(_Quarters(self.say, text, total).at)
+            yield (lambda done: None) if unit == "s" else _Quarters(self.say, text, total)
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         with Progress(*columns, console=self.console, transient=True) as progress:
             task = progress.add_task(text, total=total)
-            yield Bar(lambda done: progress.update(task, completed=done))
-
-
-class Bar:
-    """One progress bar; `at` shows how far it is, in the unit of the total."""
-
-    def __init__(self, at: Callable[[float], None]) -> None:
-        self.at = at
+            yield lambda done: progress.update(task, completed=done)
 
 
 class _Quarters:
@@ -77,7 +73,7 @@ class _Quarters:
     def __init__(self, say: Callable[[str], None], text: str, total: float) -> None:
         self._say, self._text, self._total, self._said = say, text, total, 0
 
-    def at(self, done: float) -> None:
+    def __call__(self, done: float) -> None:
         quarters = min(3, int(4 * done / self._total)) if self._total else 3
         if quarters > self._said:
             self._said = quarters

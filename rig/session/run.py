@@ -73,7 +73,7 @@ class Sequence:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
-            rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar.at(self._since(begin)))
+            rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
         rig.logbook.tell("info", "record.end", "recorded")
         rig.end_record()
         rig.ramp_down()
@@ -89,7 +89,7 @@ class Sequence:
                 end = max(end, self.feed.feed_from)
             else:
                 self.feed.feed_from = full
-            self._until(end, lambda: bar.at(self._since(full)))
+            self._until(end, lambda: bar(self._since(full)))
 
     def _trim(self, since: int) -> bool:
         """Correct what the frequency is off by the measured drive; returns whether it was."""
@@ -121,8 +121,13 @@ class Sequence:
         self.rig.start(starts_softly(self.wanted), self.path)
         tell = self.rig.logbook.tell
         if self.path:
-            came = "; ".join(map(_named, self.path))
-            tell("info", "drive.path", f"came without a rest through {came}")
+            # each section [drive] in words, SI
+            settings = settings_of(type(self.path[0])).items()
+            came = (
+                ", ".join(f"{key} {getattr(drive, each.name):g}" for key, each in settings)
+                for drive in self.path
+            )
+            tell("info", "drive.path", f"came without a rest through {'; '.join(came)}")
         tell("info", "drive.on", self.rig.motion.what)
 
     def _until(self, sample: int, show: Callable[[], None] = lambda: None) -> None:
@@ -134,12 +139,6 @@ class Sequence:
 
     def _samples(self, seconds: float) -> int:
         return round(seconds * self.rig.sample_rate)
-
-
-def _named(drive: Any) -> str:
-    """A section [drive] in words, SI."""
-    settings = settings_of(type(drive)).items()
-    return ", ".join(f"{key} {getattr(drive, each.name):g}" for key, each in settings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,11 @@ class MarkWatch:
 
         `zeros`, shape (m,): where the angle passes whole turns, in samples since the card's start.
         """
-        by_angle, by_mark = (_turn(marks[(marks >= begin) & (marks < end)]) for marks in (zeros, self.marks))
+        inside = (marks[(marks >= begin) & (marks < end)] for marks in (zeros, self.marks))
+        # samples of a turn, whatever single marks lack or are too many
+        by_angle, by_mark = (
+            float(np.median(np.diff(each))) if len(each) > _FEWEST_TURNS else None for each in inside
+        )
         if by_angle is None or by_mark is None:
             return ""
         if abs(by_mark - by_angle) <= _SAME_SPEED * by_angle + 1.0:  # a mark is known to a sample
@@ -91,11 +95,6 @@ class MarkWatch:
         if recorded:
             self._missing += self._tracker.missing - before[0]
             self._rejected += self._tracker.extra - before[1]
-
-
-def _turn(marks: NDArray[np.float64]) -> float | None:
-    """Samples of a turn, whatever single marks lack or are too many; None where there are too few."""
-    return float(np.median(np.diff(marks))) if len(marks) > _FEWEST_TURNS else None
 
 
 class ShaftWatch:
