@@ -28,8 +28,7 @@ from sim_twin.ensembles.figures import Spread, failures, spread_of
 from sim_twin.ensembles.simulate import Outcome
 from sim_twin.rigs.rig_model import RunFigures
 
-_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "NUMBA")
-_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
+_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 """A worker a core is all there is: threads of linear algebra would only fight, and could change last bits."""
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://.+:[0-9]+")
 _ANSWER_S = 10.0

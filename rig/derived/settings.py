@@ -85,11 +85,6 @@ def role_of(channel: str) -> Role:
     return Role.RESPONSE if known is None else known.role
 
 
-def is_watched(channel: str) -> bool:
-    """Whether impacts are looked for in it."""
-    return role_of(channel) in (Role.CONTACT, Role.VIBRATION)
-
-
 def has_figures(channel: str) -> bool:
     """Whether there are figures of its cycles."""
     return role_of(channel) not in (Role.ANGLE, Role.MARKER)

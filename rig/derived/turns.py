@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +21,6 @@ _SMOOTHED_S = 4e-3
 _MARKS_KEPT = 512
 
 
-class Turns(Protocol):
-    """Turns by sample index; a stream that goes back in time or has a hole starts afresh after it."""
-
-    channel: str
-
-    def add(self, block: SampleBlock) -> None: ...
-
-    @property
-    def known_until(self) -> int:
-        """Turns of samples from here on are not known yet."""
-
-    def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Turns at sample indices that grow, shape (n,); NaN where they are not known, or no more."""
-
-
 def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | None:
     """From the encoder's `angle` if it is among `channels`, else from `marker`; None where neither is."""
     if angle in channels:
@@ -45,7 +29,10 @@ def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | No
 
 
 class EncoderTurns:
-    """Turns from an unwrapped crank angle in rad, its steps smoothed."""
+    """Turns from an unwrapped crank angle in rad, its steps smoothed; not known yet from `known_until` on.
+
+    A stream that goes back in time or has a hole starts afresh after it.
+    """
 
     def __init__(self, channel: str) -> None:
         self.channel = channel
@@ -79,6 +66,7 @@ class EncoderTurns:
         self.known_until = end
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Turns at sample indices that grow, shape (n,); NaN where they are not known, or no more."""
         if not len(samples):
             return np.empty(0)
         first = int(samples[0])
@@ -115,3 +103,6 @@ class MarkerTurns:
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
         return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad)
+
+
+Turns = EncoderTurns | MarkerTurns

@@ -83,11 +83,6 @@ def quantity_field(quantity: Quantity) -> Field:
     return field_of(Setting("", "", float, REQUIRED, quantity))
 
 
-def text_field(text: Text) -> Field:
-    """The reader of a text that stands in no class."""
-    return field_of(Setting("", "", str, REQUIRED, text))
-
-
 def _readable(kind: Any, meaning: object) -> Any:
     """A type that pydantic checks as the declaration says."""
     match meaning:

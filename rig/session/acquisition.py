@@ -52,7 +52,7 @@ class Acquisition:
     ) -> None:
         self._card, self._clock, self._stream, self._limits = card, clock, stream, limits
         self._readers: tuple[Reader, ...] = (self._watch_limits, self._note_flags, self._record, *readers)
-        self._names = [channel.name for channel in card.channels]
+        self.name, self._names = card.name, [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._stop = threading.Event()
@@ -79,10 +79,6 @@ class Acquisition:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
-
-    @property
-    def name(self) -> str:
-        return self._card.name
 
     @property
     def record_start_ns(self) -> int:

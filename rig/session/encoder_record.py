@@ -84,8 +84,8 @@ class EncoderRecord:
         self._guard, self._speed = guard, self._new_speed()
         self._clock = DeviceClock(ENCODER_DEVICE, base)
         self._count = max(1, round(BLOCK_S / encoder.period_s))
-        self._per_count = math.tau / encoder.counts_per_revolution
-        step = math.ceil(fastest_rad_s / self._per_count * encoder.period_s) + 1
+        self.angle_per_count = math.tau / encoder.counts_per_revolution
+        step = math.ceil(fastest_rad_s / self.angle_per_count * encoder.period_s) + 1
         self._unwrapper = Unwrapper(encoder.total_range, min(step, (encoder.total_range - 1) // 2))
         self._next_number = 0
         self._backlog: deque[_Stretch] = deque()
@@ -149,10 +149,6 @@ class EncoderRecord:
             self._stream(step)
         return records
 
-    @property
-    def angle_per_count(self) -> float:
-        return self._per_count
-
     def seen(self) -> tuple[Array, Array]:
         """Times on the time base (s since the card's sample 0) and angles (rad) of the last 30 s."""
         if not self._seen:
@@ -206,7 +202,7 @@ class EncoderRecord:
         if not -_EARLIEST_S < by_arrival - card_s < _LATEST_S:  # set, and its model does not know it yet
             card_s, known = by_arrival, False
         flags |= Flag.GOOD if known else Flag.CLOCK_NOT_LOCKED
-        angle_rad = np.asarray(unwrapped.counts * self._per_count, np.float64)
+        angle_rad = np.asarray(unwrapped.counts * self.angle_per_count, np.float64)
         return _Stretch(number, card_s, angle_rad, flags, ambiguous)
 
     def _show(self, stretches: list[_Stretch]) -> None:

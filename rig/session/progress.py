@@ -59,22 +59,17 @@ class Screen:
         """
         if not self.console.is_terminal:
             self.say(f"{text} ({total:g} {unit}) ...")
-            yield (lambda done: None) if unit == "s" else _Quarters(self.say, text, total)
+            said = 0
+
+            def quarters(done: float) -> None:
+                nonlocal said
+                if (now := min(3, int(4 * done / total)) if total else 3) > said:
+                    said = now
+                    self.say(f"{text} {25 * now} %")
+
+            yield (lambda done: None) if unit == "s" else quarters
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         with Progress(*columns, console=self.console, transient=True) as progress:
             task = progress.add_task(text, total=total)
             yield lambda done: progress.update(task, completed=done)
-
-
-class _Quarters:
-    """Says when another quarter of a count is done."""
-
-    def __init__(self, say: Callable[[str], None], text: str, total: float) -> None:
-        self._say, self._text, self._total, self._said = say, text, total, 0
-
-    def __call__(self, done: float) -> None:
-        quarters = min(3, int(4 * done / self._total)) if self._total else 3
-        if quarters > self._said:
-            self._said = quarters
-            self._say(f"{self._text} {25 * quarters} %")

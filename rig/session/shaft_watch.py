@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.angle.marker import MarkTracker
+from daq.angle.skew import find_skew
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.records import Event
@@ -16,7 +17,7 @@ from drivers.protocols.card import CardReading
 from drivers.protocols.encoder import PositionEncoder
 from rig.rigs import shows_marks
 from rig.session.acquisition import Acquisition
-from rig.session.encoder_check import encoder_at_marks
+from rig.session.encoder_check import at_marks
 from rig.session.encoder_record import EncoderRecord
 from rig.session.interlock import guards_of_shaft
 from rig.session.motor import OVERSPEED
@@ -39,7 +40,7 @@ class MarkWatch:
     """
 
     def __init__(self, channels: Iterable[Channel]) -> None:
-        self.channel = next((channel.name for channel in channels if shows_marks(channel)), None)
+        self.channel = next((channel.name for channel in channels if shows_marks(channel.name)), None)
         self._tracker = MarkTracker()
         self._seen: deque[float] = deque(maxlen=_MOST_MARKS)
         self._missing = self._rejected = 0
@@ -159,6 +160,6 @@ class ShaftWatch:
     def encoder_at_mark(self, encoder: EncoderRecord) -> Iterator[tuple[str, str]]:
         """Code and text: how the encoder stands against the card's mark."""
         marks = self._speed.marks if self._marks.channel is None else self._marks.marks
-        skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
-        if skew is not None:
+        seen = at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
+        if (skew := find_skew([seen])) is not None:
             yield self._marks.standing(str(skew), str(self._speed.channel))

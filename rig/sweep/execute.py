@@ -115,7 +115,9 @@ class Sweeping:
                         self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
                     else:
                         self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
-                    self._keep(self._state.with_hand(axis.key, value))
+                    # a move by hand also ends what centring found
+                    hands = {**self._state.by_hand, axis.key: value}
+                    self._keep(dataclasses.replace(self._state, by_hand=hands, centre=None))
             self._point(step.point, last=step is todo[-1])
         return self._state
 
