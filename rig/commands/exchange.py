@@ -84,7 +84,14 @@ def import_(
         if not 0 < rates[-1] < 1e9:
             raise typer.BadParameter(f"--sample-rate {text}: more than 0 Hz")
     if started is not None:
-        started_ns = _unix_ns(started)
+        match = _ISO.fullmatch(started)
+        try:
+            if match is None:
+                raise ValueError(started)
+            moment = datetime.datetime.fromisoformat(match[1]).replace(tzinfo=datetime.UTC)
+        except ValueError as error:
+            raise typer.BadParameter(f"--started {started}: a time such as 2026-09-21T14:13:20.5Z") from error
+        started_ns = int(moment.timestamp()) * 10**9 + int((match[2] or "0").ljust(9, "0"))
     answers = Answers(renamed, units, skip or (), rates, started_ns)
     target = out or files[0].with_suffix(".mcap")
     screen = Screen(Console())
@@ -159,17 +166,6 @@ def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path
 
 
 _ISO = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?")
-
-
-def _unix_ns(text: str) -> int:
-    match = _ISO.fullmatch(text)
-    try:
-        if match is None:
-            raise ValueError(text)
-        moment = datetime.datetime.fromisoformat(match[1]).replace(tzinfo=datetime.UTC)
-    except ValueError as error:
-        raise typer.BadParameter(f"--started {text}: a time such as 2026-09-21T14:13:20.5Z") from error
-    return int(moment.timestamp()) * 10**9 + int((match[2] or "0").ljust(9, "0"))
 
 
 def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
