@@ -1,7 +1,8 @@
-"""The devices of a run."""
+"""The devices of a run, and what its log says of the chains behind the sensors."""
 
 from __future__ import annotations
 
+import json
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -9,8 +10,7 @@ from functools import partial
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.scpi.settings import GeneratorSettings
-from rig.card_wiring import chain_record
-from rig.emulation import NOTHING_EMULATED, Emulated, EmulatedBench, starting
+from rig.emulation import NOTHING_EMULATED, Emulated, emulated_bench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
@@ -27,7 +27,7 @@ def connect(
     emulated, notes = NOTHING_EMULATED, chain_record(bench)
     if bench.emulated:
         with screen.busy(starting(bench)):
-            emulated = stack.enter_context(EmulatedBench(scenario, bench))
+            emulated = stack.enter_context(emulated_bench(scenario, bench))
         notes["emulated"] = " ".join(INSTRUMENTS[table].word for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
@@ -78,3 +78,38 @@ def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> Acquisition
     settings = replace(settings, sample_rate_hz=scenario.acquisition.sample_rate)
     driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(settings)(settings)
     return driver
+
+
+def chain_record(bench: Bench) -> dict[str, str]:
+    """What the log's `run` record keeps of chains with stages of their own, and of counters; JSON in SI."""
+    record: dict[str, str] = {}
+    for channel in bench.daq_card.channels:
+        amplifier, low_pass, pulses = channel.amplifier, channel.anti_alias, channel.pulses
+        if not (amplifier or low_pass or channel.counted):
+            continue
+        chain: dict[str, object] = {
+            "physical": channel.physical,
+            "kind": channel.kind,
+            "serial": channel.serial,
+            "calibrated": channel.calibrated and channel.calibrated.isoformat(),
+            "amplifier": amplifier
+            and {
+                "serial": amplifier.serial,
+                "gain_v_per_c": channel.gain,
+                "corner_hz": amplifier.corner_hz,
+                "output_v": amplifier.output_v,
+                "state": amplifier.state,
+            },
+            "filter": low_pass
+            and {"serial": low_pass.serial, "corner_hz": low_pass.corner_hz, "order": low_pass.order},
+            "pulses": pulses
+            and {
+                "per_revolution": pulses.per_revolution,
+                "decoding": pulses.decoding,
+                "index": pulses.index,
+                "initial_angle_rad": pulses.initial_angle,
+            },
+        }
+        stated = {key: value for key, value in chain.items() if value}
+        record[f"chain.{channel.name}"] = json.dumps(stated, sort_keys=True)
+    return record

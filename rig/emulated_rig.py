@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from daq.clock import SystemClock
 from drivers.emulator_process import EmulatedInstrument, Fork
@@ -26,6 +26,10 @@ from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
     from rig.twin.shaft import EmulatedMotor
+
+
+RAMP_S: Final = 1.5
+"""From 0 to 60 Hz, of the emulated inverter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +78,7 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
 
 def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig whose crank an inverter turns."""
-    from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
-    from rig.shaft_wiring import inverter_setup
+    from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
     from rig.twin.plant import CrankPlantFactory
     from rig.twin.shaft import drawn_motor
 
@@ -83,7 +86,7 @@ def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
     motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy)
     hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
     output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())
-    setup = inverter_setup(inverter)
+    setup = matching_setup(inverter, RAMP_S)
     return EmulatedRig(
         CrankPlantFactory(twin, motor, seed, run_seed, healthy),
         lambda sinks: start_inverter(InverterWiring(Fork(tuple(sinks))), setup),

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
-from typing import Any, Final, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 
+from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.emulator_process import DriveLink, EmulatedInstrument
+from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
 from rig.emulated_rig import EmulatedRig, drawn_rig
-from rig.files.bench import Bench, tables_of
+from rig.files.bench import Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
 from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
+
+if TYPE_CHECKING:
+    from drivers.canopen_cia406.emulator.process import EncoderSetup
 
 _COMPILED_S: Final = 300.0
 """A plant may have to be compiled first: the spatial crank takes minutes on a slow machine."""
@@ -59,39 +64,28 @@ def starting(bench: Bench) -> str:
     return f"starting the emulated instruments{f' ({FIRST_START})' if simulates else ''}"
 
 
-class EmulatedBench:
+@contextmanager
+def emulated_bench(scenario: Scenario, bench: Bench) -> Iterator[Emulated]:
     """The emulators that a bench asks for, in processes of their own, for as long as the context lasts."""
-
-    def __init__(self, scenario: Scenario, bench: Bench) -> None:
-        self._scenario, self._bench = scenario, bench
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Emulated:
-        with ExitStack() as starting:
-            scenario, bench = self._scenario, self._bench
-            hears, emulation = bench.actuator.emulated, bench.emulation
-            seed = secrets.randbits(32) if emulation.seed is None else emulation.seed
-            rig = drawn_rig(scenario, bench, seed, secrets.randbits(32))
-            started: dict[str, EmulatedInstrument] = {}
-            with ExitStack() as links:
-                shown = [table for table in bench.emulated if INSTRUMENTS[table].emulator]
-                hearing = [table for table in shown if not INSTRUMENTS[table].logs]
-                ways = {table: links.enter_context(DriveLink.new()) for table in hearing if hears}
-                if hears:
-                    sinks = [way.sender for way in ways.values()]
-                    started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
-                    starting.callback(started[RIGS[scenario.rig].actuator].close)
-                for table in shown:
-                    way = ways.get(table)
-                    heard = Heard(way.receiver, None) if way else Heard(None, rig.scenario_output)
-                    started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
-                    starting.callback(started[table].close)
-            emulated = Emulated(started, seed, bool(hearing) and not hears)
-            self._stack = starting.pop_all()
-        return emulated
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
+    hears, emulation = bench.actuator.emulated, bench.emulation
+    seed = secrets.randbits(32) if emulation.seed is None else emulation.seed
+    rig = drawn_rig(scenario, bench, seed, secrets.randbits(32))
+    started: dict[str, EmulatedInstrument] = {}
+    with ExitStack() as running:
+        with ExitStack() as links:
+            shown = [table for table in bench.emulated if INSTRUMENTS[table].emulator]
+            hearing = [table for table in shown if not INSTRUMENTS[table].logs]
+            ways = {table: links.enter_context(DriveLink.new()) for table in hearing if hears}
+            if hears:
+                sinks = [way.sender for way in ways.values()]
+                started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
+                running.callback(started[RIGS[scenario.rig].actuator].close)
+            for table in shown:
+                way = ways.get(table)
+                heard = Heard(way.receiver, None) if way else Heard(None, rig.scenario_output)
+                started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
+                running.callback(started[table].close)
+        yield Emulated(started, seed, bool(hearing) and not hears)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,21 +99,85 @@ class Heard:
 def card(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
     """An emulated card on the rig."""
     from drivers.ni_daq.emulator.process import start_daq_card
-    from rig.card_wiring import wiring_of
 
     return start_daq_card(rig.plant, wiring_of(bench), heard.outputs, heard.initial, deadline_s=_COMPILED_S)
+
+
+# An input takes 5 V or, with the modules for larger signals, 10 V.
+_RANGES_V: Final = (5.0, 10.0)
+
+
+def wiring_of(bench: Bench) -> CardWiring:
+    """The emulated card's inputs: each channel of the bench with the chain that the bench states."""
+    wires: dict[str, Wire] = {}
+    counters: dict[str, CounterWire] = {}
+    for channel in bench.daq_card.channels:
+        amplifier, low_pass, pulses = channel.amplifier, channel.anti_alias, channel.pulses
+        if channel.counted:
+            counters[channel.physical] = (
+                CounterWire(channel.name, threshold_v=channel.range / 2.0)
+                if pulses is None
+                else CounterWire(channel.name, pulses.per_revolution)
+            )
+        else:
+            fitting_v = (range_v for range_v in _RANGES_V if channel.full_scale_v <= range_v)
+            wires[channel.physical] = Wire(
+                channel.name,
+                channel.volts_per_unit,
+                range_v=next(fitting_v, _RANGES_V[-1]),
+                charge=None
+                if amplifier is None
+                else ChargeStage(amplifier.corner_hz, amplifier.output_v or _RANGES_V[-1]),
+                low_pass=None if low_pass is None else LowPassStage(low_pass.corner_hz, low_pass.order),
+            )
+    return CardWiring(wires, counters=counters)
 
 
 def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
     """An emulated encoder on the shaft of the rig."""
     from drivers.canopen_cia406.emulator.process import start_encoder
-    from rig.shaft_wiring import encoder_setup
     from rig.twin.shaft import ShaftFactory
 
     if rig.motor is None or bench.encoder is None:
         raise LookupError("an encoder needs a shaft")
     setup = encoder_setup(bench.encoder, seed, bench.emulation)
     return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
+
+
+_COUNTS: Final = 4096
+_CLOCK_PPM: Final = 20.0
+"""Standard deviation of a crystal from its rate."""
+
+
+def encoder_setup(encoder: EncoderSettings, seed: int, emulation: Emulation) -> EncoderSetup:
+    """An emulated encoder as the bench wants it.
+
+    Its zero lies anywhere and its clocks are off, by `seed`, unless it is to be nothing but nominal.
+    """
+    import numpy as np
+
+    from drivers.canopen_cia406.emulator.process import EncoderSetup
+    from drivers.canopen_cia406.objects import SCALING
+
+    wanted = {name: value for name, value in asdict(encoder.identity).items() if value is not None}
+    counts = wanted.pop("counts_per_revolution", _COUNTS)
+    revolutions = max(wanted.pop("total_range", counts) // counts, 1)
+    scaling = bool(wanted.pop("operating_parameters", SCALING) & SCALING)
+    draw = np.random.default_rng([seed, 4])
+    zero = int(draw.integers(counts))
+    period_ppm, clock_ppm = (float(off) for off in draw.normal(0.0, _CLOCK_PPM, 2))
+    return EncoderSetup(
+        node=encoder.node,
+        channel=str(encoder.options["channel"]),
+        counts_per_revolution=counts,
+        revolutions=revolutions,
+        scaling=scaling,
+        offset_counts=zero if emulation.healthy else 0,
+        period_ppm=period_ppm if emulation.healthy else 0.0,
+        clock_ppm=clock_ppm if emulation.healthy else 0.0,
+        lag_s=emulation.encoder_lag,
+        **wanted,
+    )
 
 
 _FIRST: Final = ("driver", "interface")

@@ -28,8 +28,7 @@ from sim_twin.ensembles.figures import Spread, failures, spread_of
 from sim_twin.ensembles.simulate import Outcome
 from sim_twin.rigs.rig_model import RunFigures
 
-_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "NUMBA")
-_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
+_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 """A worker a core is all there is: threads of linear algebra would only fight, and could change last bits."""
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://.+:[0-9]+")
 _ANSWER_S = 10.0
@@ -192,14 +191,9 @@ def spread_table(spreads: Mapping[str, Spread]) -> Table:
         table.add_column(column, justify="right")
     for name, spread in spreads.items():
         numbers = (spread.mean, spread.deviation, spread.p5, spread.median, spread.p95)
-        table.add_row(name, str(spread.runs), *(_figure(x) for x in numbers))
+        shown = ("-" if x is None else f"{x:{'.0f' if 1e3 <= abs(x) < 1e9 else '.4g'}}" for x in numbers)
+        table.add_row(name, str(spread.runs), *shown)
     return table
-
-
-def _figure(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
 def failure_lines(outcomes: Outcomes) -> list[str]:

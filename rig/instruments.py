@@ -34,9 +34,6 @@ class Actuator:
     devices: str
     per_si: float = 1.0
 
-    def highest_of(self, settings: Any) -> float:
-        return float(getattr(settings, self.highest)) * self.per_si
-
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
@@ -95,14 +92,14 @@ _OWN: Final = {
         "drivers.ni_daq.channels:CardSettings",
         {"nidaqmx": "drivers.ni_daq.card:NiDaqCard"},
         emulator="rig.emulation:card",
-        reader="rig.files.channels:read_card",
+        reader="rig.files.instrument_tables:read_card",
     ),
     "encoder": Instrument(
         "encoder",
         "drivers.canopen_cia406.settings:EncoderSettings",
         {"canopen_cia406": "drivers.canopen_cia406.encoder:CanopenEncoder"},
         emulator="rig.emulation:encoder",
-        reader="rig.files.encoder:read_encoder",
+        reader="rig.files.instrument_tables:read_encoder",
         left_open={"interface": "socketcand", "channel": "can0", "node": 7},
     ),
 }

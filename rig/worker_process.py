@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain, takewhile
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
@@ -175,7 +176,8 @@ def _work(pipe: Connection, task: Task) -> None:
     try:
         task.prepare()
         pipe.send(_Ready())
-        task.run(_items(pipe), pipe.send)
+        items = chain.from_iterable(iter(pipe.recv, None))  # of one batch after the other, until None
+        task.run(takewhile(lambda item: item is not None, items), pipe.send)
         pipe.send(_Done())
     except (EOFError, ConnectionError):  # whoever started it is gone
         return
@@ -183,14 +185,6 @@ def _work(pipe: Connection, task: Task) -> None:
         traceback.print_exc(file=sys.stderr)
         with suppress(OSError):
             pipe.send(_Done(_words_of(error)))
-
-
-def _items(pipe: Connection) -> Iterator[object]:
-    while True:
-        for item in pipe.recv():
-            if item is None:
-                return
-            yield item
 
 
 def _words_of(error: Exception) -> str:

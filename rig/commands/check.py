@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,9 +70,9 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
     if isinstance(loaded, Bench):
         check_bench(loaded, today)
         return loaded
-    _check_anywhere(loaded, str(file))
+    _check(loaded, None, str(file), today)
     # Another bench may well allow it: no fault of the scenario.
-    for problem in raised_by(lambda: _check_together(loaded, embedded_bench(loaded.rig), "", today)):
+    for problem in raised_by(lambda: _check(loaded, embedded_bench(loaded.rig), "", today)):
         typer.echo(f"! needs a bench of its own, the emulated one refuses {problem}")
     return loaded
 
@@ -89,44 +90,34 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
         raise ConfigurationError(str(bench_file), [Problem("--bench", f"beside {file}, a bench", allowed)])
     bench = gathered.of(lambda: load_bench(bench_file, None if loaded is None else loaded.rig))
     if loaded is not None and bench is not None:
-        _check_together(loaded, bench, str(file), today)
+        _check(loaded, bench, str(file), today)
         return loaded
     if loaded is not None:
-        gathered.of(lambda: _check_anywhere(loaded, str(file)))
+        gathered.of(lambda: _check(loaded, None, str(file), today))
     if bench is not None:
         gathered.of(lambda: check_bench(bench, today))
     raise gathered.error()
 
 
-def _check_anywhere(wanted: Scenario | Sweep, source: str) -> None:
-    """Raise ConfigurationError with all that no bench allows."""
+def _check(wanted: Scenario | Sweep, bench: Bench | None, source: str, today: datetime.date) -> None:
+    """Raise ConfigurationError with all that no bench allows, and what this `bench` does not."""
     from rig.files.faults import Faults, raised_by
-    from rig.files.pairing import check_scenario
+    from rig.files.pairing import check_pair, check_scenario
     from rig.files.scenario import Scenario
     from rig.twin.scenario_twin import check_twin
 
-    if not isinstance(wanted, Scenario):
-        from rig.sweep.plan import check_points_anywhere
+    if isinstance(wanted, Scenario):
+        faults = Faults(source if bench is None else f"{source} on {bench.source}")
+        fits = partial(check_scenario, wanted, source)
+        if bench is not None:
+            fits = partial(check_pair, wanted, bench, today)
+        for problem in raised_by(fits, lambda: check_twin(wanted)):
+            faults.note(problem)
+        faults.raise_if_any()
+        return
+    from rig.sweep.plan import check_points, check_points_anywhere
 
+    if bench is None:
         check_points_anywhere(wanted)
-        return
-    faults = Faults(source)
-    faults.note_all(raised_by(lambda: check_scenario(wanted, source), lambda: check_twin(wanted)))
-    faults.raise_if_any()
-
-
-def _check_together(wanted: Scenario | Sweep, bench: Bench, source: str, today: datetime.date) -> None:
-    """Raise ConfigurationError with all that this bench does not allow, and with what none does."""
-    from rig.files.faults import Faults, raised_by
-    from rig.files.pairing import check_pair
-    from rig.files.scenario import Scenario
-    from rig.twin.scenario_twin import check_twin
-
-    if not isinstance(wanted, Scenario):
-        from rig.sweep.plan import check_points
-
+    else:
         check_points(wanted, bench, today)
-        return
-    faults = Faults(f"{source} on {bench.source}")
-    faults.note_all(raised_by(lambda: check_pair(wanted, bench, today), lambda: check_twin(wanted)))
-    faults.raise_if_any()

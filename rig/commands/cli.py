@@ -13,95 +13,50 @@ from daq.errors import ConfigurationError, InterlockTripped, RattleError, Unphys
 from daq.plugins import UNUSED
 from rig.session.signals import Stopped
 
-COMMANDS: Final = (
-    (
-        "run",
-        "rig.commands.run:run",
-        "Drive the rig, record every instrument, predict, overlay; prints the path of the log.",
+_HELP: Final = {
+    "run:run": "Drive the rig, record every instrument, predict, overlay; prints the path of the log.",
+    "sweep:sweep": "Run a scenario point by point; the same call goes on where a sweep was stopped.",
+    "sweep:centre": (
+        "Find the drive's offset that centres the beam between its stops; writes a scenario that has it."
     ),
-    (
-        "sweep",
-        "rig.commands.sweep:sweep",
-        "Run a scenario point by point; the same call goes on where a sweep was stopped.",
+    "dwell:dwell": "Record a crank at several speeds in one log, without a twin; `rattle skew` reads it.",
+    "run:emulate": (
+        "Start the emulated instruments on their real wire protocols; prints where each listens."
     ),
-    (
-        "centre",
-        "rig.commands.sweep:centre",
-        "Find the drive's offset that centres the beam between its stops; writes a scenario that has it.",
+    "predict:predict": (
+        "Run the twin only: from rest with the full drive, or with --seed a healthy rig with noise."
     ),
-    (
-        "dwell",
-        "rig.commands.dwell:dwell",
-        "Record a crank at several speeds in one log, without a twin; `rattle skew` reads it.",
+    "diagnose:calibrate": (
+        "Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it."
     ),
-    (
-        "emulate",
-        "rig.commands.emulate:emulate",
-        "Start the emulated instruments on their real wire protocols; prints where each listens.",
+    "predict:ensemble": (
+        "Draw healthy rigs of a scenario, run each from rest, and show how their figures spread."
     ),
-    (
-        "predict",
-        "rig.commands.predict:predict",
-        "Run the twin only: from rest with the full drive, or with --seed a healthy rig with noise.",
+    "reproduce:reproduce": (
+        "Compute the papers' figures anew, and say where they differ from the text and by how much."
     ),
-    (
-        "calibrate",
-        "rig.commands.diagnose:calibrate",
-        "Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it.",
+    "logs:overlay": (
+        "Add the twin's prediction to a recorded run, in a new file; with effects, the nominal twin too."
     ),
-    (
-        "ensemble",
-        "rig.commands.predict:ensemble",
-        "Draw healthy rigs of a scenario, run each from rest, and show how their figures spread.",
+    "logs:replay": "Play a log through the same path as a live run.",
+    "diagnose:diagnose": (
+        "Say where rig and twin differ, which effect causes it, and how far the gap shrinks with it in."
     ),
-    (
-        "reproduce",
-        "rig.commands.reproduce:reproduce",
-        "Compute the papers' figures anew, and say where they differ from the text and by how much.",
+    "diagnose:gap": "Measure how far runs lie from their twin, and from the twin with some effects in.",
+    "predict:effects": (
+        "List the effects that a scenario's twin can have, with the ranges of their parameters."
     ),
-    (
-        "overlay",
-        "rig.commands.logs:overlay",
-        "Add the twin's prediction to a recorded run, in a new file; with effects, the nominal twin too.",
+    "check:check": "Validate a scenario, bench or sweep file; lists every error at once. Nothing moves.",
+    "logs:verify": "Check a log's integrity and account for every sample.",
+    "logs:recover": "Rebuild a log that a crash left, into a new file.",
+    "exchange:export": "Write a log in another program's format; warns of what the format cannot hold.",
+    "exchange:import_": "Make a log of another program's file; a scenario says which rig it was.",
+    "dwell:skew": (
+        "Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes."
     ),
-    ("replay", "rig.commands.logs:replay", "Play a log through the same path as a live run."),
-    (
-        "diagnose",
-        "rig.commands.diagnose:diagnose",
-        "Say where rig and twin differ, which effect causes it, and how far the gap shrinks with it in.",
-    ),
-    (
-        "gap",
-        "rig.commands.diagnose:gap",
-        "Measure how far runs lie from their twin, and from the twin with some effects in.",
-    ),
-    (
-        "effects",
-        "rig.commands.predict:effects",
-        "List the effects that a scenario's twin can have, with the ranges of their parameters.",
-    ),
-    (
-        "check",
-        "rig.commands.check:check",
-        "Validate a scenario, bench or sweep file; lists every error at once. Nothing moves.",
-    ),
-    ("verify", "rig.commands.logs:verify", "Check a log's integrity and account for every sample."),
-    ("recover", "rig.commands.logs:recover", "Rebuild a log that a crash left, into a new file."),
-    (
-        "export",
-        "rig.commands.exchange:export",
-        "Write a log in another program's format; warns of what the format cannot hold.",
-    ),
-    (
-        "import",
-        "rig.commands.exchange:import_",
-        "Make a log of another program's file; a scenario says which rig it was.",
-    ),
-    (
-        "skew",
-        "rig.commands.dwell:skew",
-        "Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes.",
-    ),
+}  # by module and function
+COMMANDS: Final = tuple(
+    (place.partition(":")[2].rstrip("_"), f"rig.commands.{place}", told) for place, told in _HELP.items()
 )
 """Name, module and function, help. A module here imports what the work takes in its functions' bodies."""
 
@@ -141,26 +96,18 @@ def main() -> None:
     app = _app()
     for name, _, told in COMMANDS:
         app.command(name, cls=_LoadedWhenCalled, help=told)(lambda: None)
-    sys.exit(_guarded(app))
-
-
-def _told(app: typer.Typer) -> Any:
-    """Run; what other packages offered in vain is told before what it may have led to."""
     try:
-        return app(standalone_mode=False)
-    finally:
-        for fault in UNUSED:
-            print(f"! {fault}", file=sys.stderr)
-
-
-def _guarded(app: typer.Typer) -> int:
-    try:
-        # Without standalone mode typer returns the code of a typer.Exit that a command raised.
-        return int(_told(app) or 0)
+        try:
+            # Without standalone mode typer returns the code of a typer.Exit that a command raised.
+            code = int(app(standalone_mode=False) or 0)
+        finally:  # what other packages offered in vain is told before what it may have led to
+            for fault in UNUSED:
+                print(f"! {fault}", file=sys.stderr)
     except tuple(kind for kind, _ in _CODES) as error:
         print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
-        return next(code for kind, code in _CODES if isinstance(error, kind))
+        code = next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
-        told = error.format_message() if isinstance(error, typer.BadParameter) else error
-        print(f"rattle: {told}", file=sys.stderr)
-        return WRONG_USE
+        words = error.format_message() if isinstance(error, typer.BadParameter) else error
+        print(f"rattle: {words}", file=sys.stderr)
+        code = WRONG_USE
+    sys.exit(code)

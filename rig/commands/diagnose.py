@@ -141,7 +141,7 @@ def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: 
     from sim_twin.diagnosis.matching import match
 
     with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
-        simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar.at)
+        simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar)
         outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
     if simulate.cut_short:
         screen.warn(

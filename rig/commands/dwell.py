@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
-from collections.abc import Iterator
 from math import tau
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,8 +17,7 @@ from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
-    from daq.angle.skew import RecordingSkew, Skew
-    from rig.files.scenario import Scenario
+    pass
 
 
 _MOST = 50
@@ -39,12 +37,17 @@ def dwell(
     from daq.quantity import Quantity
     from rig.app import connect
     from rig.files.pairing import check_pair
+    from rig.files.scenario import edited
     from rig.files.table import FieldError, quantity_field
     from rig.session.dwells import DwellRequest, record_dwells
 
     screen = Screen(Console(stderr=False))
     scenario, bench = load_pair(scenario_file, bench_file)
-    scenarios = at_speeds(scenario, speeds)
+    named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
+    if not 1 <= len(named) <= _MOST:
+        allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'
+        raise ConfigurationError("rattle dwell", [Problem("--speeds", speeds, allowed)])
+    scenarios = [edited(scenario, {"drive.speed": speed}, f"--speeds {speed}") for speed in named]
     today = datetime.datetime.now(datetime.UTC).date()
     for one in scenarios:
         check_pair(one, bench, today)
@@ -66,19 +69,8 @@ def dwell(
     screen.say(f"log        {log}")
 
 
-def at_speeds(scenario: Scenario, speeds: str) -> list[Scenario]:
-    """The scenario at each of the speeds, such as "100 rpm, 250 rpm"; raises ConfigurationError."""
-    from rig.files.scenario import edited
-
-    named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
-    if not 1 <= len(named) <= _MOST:
-        allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'
-        raise ConfigurationError("rattle dwell", [Problem("--speeds", speeds, allowed)])
-    return [edited(scenario, {"drive.speed": speed}, f"--speeds {speed}") for speed in named]
-
-
 def skew(runs: RunFiles, as_json: Json = False) -> None:
-    from daq.angle.skew import find_skew
+    from daq.angle.skew import find_skew, late
     from rig.session.encoder_check import logged_at_marks, refuse_several_rigs
 
     refuse_several_rigs(runs)
@@ -94,24 +86,20 @@ def skew(runs: RunFiles, as_json: Json = False) -> None:
             each |= {} if taken is None else dataclasses.asdict(taken)
         print_json(told)
         return
-    console = Console()
-    for line in (*map(_of_run, runs, found.recordings), *_of_all(found)):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
-def _of_run(run: Path, each: RecordingSkew) -> str:
-    from daq.angle.skew import late
-
-    rpm = ", ".join(f"{speed * 60 / tau:.2f}" for speed in each.speeds_rad_s)
-    marks = f"{each.revolutions} marks at {rpm} rpm" if rpm else "no speed that stays for three marks"
-    if each.skew_s is None or each.skew_uncertainty_s is None:
-        return f"{run}: {marks}"
-    return f"{run}: {marks}; late by {late(each.skew_s, each.skew_uncertainty_s)} as this log places it"
-
-
-def _of_all(found: Skew) -> Iterator[str]:
+    lines = []
+    for run, each in zip(runs, found.recordings, strict=True):
+        rpm = ", ".join(f"{speed * 60 / tau:.2f}" for speed in each.speeds_rad_s)
+        line = f"{run}: {each.revolutions} marks at {rpm} rpm"
+        if not rpm:
+            line = f"{run}: no speed that stays for three marks"
+        if each.skew_s is not None and each.skew_uncertainty_s is not None:
+            line += f"; late by {late(each.skew_s, each.skew_uncertainty_s)} as this log places it"
+        lines.append(line)
     if found.angle_rad is None or found.angle_uncertainty_rad is None:
-        yield str(found)
-        return
-    yield f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad"
-    yield f"{found} by itself, with the travel time of the bus's fastest frame"
+        lines.append(str(found))
+    else:
+        lines.append(f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad")
+        lines.append(f"{found} by itself, with the travel time of the bus's fastest frame")
+    console = Console()
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -72,14 +72,27 @@ def import_(
     started: Annotated[str | None, typer.Option("--started", metavar="TIME", help=_STARTED)] = None,
 ) -> None:
     from rig.files.foreign import Answers
+    from rig.files.quantity import QuantityError, si_value
 
-    answers = Answers(
-        _pairs(rename, "--rename"),
-        _pairs(unit, "--unit"),
-        skip or (),
-        [_rate(text) for text in sample_rate or ()],
-        None if started is None else _unix_ns(started),
-    )
+    renamed, units = _pairs(rename, "--rename"), _pairs(unit, "--unit")
+    rates, started_ns = list[float](), None
+    for text in sample_rate or ():
+        try:
+            rates.append(float(text) if re.fullmatch(r"[\d.]+", text) else si_value(text, "Hz"))
+        except (QuantityError, ValueError) as error:
+            raise typer.BadParameter(f"--sample-rate {text}: {error}") from error
+        if not 0 < rates[-1] < 1e9:
+            raise typer.BadParameter(f"--sample-rate {text}: more than 0 Hz")
+    if started is not None:
+        match = _ISO.fullmatch(started)
+        try:
+            if match is None:
+                raise ValueError(started)
+            moment = datetime.datetime.fromisoformat(match[1]).replace(tzinfo=datetime.UTC)
+        except ValueError as error:
+            raise typer.BadParameter(f"--started {started}: a time such as 2026-09-21T14:13:20.5Z") from error
+        started_ns = int(moment.timestamp()) * 10**9 + int((match[2] or "0").ljust(9, "0"))
+    answers = Answers(renamed, units, skip or (), rates, started_ns)
     target = out or files[0].with_suffix(".mcap")
     screen = Screen(Console())
     import_files(files, scenario, target, answers, screen)
@@ -155,17 +168,6 @@ def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path
 _ISO = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?")
 
 
-def _unix_ns(text: str) -> int:
-    match = _ISO.fullmatch(text)
-    try:
-        if match is None:
-            raise ValueError(text)
-        moment = datetime.datetime.fromisoformat(match[1]).replace(tzinfo=datetime.UTC)
-    except ValueError as error:
-        raise typer.BadParameter(f"--started {text}: a time such as 2026-09-21T14:13:20.5Z") from error
-    return int(moment.timestamp()) * 10**9 + int((match[2] or "0").ljust(9, "0"))
-
-
 def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for text in texts or ():
@@ -174,15 +176,3 @@ def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
             raise typer.BadParameter(f"{option} {text}: two texts with = between them")
         pairs[theirs] = ours
     return pairs
-
-
-def _rate(text: str) -> float:
-    from rig.files.quantity import QuantityError, si_value
-
-    try:
-        rate = float(text) if re.fullmatch(r"[\d.]+", text) else si_value(text, "Hz")
-    except (QuantityError, ValueError) as error:
-        raise typer.BadParameter(f"--sample-rate {text}: {error}") from error
-    if not 0 < rate < 1e9:
-        raise typer.BadParameter(f"--sample-rate {text}: more than 0 Hz")
-    return rate

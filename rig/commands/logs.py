@@ -18,7 +18,7 @@ from rig.session.progress import Screen
 if TYPE_CHECKING:
     from daq.log.reader import Origin
     from daq.log.recover import LogReport
-    from rig.report.record import RunRecord, Tally
+    from rig.report.record import RunRecord
 
 
 def overlay(
@@ -129,7 +129,10 @@ def show(run: RunRecord, screen: Screen) -> None:
     origins: tuple[Origin, Origin] = ("measured", "predicted")
     for name, channel in run.channels.items():
         both = [run.tallies.get((origin, name)) for origin in origins]
-        rms, peaks = ([_number(each, what) for each in both] for what in ("rms", "peak"))
+        rms, peaks = (
+            ["-" if each is None else f"{getattr(each, what):.4g}" for each in both]
+            for what in ("rms", "peak")
+        )
         table.add_row(name, *rms, *peaks, channel.unit)
     screen.console.print(table)
     contacts = any(name.startswith("contact.") for name in run.channels)
@@ -147,10 +150,6 @@ def show(run: RunRecord, screen: Screen) -> None:
         if tally.overloaded_blocks:
             screen.warn(f"{name}: overload in {tally.overloaded_blocks} blocks")
     screen.say(f"gaps       {len(run.gaps)}; overloaded blocks {run.overloaded_blocks}")
-
-
-def _number(trace: Tally | None, what: str) -> str:
-    return "-" if trace is None else f"{getattr(trace, what):.4g}"
 
 
 def report_and_name(run: RunRecord, screen: Screen) -> None:

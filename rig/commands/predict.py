@@ -101,15 +101,7 @@ def ensemble(
     ] = None,
     machine: Json = False,
 ) -> None:
-    from rig.ensembles import (
-        as_json,
-        cluster,
-        cores,
-        failure_lines,
-        spread_table,
-        worker_processes,
-        write_runs,
-    )
+    from rig import ensembles
     from rig.files.scenario import load_scenario
     from rig.twin.scenario_twin import twin_of, with_effects
     from sim_twin.ensembles.figures import Figures, spread_of
@@ -124,7 +116,10 @@ def ensemble(
     twin = twin_of(scenario)
     population = Population(twin if effects is None else with_effects(twin, effects), any_phase=False)
     screen = Screen(Console(stderr=machine))
-    source = worker_processes(workers or cores()) if scheduler is None else cluster(scheduler)
+    if scheduler is None:
+        source = ensembles.worker_processes(workers or ensembles.cores())
+    else:
+        source = ensembles.cluster(scheduler)
     wanted, a_glance = scenario.acquisition, Figures(0.0, 1e-3)
     variants, figures = population.variants(runs, seed), Figures(wanted.settle, wanted.duration)
     with source as found:
@@ -132,15 +127,15 @@ def ensemble(
             simulate(variants[:1], a_glance, found.executor)
         with screen.bar("simulating", runs, "runs") as bar:
             queued = _QUEUED * found.count
-            outcomes = simulate(variants, figures, found.executor, lambda done, _: bar.at(done), queued)
-    spreads, failed = spread_of(outcomes), failure_lines(outcomes)
+            outcomes = simulate(variants, figures, found.executor, lambda done, _: bar(done), queued)
+    spreads, failed = spread_of(outcomes), ensembles.failure_lines(outcomes)
     if not any(outcome.value is not None for outcome in outcomes):
         raise RattleError("; ".join(failed))
     if machine:
-        print_json(as_json(outcomes, seed))
+        print_json(ensembles.as_json(outcomes, seed))
     else:
-        screen.console.print(spread_table(spreads))
+        screen.console.print(ensembles.spread_table(spreads))
     for line in failed:
         screen.warn(line)
     if out is not None:
-        write_runs(outcomes, out)
+        ensembles.write_runs(outcomes, out)

@@ -42,7 +42,7 @@ def reproduce(
         if not quick and min(len(names), cores()) > 1:
             executor = stack.enter_context(worker_processes(min(len(names), cores()))).executor
         bar = stack.enter_context(screen.bar("simulating", len(names), "figures"))
-        outcomes = compute_all(names, Effort(quick), executor, bar.at)
+        outcomes = compute_all(names, Effort(quick), executor, bar)
     done = [Reproduced(FIGURES[name], outcome) for name, outcome in outcomes.items()]
     _write(out / "reproduce.json", document(done, quick))
     _write(out / "reproduce.html", html(done, quick))

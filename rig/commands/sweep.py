@@ -62,8 +62,7 @@ def centre(
     plan = plan_of(scenario, bench)
     screen.say(f"sine       {plan.sine.amplitude:.3g} N at {plan.frequency:.3g} Hz, offsets up to "
                f"+-{plan.farthest:.3g} N, {plan.probe_s:.1f} s at each")  # fmt: skip
-    centred = find_centre(scenario, bench, plan, connect, screen, SystemClock(), runs)
-    middle = centred.middle
+    middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), runs)
     found = found_lines(middle, plan)
     for line in found:
         screen.say(line)
@@ -80,7 +79,7 @@ def centre(
     except OSError as error:
         problem = Problem("-o", str(written), f"a file that can be written ({error.strerror})")
         raise ConfigurationError(str(written), [problem]) from error
-    screen.say(f"log        {centred.log}")
+    screen.say(f"log        {log}")
     screen.say(f"scenario   {written}")
     if as_json:
         print_json(
@@ -90,7 +89,7 @@ def centre(
                 "rest_offset_m": plan.rest_offset(middle),
                 "share_of_clearance": middle.uncertainty / plan.reach,
                 "scenario": str(written),
-                "log": str(centred.log),
+                "log": str(log),
             }
         )
 
@@ -105,27 +104,21 @@ def found_lines(middle: Middle, plan: CentringPlan) -> list[str]:
     ]
 
 
-SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="The sweep's folder; without: runs/NAME.")
-]
-Dry = Annotated[bool, typer.Option("--dry", help="List every move and limit, and end there.")]
-Yes = Annotated[bool, typer.Option("--yes", help="A rehearsal: take moves by hand as done. Emulated only.")]
-Again = Annotated[
-    list[int] | None,
-    typer.Option("--again", metavar="POINT", help="Record this point anew; may be given several times."),
-]
-SetAgain = Annotated[bool, typer.Option("--set-again", help="Confirm anew what is set by hand.")]
-
-
 def sweep(
-    sweep_file: SweepFile,
+    sweep_file: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")],
     bench_file: BenchFile = None,
-    out: Out = None,
-    dry: Dry = False,
-    yes: Yes = False,
-    again: Again = None,
-    set_again: SetAgain = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="The sweep's folder; without: runs/NAME.")
+    ] = None,
+    dry: Annotated[bool, typer.Option("--dry", help="List every move and limit, and end there.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="A rehearsal: take moves by hand as done. Emulated only.")
+    ] = False,
+    again: Annotated[
+        list[int] | None,
+        typer.Option("--again", metavar="POINT", help="Record this point anew; may be given several times."),
+    ] = None,
+    set_again: Annotated[bool, typer.Option("--set-again", help="Confirm anew what is set by hand.")] = False,
     live: Live = False,
     model: Model = None,
 ) -> None:
@@ -133,7 +126,7 @@ def sweep(
     from rig.app import connect
     from rig.files.model_file import load_model
     from rig.files.sweep import points_named
-    from rig.sweep.execute import SweepRequest, begun, run_sweep
+    from rig.sweep.execute import Sweeping, SweepRequest, begun
     from rig.sweep.plan import real_instruments
     from rig.sweep.results import TABLE, headings_of, rows_of, write_page
     from rig.sweep.state import held, load_state
@@ -160,7 +153,7 @@ def sweep(
     with held(folder):
         now = begun(request)  # read anew: another sweep may have been at work here until just now
         try:
-            run_sweep(request, now, screen, SystemClock(), centre=_centring(folder))
+            Sweeping(request, now, screen, SystemClock(), centre=_centring(folder)).all()
         finally:
             state = load_state(folder) or now
             rows = [headings_of(swept), *rows_of(swept, state)]
@@ -185,11 +178,11 @@ def _centring(folder: Path) -> Centre:
 
     def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
         plan = plan_of(scenario, bench)
-        found = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
-        middle, log = found.middle, str(found.log.relative_to(folder))
-        for line in (*found_lines(middle, plan), f"log        {found.log}"):
+        middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
+        for line in (*found_lines(middle, plan), f"log        {log}"):
             screen.say(line)
-        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), log)
+        seen_from = str(log.relative_to(folder))
+        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), seen_from)
 
     return centre
 

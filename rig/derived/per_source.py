@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import replace
 from math import nan
 
 import numpy as np
@@ -15,19 +15,8 @@ from daq.block import BLIND, SampleBlock, sample_time_ns
 from daq.log.reader import CRANK_SPEED, Origin, derived_name
 from daq.log.records import Impact
 from daq.signals.impact_events import BounceGrouper, ImpactDetector, ImpactEvents
+from rig.derived import settings as rule
 from rig.derived.series import CrankSpeed, CycleFigures
-from rig.derived.settings import (
-    Nominal,
-    Settings,
-    cycles_of,
-    first_look,
-    has_figures,
-    is_watched,
-    magnitude,
-    reference_of,
-    role_of,
-    settled,
-)
 from rig.stream import Consumer
 from sim_twin.rigs.channel_table import Role
 
@@ -44,15 +33,15 @@ class ImpactWatch:
         self,
         origin: str,
         name: str,
-        settings: Settings,
+        settings: rule.Settings,
         cycles: Cycles | None,
         sample_rate: float,
         start_ns: int,
     ) -> None:
-        self._origin, self._name, self._role = origin, name, role_of(name)
+        self._origin, self._name, self._role = origin, name, rule.role_of(name)
         self._levels, self._within_s = settings.levels[name], settings.within_s[name]
         self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
-        self._waiting: deque[tuple[int, _Event]] = deque()
+        self._waiting: deque[Impact] = deque()
         self._unseen: list[NDArray[np.floating]] = []
         self._base = self._next = 0
         self._detector = ImpactDetector(self._levels, self._rate)
@@ -77,7 +66,7 @@ class ImpactWatch:
     def _look(self) -> None:
         """Search the blocks that came since the last time: together they take little longer than one."""
         if self._unseen:
-            impacts = self._detector.add(magnitude(self._role, np.concatenate(self._unseen)))
+            impacts = self._detector.add(rule.magnitude(self._role, np.concatenate(self._unseen)))
             self._note(self._grouper.add(impacts, self._detector.settled))
             self._unseen.clear()
 
@@ -87,52 +76,34 @@ class ImpactWatch:
         self._note(self._grouper.finish())
 
     def _note(self, events: ImpactEvents) -> None:
-        if len(events):
-            columns = (getattr(events, name).tolist() for name in _COLUMNS)
-            self._waiting.extend((self._base, _Event(*row)) for row in zip(*columns, strict=True))
+        for row in range(len(events)):
+            start = self._base + int(events.start[row])
+            impact = Impact(
+                sample_time_ns(self._start_ns, start, self._rate),
+                self._origin,
+                self._name,
+                first_sample=start,
+                end_sample=self._base + int(events.end[row]),
+                peak_sample=self._base + int(events.index[row]),
+                peak=float(events.peak_n[row]),
+                first_peak=float(events.first_n[row]),
+                impulse=float(events.impulse_ns[row]),
+                contact_s=float(events.contact_s[row]),
+                bounces=int(events.contacts[row]) - 1,
+                turns=nan,
+            )
+            self._waiting.append(impact)
 
     def _tell(self, publish: Consumer) -> None:
         while self._waiting:
-            base, event = self._waiting[0]
-            start, turns = base + event.start, nan
+            impact = self._waiting[0]
             if self._cycles is not None:
-                if start >= self._cycles.begins.until:
+                if impact.first_sample >= self._cycles.begins.until:
                     return
-                turns = self._cycles.turns_at(start)
-            publish(
-                Impact(
-                    sample_time_ns(self._start_ns, start, self._rate),
-                    self._origin,
-                    self._name,
-                    first_sample=start,
-                    end_sample=base + event.end,
-                    peak_sample=base + event.index,
-                    peak=event.peak_n,
-                    first_peak=event.first_n,
-                    impulse=event.impulse_ns,
-                    contact_s=event.contact_s,
-                    bounces=event.contacts - 1,
-                    turns=turns,
-                )
-            )
+                impact = replace(impact, turns=self._cycles.turns_at(impact.first_sample))
+            publish(impact)
             self._waiting.popleft()
 
-
-@dataclass(frozen=True, slots=True)
-class _Event:
-    """A row of `ImpactEvents`."""
-
-    index: int
-    start: int
-    end: int
-    first_n: float
-    peak_n: float
-    impulse_ns: float
-    contact_s: float
-    contacts: int
-
-
-_COLUMNS = tuple(field.name for field in fields(_Event))
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
@@ -149,14 +120,16 @@ class OriginDeriver:
         self,
         origin: Origin,
         channels: Iterable[str],
-        nominal: Nominal | None,
-        settings: Settings | None = None,
+        nominal: rule.Nominal | None,
+        settings: rule.Settings | None = None,
     ) -> None:
         self.origin, self.settings = origin, settings
         self._names = tuple(channels)
         self._nominal = nominal
-        self._reference = reference_of(self._names) if nominal is not None else None
-        self._watched = tuple(name for name in self._names if is_watched(name))
+        self._reference = rule.reference_of(self._names) if nominal is not None else None
+        self._watched = tuple(
+            name for name in self._names if rule.role_of(name) in (Role.CONTACT, Role.VIBRATION)
+        )
         self._waiting: list[SampleBlock] = []
         self._ends = dict.fromkeys((*self._watched, *((self._reference,) if self._reference else ())), 0)
         self._cycles: Cycles | None = None
@@ -168,7 +141,7 @@ class OriginDeriver:
 
     def add(self, block: SampleBlock, publish: Consumer) -> None:
         """Take the next block of a channel; one that nothing is derived from may lie on another grid."""
-        if block.channel not in self._ends and not has_figures(block.channel):
+        if block.channel not in self._ends and not rule.has_figures(block.channel):
             return
         if self._ready:
             self._derive(block, publish)
@@ -203,10 +176,10 @@ class OriginDeriver:
             cycle_hz, phase = None, 0.0
             if self._reference is not None and self._nominal is not None:
                 values = self._first_seconds(self._reference)
-                cycle_hz, phase = first_look(
+                cycle_hz, phase = rule.first_look(
                     self._reference, values, self._waiting[0].sample_rate, self._nominal
                 )
-            self.settings = settled(self._settle_s, cycle_hz, phase, seen)
+            self.settings = rule.settled(self._settle_s, cycle_hz, phase, seen)
         self._ready = True
         waiting, self._waiting = self._waiting, []
         for block in waiting:
@@ -246,11 +219,11 @@ class OriginDeriver:
             return
         start_ns = sample_time_ns(block.time_ns, -block.first_sample, rate)
         if self._reference is not None and self._cycles is None:
-            self._cycles = cycles_of(self._reference, settings, rate)
-        if name == self._reference and role_of(name) is not Role.DRIVE and self._cycles is not None:
+            self._cycles = rule.cycles_of(self._reference, settings, rate)
+        if name == self._reference and rule.role_of(name) is not Role.DRIVE and self._cycles is not None:
             marker = self._cycles if isinstance(self._cycles, MarkerCycles) else None
             self._speed = CrankSpeed(derived_name(self.origin, CRANK_SPEED), marker, rate, start_ns)
-        if self._cycles is not None and settings.cycle_hz is not None and has_figures(name):
+        if self._cycles is not None and settings.cycle_hz is not None and rule.has_figures(name):
             series = derived_name(self.origin, name)
             self._figures[name] = CycleFigures(series, self._cycles, settings.cycle_hz, rate, start_ns)
         if name in settings.levels:

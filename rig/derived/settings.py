@@ -65,29 +65,24 @@ def settled(
     for name, values in seen.items():
         group = _group(name)
         largest[group] = max(largest.get(group, 0.0), largest_force(magnitude(role_of(name), values)))
-    return Settings(
-        settle_s,
-        cycle_hz,
-        phase_rad,
-        {name: _levels(role_of(name), largest[_group(name)]) for name in seen},
-        {
-            name: (
-                _RING_S if role_of(name) is Role.VIBRATION or cycle_hz is None else _BOUNCE_CYCLES / cycle_hz
-            )
-            for name in seen
-        },
-    )
+    levels: dict[str, Levels] = {}
+    within_s: dict[str, float] = {}
+    for name in seen:
+        most, rings = largest[_group(name)], role_of(name) is Role.VIBRATION
+        if rings:
+            counts, released = _BURST_COUNTS * most, _BURST_RELEASED * most
+        else:
+            found = levels_of(most)
+            counts, released = found.counts_from_n, found.released_below_n
+        levels[name] = Levels(max(counts, _COUNTS), max(released, _RELEASED))
+        within_s[name] = _RING_S if rings or cycle_hz is None else _BOUNCE_CYCLES / cycle_hz
+    return Settings(settle_s, cycle_hz, phase_rad, levels, within_s)
 
 
 def role_of(channel: str) -> Role:
     """What a channel is to its rig; a response where no rig has it."""
     known = declared(channel)
     return Role.RESPONSE if known is None else known.role
-
-
-def is_watched(channel: str) -> bool:
-    """Whether impacts are looked for in it."""
-    return role_of(channel) in (Role.CONTACT, Role.VIBRATION)
 
 
 def has_figures(channel: str) -> bool:
@@ -105,15 +100,6 @@ def magnitude(role: Role, values: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.abs(values) if role is Role.VIBRATION else values
 
 
-def _levels(role: Role, largest: float) -> Levels:
-    if role is Role.VIBRATION:
-        counts, released = _BURST_COUNTS * largest, _BURST_RELEASED * largest
-    else:
-        levels = levels_of(largest)
-        counts, released = levels.counts_from_n, levels.released_below_n
-    return Levels(max(counts, _COUNTS), max(released, _RELEASED))
-
-
 def as_record(settings: Mapping[str, Settings]) -> dict[str, str]:
     """The metadata record: by origin, as JSON (which keeps every bit of a number)."""
     return {"rule": RULE} | {origin: json.dumps(asdict(each)) for origin, each in settings.items()}
@@ -121,21 +107,19 @@ def as_record(settings: Mapping[str, Settings]) -> dict[str, str]:
 
 def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
     """What a log says was settled; raises LogError where it cannot be read."""
+    found: dict[str, Settings] = {}
     try:
-        return {origin: _parsed(text) for origin, text in record.items() if origin != "rule"}
+        for origin, fields in ((name, json.loads(text)) for name, text in record.items() if name != "rule"):
+            found[origin] = Settings(
+                settle_s=float(fields["settle_s"]),
+                cycle_hz=None if fields["cycle_hz"] is None else float(fields["cycle_hz"]),
+                phase_rad=float(fields["phase_rad"]),
+                levels={name: Levels(**levels) for name, levels in fields["levels"].items()},
+                within_s={name: float(within) for name, within in fields["within_s"].items()},
+            )
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise LogError(f"the metadata record {RECORD} is damaged ({error})") from error
-
-
-def _parsed(text: str) -> Settings:
-    fields = json.loads(text)
-    return Settings(
-        settle_s=float(fields["settle_s"]),
-        cycle_hz=None if fields["cycle_hz"] is None else float(fields["cycle_hz"]),
-        phase_rad=float(fields["phase_rad"]),
-        levels={name: Levels(**levels) for name, levels in fields["levels"].items()},
-        within_s={name: float(within) for name, within in fields["within_s"].items()},
-    )
+    return found
 
 
 _CYCLES = 3
@@ -184,10 +168,15 @@ def first_look(
     """Rate of the cycles in Hz, None if nothing counts them, and the drive's phase in rad (0 of a crank)."""
     if role_of(reference) is Role.DRIVE:
         return nominal.align(values, sample_rate) or (None, 0.0)
-    seen = (
-        _angle_hz(values, sample_rate) if role_of(reference) is Role.ANGLE else _marks_hz(values, sample_rate)
-    )
-    return nominal.cycle_hz if seen is None else seen, 0.0
+    if role_of(reference) is Role.ANGLE:
+        known = np.flatnonzero(np.isfinite(values))
+        turned = (float(values[known[-1]]) - float(values[known[0]])) / tau if len(known) > 1 else 0.0
+        if turned > _LEAST_TURN:
+            return turned * sample_rate / int(known[-1] - known[0]), 0.0
+    elif len(marks := MarkTracker().track(values)[0]) > 1:
+        turns = int(marks.turn[-1] - marks.turn[0])
+        return float(turns * sample_rate / (marks.position[-1] - marks.position[0])), 0.0
+    return nominal.cycle_hz, 0.0
 
 
 def cycles_of(reference: str, settings: Settings, sample_rate: float) -> Cycles | None:
@@ -197,19 +186,3 @@ def cycles_of(reference: str, settings: Settings, sample_rate: float) -> Cycles 
     if role_of(reference) is Role.DRIVE:
         return DriveCycles(sample_rate, settings.cycle_hz, settings.phase_rad)
     return AngleCycles(sample_rate) if role_of(reference) is Role.ANGLE else MarkerCycles(sample_rate)
-
-
-def _angle_hz(angle: NDArray[np.floating], sample_rate: float) -> float | None:
-    known = np.flatnonzero(np.isfinite(angle))
-    if len(known) < 2:
-        return None
-    turned = (float(angle[known[-1]]) - float(angle[known[0]])) / tau
-    return turned * sample_rate / int(known[-1] - known[0]) if turned > _LEAST_TURN else None
-
-
-def _marks_hz(marker: NDArray[np.floating], sample_rate: float) -> float | None:
-    marks, _ = MarkTracker().track(marker)
-    if len(marks) < 2:
-        return None
-    turns = int(marks.turn[-1] - marks.turn[0])
-    return float(turns * sample_rate / (marks.position[-1] - marks.position[0]))

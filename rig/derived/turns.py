@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +21,6 @@ _SMOOTHED_S = 4e-3
 _MARKS_KEPT = 512
 
 
-class Turns(Protocol):
-    """Turns by sample index; a stream that goes back in time or has a hole starts afresh after it."""
-
-    channel: str
-
-    def add(self, block: SampleBlock) -> None: ...
-
-    @property
-    def known_until(self) -> int:
-        """Turns of samples from here on are not known yet."""
-
-    def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Turns at sample indices that grow, shape (n,); NaN where they are not known, or no more."""
-
-
 def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | None:
     """From the encoder's `angle` if it is among `channels`, else from `marker`; None where neither is."""
     if angle in channels:
@@ -45,7 +29,10 @@ def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | No
 
 
 class EncoderTurns:
-    """Turns from an unwrapped crank angle in rad, its steps smoothed."""
+    """Turns from an unwrapped crank angle in rad, its steps smoothed; not known yet from `known_until` on.
+
+    A stream that goes back in time or has a hole starts afresh after it.
+    """
 
     def __init__(self, channel: str) -> None:
         self.channel = channel
@@ -68,12 +55,18 @@ class EncoderTurns:
             return
         first = self.known_until
         begin = max(first - half, self._begin)
-        smooth = smooth_turns(angle_turns(_mended(self._raw.between(begin, end + half))), 2 * half + 1)
+        angle = self._raw.between(begin, end + half)
+        good = np.isfinite(angle)
+        if not good.all():  # a straight line in the place of samples that are no numbers
+            at = np.arange(len(angle))
+            angle = np.interp(at, at[good], angle[good])
+        smooth = smooth_turns(angle_turns(angle), 2 * half + 1)
         settled = smooth[first - begin : end - begin]
         self._turns.add(SampleBlock(block.channel, first, 0, block.sample_rate, settled))
         self.known_until = end
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Turns at sample indices that grow, shape (n,); NaN where they are not known, or no more."""
         if not len(samples):
             return np.empty(0)
         first = int(samples[0])
@@ -112,10 +105,4 @@ class MarkerTurns:
         return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad)
 
 
-def _mended(angle: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Without samples that are no numbers: a straight line in their place."""
-    good = np.isfinite(angle)
-    if good.all():
-        return angle
-    at = np.arange(len(angle))
-    return np.asarray(np.interp(at, at[good], angle[good]))
+Turns = EncoderTurns | MarkerTurns

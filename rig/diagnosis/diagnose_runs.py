@@ -18,18 +18,19 @@ from daq.errors import RattleError
 from rig.diagnosis.document import Request, document, effects_file, gap_block, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import RecordedCampaign, recorded
+from rig.diagnosis.report import before_and_after, causes, gap_map, verdict
 from rig.diagnosis.report.case import Case, RunFacts
-from rig.diagnosis.report.page import write_report
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.effects_file import load_effects
 from rig.files.model_file import ModelFile, load_model
 from rig.files.scenario import parse_scenario
+from rig.pages.content import Section, page
 from rig.session.progress import Screen
 from rig.twin.logged import campaign_with_model
 from sim_twin.diagnosis.campaign import Campaign, horizon_s
 from sim_twin.diagnosis.diagnose import diagnose, effort_for
 from sim_twin.diagnosis.findings import Findings, Judged
-from sim_twin.diagnosis.gap import GapMeasure, gap_measure
+from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.judging import gap_between
 from sim_twin.diagnosis.latent_force import latent_forces
 from sim_twin.diagnosis.separability import rivals_of, told_apart
@@ -75,7 +76,7 @@ def diagnose_runs(
         raise RattleError(f"cannot write to {out}: {error.strerror}") from error
     effort = effort_for(data.campaign, budget_s)
     with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
-        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar.at)
+        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
 
@@ -113,6 +114,26 @@ def diagnose_runs(
     facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
     write_report(report, Case(findings, content, facts, remarks, forces, out))
     return DiagnosisFiles(findings, out / "diagnosis.json", out / "effects.json", report, following)
+
+
+SECTIONS: Sequence[Section[Case]] = (
+    Section("Verdict", verdict.parts),
+    Section("Causes", causes.ranking),
+    Section("Gap map", gap_map.parts),
+    Section("Latent force", before_and_after.latent_force),
+    Section("Before and after", before_and_after.parts),
+    Section("Parameters", causes.parameters),
+    Section("Not told apart", causes.not_told_apart),
+    Section("Next experiment", causes.next_experiment),
+    Section("Basis", causes.basis),
+)
+"""Heading and content of each section of the report; one without content is left out."""
+
+
+def write_report(path: Path, case: Case) -> None:
+    """Write the report as one HTML file; raises OSError where `path` cannot be written."""
+    sections = [(section.heading, section.parts(case)) for section in SECTIONS]
+    path.write_text(page("Diagnosis", [run.name for run in case.runs], sections), encoding="utf-8")
 
 
 def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> RecordedCampaign:
@@ -182,7 +203,12 @@ def measured_gap(
     rng = np.random.default_rng([seed, 1])
     found = gap_between(measure, data.measured, data.measured, repaired[0] if given else None, rng)
     places = [rig.effects[name].location for name, _ in given]
-    return gap_block(data.campaign.layout, found, _by_location(measure, places, repaired[1:]))
+    # shares of the places in how far each effect moves a twin, by squares; one effect has all of it
+    moved = [float(np.mean(measure.cells(rigs.mean(axis=0)[None]) ** 2)) for rigs in repaired[1:]] or [1.0]
+    shares: dict[str, float] = {}
+    for place, size in zip(places, moved, strict=False):
+        shares[place] = shares.get(place, 0.0) + size / sum(moved)
+    return gap_block(data.campaign.layout, found, shares)
 
 
 def _simulated(
@@ -196,22 +222,9 @@ def _simulated(
         for _ in range(count)
     ]
     with worker_processes(cores()) as workers, screen.bar("simulating", len(draws), "rigs") as bar:
-        simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar.at)
+        simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar)
         shown = iter(simulated(draws))
     sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
     if any(len(each) < _FEWEST for each in sets):
         raise RattleError("too few rigs could be simulated for a gap")
     return sets
-
-
-def _by_location(
-    measure: GapMeasure, places: Sequence[str], alone: Sequence[Fingerprints]
-) -> dict[str, float]:
-    """Shares of the places of effects in how far each moves a twin, by squares; one effect has all of it."""
-    if len(places) < 2:
-        return dict.fromkeys(places, 1.0)
-    moved = [float(np.mean(measure.cells(rigs.mean(axis=0)[None]) ** 2)) for rigs in alone]
-    shares: dict[str, float] = {}
-    for place, size in zip(places, moved, strict=True):
-        shares[place] = shares.get(place, 0.0) + size / sum(moved)
-    return shares

@@ -289,26 +289,21 @@ def _resampled(
     step = max(1, round(rate / _RATE))
     first, end = span(table)
     count = (end - first) // step
-    records = {
-        name: _coarse(
-            series.values[first - series.first_sample : end - series.first_sample], name, twin, step, count
-        )
-        for name, series in table.items()
-    }
+    records: dict[str, Array] = {}
+    for name, series in table.items():
+        values = series.values[first - series.first_sample : end - series.first_sample]
+        known = np.isfinite(values)
+        filled = np.where(known, np.asarray(values, dtype=np.float64), 0.0)
+        if known.any():  # straight lines over what is missing, so that filters and angles stay on course
+            at = np.arange(len(values))
+            filled[~known] = np.interp(at[~known], at[known], filled[known])
+        if step == 1 or isinstance(twin.sensors.get(name), Encoder):
+            records[name] = filled[: count * step : step]
+            continue
+        taps = anti_alias_taps(step, 0.0)
+        half = len(taps) // 2
+        records[name] = decimated(np.pad(filled, (half, half + step)), taps, step, count)
     return step, records, np.all(sound[: count * step].reshape(count, step), axis=1)
-
-
-def _coarse(values: Array, name: str, twin: AnyTwin, step: int, count: int) -> Array:
-    known = np.isfinite(values)
-    filled = np.where(known, np.asarray(values, dtype=np.float64), 0.0)
-    if known.any():  # straight lines over what is missing, so that filters and angles stay on course
-        at = np.arange(len(values))
-        filled[~known] = np.interp(at[~known], at[known], filled[known])
-    if step == 1 or isinstance(twin.sensors.get(name), Encoder):
-        return filled[: count * step : step]
-    taps = anti_alias_taps(step, 0.0)
-    half = len(taps) // 2
-    return decimated(np.pad(filled, (half, half + step)), taps, step, count)
 
 
 def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:

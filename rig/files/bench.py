@@ -134,7 +134,14 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
             )
     table = _with_defaults(given, kind, faults)
     unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
-    instruments = {name: _read(name, table[name], faults) for name in _known(kind) if name in table}
+    instruments: dict[str, Any] = {}  # the settings of each; None where some of them are wrong
+    for name in (name for name in _known(kind) if name in table):
+        read, settings = INSTRUMENTS[name].reader, loaded(INSTRUMENTS[name].settings)
+        instruments[name] = (
+            loaded(read)(table[name], name, faults)
+            if read
+            else read_table(settings, table[name], name, faults)
+        )
     emulated = tuple(name for name in table if name in INSTRUMENTS and _emulated(table[name]))
     emulation = _emulation(table.get("emulation", {}), kind, emulated, folder, faults)
     actuator, card = instruments[kind.actuator], instruments[_CARD]
@@ -145,14 +152,6 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     if faults or emulation is None:
         raise faults.error()
     return Bench(kind.name, instruments, emulation, source, text)
-
-
-def _read(name: str, table: object, faults: Faults) -> Any:
-    """The settings of an instrument; None after noting in `faults` all that is wrong with them."""
-    instrument = INSTRUMENTS[name]
-    if instrument.reader:
-        return loaded(instrument.reader)(table, name, faults)
-    return read_table(loaded(instrument.settings), table, name, faults)
 
 
 def _known(kind: RigKind) -> Iterable[str]:

@@ -40,9 +40,6 @@ class Faults:
     def note(self, problem: Problem) -> None:
         self._problems.append(problem)
 
-    def note_all(self, problems: Iterable[Problem]) -> None:
-        self._problems.extend(problems)
-
     def missing(self, key: str, allowed: str) -> None:
         self._problems.append(Problem(key, "(missing)", allowed))
 

@@ -63,7 +63,13 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     unknown_keys(table, _KEYS, "", faults)
     if table.get("rig") != rig:
         faults.add_from(table, "rig", "", f'"{rig}", the rig of the scenario' if rig in RIGS else "a rig")
-    runs, scenarios = (_texts(table, key, faults) for key in ("runs", "scenarios"))
+    texts: dict[str, tuple[str, ...]] = {}
+    for key in ("runs", "scenarios"):
+        given = table.get(key, [])
+        if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+            faults.add(key, given, "a list of texts")
+        else:
+            texts[key] = tuple(given)
     sections = _sections(table.get("tolerances", []), faults)
     faults.raise_if_any()
     count = len(sections)
@@ -80,15 +86,7 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     )
     faults.raise_if_any()
     nominals = {each.name: each.nominal for each in sections}
-    return ModelFile(rig, runs, scenarios, nominals, matched, text)
-
-
-def _texts(table: Mapping[str, object], key: str, faults: Faults) -> tuple[str, ...]:
-    value = table.get(key, [])
-    if isinstance(value, list) and all(isinstance(each, str) for each in value):
-        return tuple(value)
-    faults.add(key, value, "a list of texts")
-    return ()
+    return ModelFile(rig, texts["runs"], texts["scenarios"], nominals, matched, text)
 
 
 def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:

@@ -107,10 +107,10 @@ def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
 
 def _shaft(bench: Bench) -> Iterator[Problem]:
     """What turns is held to its speed by a channel of the card."""
-    channels = bench.daq_card.channels
+    channels = [channel.name for channel in bench.daq_card.channels]
     if RIGS[bench.rig].turns and shaft_channel(channels) is None:
         allowed = "one that shows the crank turn: its angle on a counter, or its marker"
-        yield Problem("daq_card.channels", ", ".join(channel.name for channel in channels), allowed)
+        yield Problem("daq_card.channels", ", ".join(channels), allowed)
 
 
 def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:

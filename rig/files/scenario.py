@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from daq.quantity import Depending, Quantity, Setting, Text, settings_of
+from daq.quantity import REQUIRED, Depending, Quantity, Setting, Text, settings_of
 from rig.files.faults import Faults, as_written, dotted, read_toml, toml_of
 from rig.files.file_kind import read_file
-from rig.files.table import FieldError, read_table, read_values, sound_values, text_field, unknown_keys
+from rig.files.table import FieldError, field_of, read_table, read_values, sound_values, unknown_keys
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
@@ -60,7 +60,8 @@ class Scenario:
     text: str
 
 
-_NAME: Final = text_field(Text("a text of one line, up to 200 characters"))
+_ONE_LINE: Final = Text("a text of one line, up to 200 characters")
+_NAME: Final = field_of(Setting("name", "name", str, REQUIRED, _ONE_LINE))
 _KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits")
 
 

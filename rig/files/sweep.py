@@ -181,7 +181,12 @@ def _until(given: object, base: Mapping[str, Any], kind: RigKind, faults: Faults
         allowed = f"channels of the {kind.name} with one unit: {', '.join(kind.channels.told)}"
         faults.add("sweep.until.channels", list(channels), allowed)
         return None
-    above = _level(section.above, str(units[channels[0]]), faults)
+    above, unit = None, str(units[channels[0]])
+    if section.above is not None or unit != "N":
+        try:
+            above = float(quantity_field(Quantity(unit, 0, LEVEL_UP_TO, above=True)).read(section.above))
+        except FieldError as error:
+            faults.add("sweep.until.above", section.above or "(missing)", str(error))
     longest = section.longest or sound_values(settings_of(_PointAcquisition), base.get("acquisition")).get(
         "duration"
     )
@@ -189,16 +194,6 @@ def _until(given: object, base: Mapping[str, Any], kind: RigKind, faults: Faults
         faults.missing("sweep.until.longest", "the longest that a point may take, such as 60 s")
         return None
     return Until(section.impacts, longest, channels, above)
-
-
-def _level(given: str | float | None, unit: str, faults: Faults) -> float | None:
-    try:
-        if given is None and unit == "N":
-            return None
-        return float(quantity_field(Quantity(unit, 0, LEVEL_UP_TO, above=True)).read(given))
-    except FieldError as error:
-        faults.add("sweep.until.above", given or "(missing)", str(error))
-        return None
 
 
 def _with_acquisition(

@@ -130,17 +130,13 @@ def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> 
         return []
     first = _read(given["from"], field, f"{key}.from", faults)
     last = _read(section.to, field, f"{key}.to", faults)
-    return [] if first is None or last is None else _steps(first, last, section, field, key, faults)
-
-
-def _steps(
-    first: Value, last: Value, section: _RangeSection, field: Field, key: str, faults: Faults
-) -> list[Value]:
-    """In the unit of `from` where `to` has the same; otherwise in SI, or in its own unit if it wants one."""
+    if first is None or last is None:
+        return []
+    # in the unit of `from` where `to` has the same; otherwise in SI, or in its own unit if it wants one
     (low, unit), (high, other) = written(first), written(last)
     if unit != other:
         low, high, unit = field.read(first), field.read(last), ""
-        if isinstance(field.meaning, Quantity) and field.meaning.wants_unit:
+        if field.meaning.wants_unit:
             unit = field.meaning.unit
             low, high = low / si_factor(unit), high / si_factor(unit)
     if section.spacing == "log" and low * high <= 0:

@@ -67,7 +67,12 @@ class Field:
 def field_of(setting: Setting) -> Field:
     """The reader of a setting, made from its declaration."""
     meaning, kinds = setting.meaning, members(setting.type)
-    said = [_said(kind, meaning) for kind in kinds]
+    said = [
+        " or ".join(f'"{word}"' for word in get_args(kind))
+        if get_origin(kind) is Literal
+        else _BY_TYPE.get(kind, str(meaning))
+        for kind in kinds
+    ]
     allowed = meaning.meaning if isinstance(meaning, Text | Depending) else ", or ".join(said)
     readable: Any = Union[tuple(_readable(kind, meaning) for kind in kinds)]  # noqa: UP007 - made of a tuple
     return Field(allowed, TypeAdapter(readable), meaning)
@@ -76,17 +81,6 @@ def field_of(setting: Setting) -> Field:
 def quantity_field(quantity: Quantity) -> Field:
     """The reader of a quantity whose unit came up only now."""
     return field_of(Setting("", "", float, REQUIRED, quantity))
-
-
-def text_field(text: Text) -> Field:
-    """The reader of a text that stands in no class."""
-    return field_of(Setting("", "", str, REQUIRED, text))
-
-
-def _said(kind: Any, meaning: object) -> str:
-    if get_origin(kind) is Literal:
-        return " or ".join(f'"{word}"' for word in get_args(kind))
-    return _BY_TYPE.get(kind, str(meaning))
 
 
 def _readable(kind: Any, meaning: object) -> Any:
@@ -116,7 +110,17 @@ def _explained(text: str) -> PydanticCustomError:
 def _in_si(quantity: Quantity, value: object) -> float:
     """Return the value in SI, or in the quantity's unit where it is kept so."""
     try:
-        si = _number(quantity, value)
+        match value:
+            case bool():
+                raise QuantityError("not a number")
+            case int() | float() if quantity.wants_unit:
+                raise QuantityError("the unit is missing")
+            case int() | float():
+                si = float(value)
+            case str():
+                si = si_value(value, quantity.unit)
+            case _:
+                raise QuantityError("not a number with a unit")
     except QuantityError as error:
         raise _explained(f"{quantity} ({error})") from error
     except OverflowError as error:
@@ -128,19 +132,6 @@ def _in_si(quantity: Quantity, value: object) -> float:
     if not inside or (quantity.above and si <= low):
         raise _explained(str(quantity))
     return round(si / scale, _KEPT_DIGITS) if quantity.kept else si
-
-
-def _number(quantity: Quantity, value: object) -> float:
-    match value:
-        case bool():
-            raise QuantityError("not a number")
-        case int() | float():
-            if quantity.wants_unit:
-                raise QuantityError("the unit is missing")
-            return float(value)
-        case str():
-            return si_value(value, quantity.unit)
-    raise QuantityError("not a number with a unit")
 
 
 def _raw(meaning: Depending, value: object) -> object:
@@ -210,7 +201,11 @@ def read_values(
             if setting.default is REQUIRED:
                 faults.missing(full, "" if field is None else field.allowed)
         elif field is None:
-            values[name] = _nested(setting, table[name], full, faults)
+            values[name] = None
+            if isinstance(table[name], dict):
+                values[name] = read_table(members(setting.type)[0], table[name], full, faults)
+            else:
+                faults.add(full, table[name], str(setting.meaning) or f"a table [{full}]")
         else:
             try:
                 values[name] = field.read(table[name])
@@ -222,13 +217,6 @@ def read_values(
     if len(faults) == before:
         _read_depending(known, values, table, key, faults, more)
     return values if len(faults) == before else None
-
-
-def _nested(setting: Setting, table: object, key: str, faults: Faults) -> Any:
-    if not isinstance(table, dict):
-        faults.add(key, table, str(setting.meaning) or f"a table [{key}]")
-        return None
-    return read_table(members(setting.type)[0], table, key, faults)
 
 
 def _cross_problems(

@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from rig.live import paths
 from rig.live.axes import SPECTRUM_FRAME
 from rig.live.picture import Layout, OwnViews
-from rig.live.series import figure_views, newest, newest_axis
+from rig.live.series import figure_views, newest
 
 _FEW_CHANNELS = 8
 """Up to here every channel has its spectrum beside it; beyond, the spectra have a tab of their own."""
@@ -54,22 +54,18 @@ def channel_view(layout: Layout, channel: str) -> rrb.TimeSeriesView:
         ],
         name=f"{channel} [{layout.units[channel] or '-'}]",
         plot_legend=rrb.PlotLegend(visible=channel == next(iter(layout.units))),
-        time_ranges=newest(layout.window_s),
-        axis_x=newest_axis(layout.window_s),
+        **newest(layout.window_s),
     )
 
 
 def _channels(layout: Layout, own: OwnViews) -> rrb.Container:
     traces = [channel_view(layout, channel) for channel in layout.units]
-    spectra = [
-        rrb.Spatial2DView(
-            origin=paths.spectrum(channel),
-            name=f"{channel} [{_squared(unit)}/Hz]",
-            visual_bounds=SPECTRUM_FRAME.bounds(),
-        )
-        for channel, unit in layout.units.items()
-        if channel not in own.plain
-    ]
+    spectra = []
+    for channel, unit in layout.units.items():
+        if channel not in own.plain:
+            squared = f"{unit}²" if unit.isalpha() else f"({unit or '-'})²"
+            name, bounds = f"{channel} [{squared}/Hz]", SPECTRUM_FRAME.bounds()
+            spectra.append(rrb.Spatial2DView(origin=paths.spectrum(channel), name=name, visual_bounds=bounds))
     cycles = figure_views(layout)
     if len(traces) <= _FEW_CHANNELS:
         shares = [_PLAIN_SHARE if channel in own.plain else 1.0 for channel in layout.units]
@@ -97,7 +93,3 @@ def _stacked(views: Sequence[rrb.View | rrb.Container], name: str) -> list[rrb.V
 def _tabs(*containers: rrb.Container) -> rrb.Container:
     """The first one on top; none where there is but one."""
     return rrb.Tabs(*containers) if len(containers) > 1 else containers[0]
-
-
-def _squared(unit: str) -> str:
-    return f"{unit}²" if unit.isalpha() else f"({unit or '-'})²"

@@ -161,7 +161,14 @@ class CrankPlay:
             self._mechanism.follow(origin, turning.turns, block.sample_rate)
         if not 0 <= end_s - turning.drawn_s < _DRAWS_EVERY_S:
             turning.drawn_s = end_s
-            self._order(turning, block.sample_rate)
+            if turning.ordered:  # the samples whose turns are known, at most what is kept
+                recent = turning.ordered.values()
+                end = min(turning.turns.known_until, *(each.end_sample for each in recent))
+                first = max(min(turning.ordered_until, end), end - round(KEPT_S * block.sample_rate))
+                turning.ordered_until = end
+                if end > first:
+                    values = np.array([each.between(first, end) for each in recent])
+                    turning.orders.add(values, turning.turns.at(np.arange(first, end)))
             self._stage.at(end_s)
             whose = self._stage.shown.whose(origin)
             amplitude = turning.orders.amplitude
@@ -169,15 +176,3 @@ class CrankPlay:
                 turning.drawn_blocks = turning.orders.blocks
                 for name, each in zip(turning.ordered, amplitude, strict=True):
                     self._orders[name].draw(whose, turning.orders.order, each)
-
-    def _order(self, turning: _Turning, sample_rate: float) -> None:
-        """Hand the samples whose turns are known to the orders, at most what is kept."""
-        if not turning.ordered:
-            return
-        recent = turning.ordered.values()
-        end = min(turning.turns.known_until, *(each.end_sample for each in recent))
-        first = max(min(turning.ordered_until, end), end - round(KEPT_S * sample_rate))
-        turning.ordered_until = end
-        if end > first:
-            values = np.array([each.between(first, end) for each in recent])
-            turning.orders.add(values, turning.turns.at(np.arange(first, end)))

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -19,6 +19,9 @@ from daq.log.reader import Origin
 from rig.derived.turns import Turns
 from rig.live import paths
 from rig.live.picture import Stage
+
+if TYPE_CHECKING:
+    from rig.live.crank_picture import CrankPicture
 
 PATH = "/mechanism"
 FRAME_COLOUR = (128, 133, 141)
@@ -43,12 +46,6 @@ class Body:
     name: str
     solids: tuple[Solid, ...]
     line: tuple[tuple[float, float, float], ...]
-
-
-class Solid(Protocol):
-    """Something of a body that can be drawn."""
-
-    def drawn(self, colour: Sequence[int]) -> rr.AsComponents: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,15 +83,7 @@ class Bar:
         )
 
 
-class Mechanism(Protocol):
-    """A rig with a crank as it is drawn."""
-
-    def fixed(self) -> tuple[Solid, ...]: ...
-
-    def bodies(self) -> tuple[Body, ...]: ...
-
-    def poses(self, angle: NDArray[np.float64]) -> tuple[Pose, ...]:
-        """Where each body is at crank angles in rad, shape (n,), with ideal joints."""
+Solid = Box | Bar
 
 
 class MovingMechanism:
@@ -103,7 +92,7 @@ class MovingMechanism:
     Where both are, the predicted one is a thin line over the solids.
     """
 
-    def __init__(self, stage: Stage, mechanism: Mechanism, origins: Sequence[Origin]) -> None:
+    def __init__(self, stage: Stage, mechanism: CrankPicture, origins: Sequence[Origin]) -> None:
         self._stage, self._mechanism = stage, mechanism
         self._origins = origins
         self._next = dict.fromkeys(origins, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -62,27 +62,20 @@ def over_time(
         contents=contents,
         name=name,
         plot_legend=rrb.PlotLegend(visible=legend),
-        time_ranges=newest(reach_s),
-        axis_x=newest_axis(reach_s),
+        **newest(reach_s),
     )
 
 
-def newest(seconds: float | None) -> list[rr.VisibleTimeRange]:
-    """What a view of the last `seconds` (None: of all) queries."""
-    if seconds is None:
-        start, end = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.infinite()
-    else:
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_QUERIED * seconds)
+def newest(seconds: float | None) -> dict[str, Any]:
+    """What a time series of the last `seconds` (None: of all) queries, and its axis, as its arguments."""
+    start = end = rr.TimeRangeBoundary.infinite()
+    axis = None
+    if seconds is not None:
         end = rr.TimeRangeBoundary.cursor_relative()
-    return [rr.VisibleTimeRange(paths.TIMELINE, start=start, end=end)]
-
-
-def newest_axis(seconds: float | None) -> rrb.TimeAxis | None:
-    """The axis of a view of the last `seconds`."""
-    if seconds is None:
-        return None
-    start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
-    return rrb.TimeAxis(view_range=rr.TimeRange(start, rr.TimeRangeBoundary.cursor_relative()))
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_QUERIED * seconds)
+        shown = rr.TimeRange(rr.TimeRangeBoundary.cursor_relative(seconds=-seconds), end)
+        axis = rrb.TimeAxis(view_range=shown)
+    return {"time_ranges": [rr.VisibleTimeRange(paths.TIMELINE, start=start, end=end)], "axis_x": axis}
 
 
 _FIGURES = {CYCLE_PEAK: "peak", CYCLE_RMS: "rms"}

@@ -90,20 +90,18 @@ class Sender:
                 if told != self.dropped:
                     told = self.dropped
                     self._pipe.send(Dropped(told))
-                while (pickled := self._oldest()) is not None:
+                while True:
+                    with self._lock:
+                        if not self._waiting:
+                            break
+                        pickled = self._waiting.popleft()
+                        self._bytes -= len(pickled)
                     self._pipe.send_bytes(pickled)
                 if stopping:
                     self._pipe.send(None)
                     return
         except OSError:
             self.broken = True  # the reader died; the log does not depend on it
-
-    def _oldest(self) -> bytes | None:
-        with self._lock:
-            if not self._waiting:
-                return None
-            self._bytes -= len(self._waiting[0])
-            return self._waiting.popleft()
 
 
 class LiveView:

@@ -51,11 +51,7 @@ class ViewerServer:
     def sink_url(self) -> str:
         return f"rerun+http://{_HOST}:{self.grpc_port}/proxy"
 
-    @property
-    def page_url(self) -> str:
-        return f"http://{_HOST}:{self.web_port}/?url={quote(self.sink_url, safe='')}"
-
-    def open(self) -> ViewerServer:
+    def __enter__(self) -> ViewerServer:
         """Start the server and wait until it listens; raises InstrumentAbsent if it does not."""
         self._process = subprocess.Popen(  # noqa: S603
             [
@@ -69,25 +65,19 @@ class ViewerServer:
             ],
             stdin=subprocess.DEVNULL,
             env=viewer_environment(),
-            preexec_fn=_die_with_parent,
+            preexec_fn=lambda: ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL),
         )
         deadline = time.monotonic() + _START_TIMEOUT_S
         while not (_listens(self.grpc_port) and _listens(self.web_port)):
             if self._process.poll() is not None or time.monotonic() > deadline:
-                self.close()
+                self.__exit__()
                 raise InstrumentAbsent("viewer server", _HOST, "it did not start")
             time.sleep(0.02)
         return self
 
-    def close(self) -> None:
+    def __exit__(self, *error: object) -> None:
         self._process.kill()
         self._process.wait()
-
-    def __enter__(self) -> ViewerServer:
-        return self.open()
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def viewer_executable() -> Path:
@@ -111,15 +101,12 @@ def _listens(port: int) -> bool:
         return False
 
 
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
 def serve(pipe: Connection, layout: Layout, patience_s: float, memory_limit: str) -> None:
     """Serve one view until None comes; the first answer is its two addresses and the server's process."""
     try:
         with ViewerServer(memory_limit) as server:
-            pipe.send((server.page_url, server.sink_url, server.pid))
+            page_url = f"http://{_HOST}:{server.web_port}/?url={quote(server.sink_url, safe='')}"
+            pipe.send((page_url, server.sink_url, server.pid))
             recording = rr.RecordingStream("rattle")
             recording.connect_grpc(server.sink_url, default_blueprint=blueprint(layout))
             recording.send_recording_name(layout.title)

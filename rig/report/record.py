@@ -6,7 +6,7 @@ import functools
 import math
 import tomllib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,22 +46,6 @@ class Roles:
     def turns(self) -> bool:
         """Whether a shaft does, so that things are shown over its angle."""
         return bool(self.angle or self.marker)
-
-
-def roles_of(rig: str, channels: Iterable[str]) -> Roles:
-    """The roles of a run's `channels`; of a rig that nobody knows here they are told by their names."""
-    names = tuple(channels)
-    kind = RIGS.get(rig)
-    crank = kind.crank if kind else None
-    stops = (UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None
-    return Roles(
-        angle=crank.angle if crank else "",
-        marker=crank.marker if crank else "",
-        vibration=tuple(name for name in names if not crank or name not in crank.plain),
-        unwrapped=frozenset(name for name in names if name.endswith(_UNWRAPPED)),
-        stops=stops,
-        impacts=crank.heard(names) if crank else {},
-    )
 
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
@@ -154,7 +138,17 @@ class RunRecord:
 
     @property
     def roles(self) -> Roles:
-        return roles_of(self.facts.rig, self.channels)
+        """The roles of the channels; of a rig that nobody knows here they are told by their names."""
+        kind = RIGS.get(self.facts.rig)
+        crank = kind.crank if kind else None
+        return Roles(
+            angle=crank.angle if crank else "",
+            marker=crank.marker if crank else "",
+            vibration=tuple(name for name in self.channels if not crank or name not in crank.plain),
+            unwrapped=frozenset(name for name in self.channels if name.endswith(_UNWRAPPED)),
+            stops=(UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None,
+            impacts=crank.heard(self.channels) if crank else {},
+        )
 
     @property
     def duration_s(self) -> float:
@@ -236,7 +230,7 @@ class RunCollector:
                 self._impacts.append(record)
 
     def record(self) -> RunRecord:
-        reader = self._reader
+        reader, measured = self._reader, self._declared["measured"]
         return RunRecord(
             path=reader.path,
             complete=reader.complete,
@@ -244,14 +238,7 @@ class RunCollector:
             library=reader.library,
             scenario=reader.scenario,
             metadata=reader.metadata,
-            channels={
-                **self._declared["measured"],
-                **{
-                    name: channel
-                    for name, channel in self._declared["predicted"].items()
-                    if name not in self._declared["measured"]
-                },
-            },
+            channels=measured | self._declared["predicted"] | measured,  # the measured first, and as they are
             traces={key: _joined(blocks) for key, blocks in self._blocks.items()},
             tallies=dict(self._tallies),
             events=reader.events(),

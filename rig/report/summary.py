@@ -74,7 +74,21 @@ class Closeness:
 
 def closeness(run: RunRecord) -> list[Closeness]:
     """One for each channel that was measured and that moves in either twin; none without a nominal twin."""
-    return [each for name in run.channels if (each := _of(run, name)) is not None]
+    found: list[Closeness] = []
+    for name in run.channels:
+        measured, nominal = run.traces.get(("measured", name)), run.traces.get(("nominal", name))
+        repaired = run.traces.get(("predicted", name))
+        if measured is None or nominal is None or repaired is None:
+            continue
+        if not (nominal.values.any() or repaired.values.any()):  # a place that stands still in both twins
+            continue
+        spectrum, half = _banded(measured.values, measured), len(measured.values) // 2
+        if (spectrum.density > 0).any():
+            halves = (_banded(part, measured) for part in (measured.values[:half], measured.values[half:]))
+            nominal_db = distance_db(spectrum, _banded(nominal.values, nominal))
+            repaired_db = distance_db(spectrum, _banded(repaired.values, repaired))
+            found.append(Closeness(name, nominal_db, repaired_db, distance_db(*halves)))
+    return found
 
 
 def overall_closeness(run: RunRecord) -> Closeness | None:
@@ -87,26 +101,6 @@ def overall(channels: Sequence[Closeness]) -> Closeness:
     """Rms over channels."""
     rows = np.array([(each.nominal_db, each.repaired_db, each.halves_db) for each in channels])
     return Closeness("", *(float(value) for value in np.sqrt(np.mean(rows**2, axis=0))))
-
-
-def _of(run: RunRecord, name: str) -> Closeness | None:
-    measured, nominal = run.traces.get(("measured", name)), run.traces.get(("nominal", name))
-    repaired = run.traces.get(("predicted", name))
-    if measured is None or nominal is None or repaired is None:
-        return None
-    if not (nominal.values.any() or repaired.values.any()):  # a place that stands still in both twins
-        return None
-    spectrum = _banded(measured.values, measured)
-    if not (spectrum.density > 0).any():
-        return None
-    half = len(measured.values) // 2
-    first, second = _banded(measured.values[:half], measured), _banded(measured.values[half:], measured)
-    return Closeness(
-        name,
-        distance_db(spectrum, _banded(nominal.values, nominal)),
-        distance_db(spectrum, _banded(repaired.values, repaired)),
-        distance_db(first, second),
-    )
 
 
 def distance_db(one: Autospectrum, other: Autospectrum) -> float:

@@ -91,10 +91,6 @@ class Sample:
         """Standard error of their mean, as if they were independent."""
         return self.deviation / float(np.sqrt(len(self.values)))
 
-    @property
-    def relative_deviation(self) -> float:
-        return self.deviation / self.mean
-
 
 def ratio(over: Sample, under: Sample) -> tuple[float, float]:
     """Ratio of two means, and its standard error (first order)."""

@@ -8,33 +8,22 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any
 
 from daq.errors import SimulationFailed
 from rig.pages.content import BigNumber, BigNumbers, Sentence, page
-from rig.reproduce.figure import (
-    AGREEMENT,
-    SEED,
-    WHAT_IF_RIG,
-    Effort,
-    Outcome,
-    PaperFigure,
-    Statement,
-    Verdict,
-    tally,
-)
-from rig.reproduce.figures import ibs_7_11, ibs_8_9, ibs_10, ibs_base, psc, ssc
+from rig.reproduce import figure as paper
+from rig.reproduce.figures import ibs_10, ibs_base, ibs_rigid, psc, ssc
 
 SCHEMA = "rattle.reproduction/1"
 
-FIGURES: dict[str, PaperFigure] = {
+FIGURES: dict[str, paper.PaperFigure] = {
     figure.name: figure
     for figure in (
-        ibs_7_11.FIGURE_7,
-        ibs_8_9.FIGURE_8,
-        ibs_8_9.FIGURE_9,
+        ibs_rigid.FIGURE_7,
+        ibs_rigid.FIGURE_8,
+        ibs_rigid.FIGURE_9,
         ibs_10.FIGURE,
-        ibs_7_11.FIGURE_11,
+        ibs_rigid.FIGURE_11,
         ibs_base.FIGURE_12,
         ibs_base.FIGURE_13,
         ibs_base.TABLE_3,
@@ -46,17 +35,17 @@ FIGURES: dict[str, PaperFigure] = {
 """Adding one means adding a line."""
 
 
-def compute(name: str, effort: Effort) -> Outcome:
+def compute(name: str, effort: paper.Effort) -> paper.Outcome:
     """One figure; what its simulation failed of is in the outcome."""
     try:
         return FIGURES[name].compute(effort)
     except SimulationFailed as error:
-        return Outcome([], [Sentence(f"Not computed: {error}", warning=True)], str(error))
+        return paper.Outcome([], [Sentence(f"Not computed: {error}", warning=True)], str(error))
 
 
 def compute_all(
-    names: Sequence[str], effort: Effort, executor: Executor | None, progress: Callable[[int], None]
-) -> dict[str, Outcome]:
+    names: Sequence[str], effort: paper.Effort, executor: Executor | None, progress: Callable[[int], None]
+) -> dict[str, paper.Outcome]:
     """Outcomes in the order of `names`; `progress` hears how many are done. Without `executor`: here."""
     if executor is None:
         outcomes = {}
@@ -76,30 +65,30 @@ def compute_all(
 class Reproduced:
     """A figure with what came out of it."""
 
-    figure: PaperFigure
-    outcome: Outcome
+    figure: paper.PaperFigure
+    outcome: paper.Outcome
 
 
 def html(figures: Sequence[Reproduced], quick: bool) -> str:
     """Return the page."""
-    count = tally(statement for each in figures for statement in each.outcome.statements)
-    within = f"within {100 * AGREEMENT:.0f} %, or within the range it gives"
+    count = paper.tally(statement for each in figures for statement in each.outcome.statements)
+    within = f"within {100 * paper.AGREEMENT:.0f} %, or within the range it gives"
     numbers = BigNumbers(
         [
-            BigNumber("Agree with the text", str(count[Verdict.AGREES]), within),
-            BigNumber("Differ", str(count[Verdict.DIFFERS]), "by how much, and why where known: below"),
-            BigNumber("Open", str(count[Verdict.OPEN]), "the difference lies within our own scatter"),
+            BigNumber("Agree with the text", str(count[paper.Verdict.AGREES]), within),
+            BigNumber("Differ", str(count[paper.Verdict.DIFFERS]), "by how much, and why where known: below"),
+            BigNumber("Open", str(count[paper.Verdict.OPEN]), "the difference lies within our own scatter"),
         ]
     )
     short = "quick: short runs, wide scatter" if quick else ""
     return page(
         "The papers again",
-        [f"rattle {version('rattle')}", f"seed {SEED}", short],
+        [f"rattle {version('rattle')}", f"seed {paper.SEED}", short],
         template="reproduce/page.html.j2",
         figures=figures,
         numbers=numbers,
-        what_if=WHAT_IF_RIG,
-        seed=SEED,
+        what_if=paper.WHAT_IF_RIG,
+        seed=paper.SEED,
         quick=quick,
     )
 
@@ -110,36 +99,34 @@ def document(figures: Sequence[Reproduced], quick: bool) -> str:
         "schema": SCHEMA,
         "software": f"rattle {version('rattle')}",
         "quick": quick,
-        "seed": SEED,
-        "agreement": AGREEMENT,
+        "seed": paper.SEED,
+        "agreement": paper.AGREEMENT,
         "figures": [
             {
                 "name": each.figure.name,
                 "title": each.figure.title,
                 "place": each.figure.place,
-                "statements": [_record(statement) for statement in each.outcome.statements],
+                "statements": [
+                    {
+                        "subject": statement.subject,
+                        "text": statement.claim.text,
+                        "place": statement.claim.place,
+                        "text_value": statement.claim.value,
+                        "agrees_from": statement.claim.low if math.isfinite(statement.claim.low) else None,
+                        "agrees_to": statement.claim.high if math.isfinite(statement.claim.high) else None,
+                        "ours": statement.ours,
+                        "standard_deviation": statement.deviation,
+                        "standard_error": statement.error,
+                        "unit": statement.unit,
+                        "deviation": statement.gap,
+                        "verdict": statement.verdict.value,
+                        "what_if": statement.what_if,
+                        "remark": statement.remark,
+                    }
+                    for statement in each.outcome.statements
+                ],
             }
             for each in figures
         ],
     }
     return json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
-
-
-def _record(statement: Statement) -> dict[str, Any]:
-    claim = statement.claim
-    return {
-        "subject": statement.subject,
-        "text": claim.text,
-        "place": claim.place,
-        "text_value": claim.value,
-        "agrees_from": claim.low if math.isfinite(claim.low) else None,
-        "agrees_to": claim.high if math.isfinite(claim.high) else None,
-        "ours": statement.ours,
-        "standard_deviation": statement.deviation,
-        "standard_error": statement.error,
-        "unit": statement.unit,
-        "deviation": statement.gap,
-        "verdict": statement.verdict.value,
-        "what_if": statement.what_if,
-        "remark": statement.remark,
-    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
-from typing import Protocol, TypeVar
 
 from daq.plugins import OpenTable
 from rig.loaded_table import LoadedTable
@@ -43,29 +42,14 @@ def channel_names() -> tuple[str, ...]:
     return tuple(name for kind in RIGS.values() for name in kind.channels.told)
 
 
-class NamedChannel(Protocol):
-    """A channel, of a bench file, a card or a log."""
-
-    @property
-    def name(self) -> str:
-        """As its rig declares it."""
-        ...
+def shows_marks(channel: str) -> bool:
+    """Whether a channel of this name is a once-per-revolution marker."""
+    known = declared(channel)
+    return known is not None and known.role is Role.MARKER
 
 
-_C = TypeVar("_C", bound=NamedChannel)
-
-
-def shows_marks(channel: NamedChannel) -> bool:
-    """Whether it is a once-per-revolution marker."""
-    return _role(channel) is Role.MARKER
-
-
-def shaft_channel(channels: Iterable[_C]) -> _C | None:
+def shaft_channel(channels: Iterable[str]) -> str | None:
     """The channel that shows the shaft best, an angle before a marker; None where none does."""
-    by_role = {_role(channel): channel for channel in reversed(list(channels))}
-    return by_role.get(Role.ANGLE) or by_role.get(Role.MARKER)
-
-
-def _role(channel: NamedChannel) -> Role | None:
-    known = declared(channel.name)
-    return None if known is None else known.role
+    known = {name: each.role for name in channels if (each := declared(name)) is not None}
+    angles = (name for name, role in known.items() if role is Role.ANGLE)
+    return next(angles, next(filter(shows_marks, known), None))

@@ -14,17 +14,6 @@ from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.twin import AnyTwin, Twin
 
 
-@dataclass(frozen=True, slots=True)
-class ShownSine:
-    """The `channel` that shows a drive that is a sine."""
-
-    channel: str
-
-    def hertz(self, drive: Any) -> float | None:
-        """Frequency of the drive; None of one without an amplitude."""
-        return float(drive.frequency) if drive.amplitude else None
-
-
 @dataclass(frozen=True)
 class RigKind:
     """A rig: its physics, its channels, and how a lab handles it.
@@ -99,10 +88,13 @@ class RigKind:
         """The channels of a rig that turns."""
         return self.channels if self.turns else None
 
-    @property
-    def sine(self) -> ShownSine | None:
-        """Where the drive is a sine whose frequency is held."""
-        return ShownSine(self.channels.drive) if self.channels.drive else None
+    def held_sine(self, drive: Any) -> tuple[str, float] | None:
+        """The channel that shows a drive that is a sine, and its frequency (Hz), which is held.
+
+        None of any other drive, and of one without an amplitude.
+        """
+        shown = self.channels.drive
+        return (shown, float(drive.frequency)) if shown and drive.amplitude else None
 
     @property
     def contacts(self) -> tuple[str, ...]:

@@ -9,7 +9,6 @@ import traceback
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
@@ -53,7 +52,7 @@ class Acquisition:
     ) -> None:
         self._card, self._clock, self._stream, self._limits = card, clock, stream, limits
         self._readers: tuple[Reader, ...] = (self._watch_limits, self._note_flags, self._record, *readers)
-        self._names = [channel.name for channel in card.channels]
+        self.name, self._names = card.name, [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._stop = threading.Event()
@@ -80,10 +79,6 @@ class Acquisition:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
-
-    @property
-    def name(self) -> str:
-        return self._card.name
 
     @property
     def record_start_ns(self) -> int:
@@ -166,19 +161,13 @@ class Acquisition:
         first, rate = reading.first_sample + low - begin, self._card.sample_rate
         time_ns = sample_time_ns(self.record_start_ns, first, rate)
         for name, row, flags in zip(self._names, reading.values[:, low:high], reading.flags, strict=True):
-            values = as_logged(name, self._from_first_turn(name, row))
-            block = Block("measured", SampleBlock(name, first, time_ns, rate, values, flags))
-            for consume in self._stream:
-                consume(block)
-
-    def _from_first_turn(self, name: str, row: NDArray[np.float64]) -> NDArray[np.float64]:
-        """An angle less the whole turns that it had made before the record began."""
-        if not name.endswith(".angle"):
-            return row
-        if name not in self.turned_off:
-            first = float(row[0]) if np.isfinite(row[0]) else 0.0
-            self.turned_off[name] = math.tau * math.floor(first / math.tau)
-        return row - self.turned_off[name]
+            if name.endswith(".angle"):  # less the whole turns that it had made before the record began
+                if name not in self.turned_off:
+                    begun = float(row[0]) if np.isfinite(row[0]) else 0.0
+                    self.turned_off[name] = math.tau * math.floor(begun / math.tau)
+                row = row - self.turned_off[name]
+            samples = SampleBlock(name, first, time_ns, rate, as_logged(name, row), flags)
+            self._stream(Block("measured", samples))
 
     def _event(self, level: str, code: str, text: str) -> None:
         self._stream(Event(self._clock.unix_ns(), level, "acquisition", code, text))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -35,14 +35,6 @@ RECORD: Final = "centring"
 """The metadata record with the offsets and the result, each JSON."""
 
 
-@dataclass(frozen=True, slots=True)
-class Centred:
-    """What was found, and the log that shows how."""
-
-    middle: Middle
-    log: Path
-
-
 def find_centre(
     scenario: Scenario,
     bench: Bench,
@@ -51,8 +43,8 @@ def find_centre(
     screen: Screen,
     clock: Clock,
     folder: Path,
-) -> Centred:
-    """Find the offset in N that centres a beam, with a log in `folder`.
+) -> tuple[Middle, Path]:
+    """Find the offset in N that centres a beam, and return it with the log in `folder` that shows how.
 
     Whatever is raised, the drive is off after it, and the log holds what there was.
     """
@@ -63,7 +55,7 @@ def find_centre(
         beam = RigBeam(rig, scenario, plan)
         rig.motion.arm(soft=True)
         rig.launch(stack)
-        run = rig.open_log(stack, folder, f"{scenario.name} centring")
+        log = rig.open_log(stack, folder, f"{scenario.name} centring")
 
         def say(record: Record) -> None:
             # what else is told of a rig says itself on the screen
@@ -72,12 +64,12 @@ def find_centre(
 
         rig.stream.append(say)
         rig.record(scenario.limits, None, [beam.take])
-        rig.declare(run.id, scenario.text, notes)
+        rig.declare(log.stem, scenario.text, notes)
         with CentringRecord(rig) as record:
             with rig.moving(), screen.bar("centring", _USUAL_PROBES, "offsets") as bar:
 
                 def told(probe: Probe) -> None:
-                    bar.at(probe.number)
+                    bar(probe.number)
                     record.note(probe, *beam.listened)
 
                 beam.start()
@@ -85,7 +77,7 @@ def find_centre(
                 rig.ramp_down()
             record.found(middle, plan)
         rig.recorder.close()
-    return Centred(middle, run.log)
+    return middle, log
 
 
 class RigBeam:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,24 +34,20 @@ class _Fitted:
         self._fit = ClockFit()
         self._lock = threading.Lock()
         self._due_s = _FIRST_FIT_S
-        self._last = (0.0, 0.0)
+        self.last = (0.0, 0.0)
         self.model: ClockModel | None = None
 
     def add(self, device_s: ArrayLike, arrival_s: ArrayLike) -> None:
         with self._lock:
             self._fit.add(device_s, arrival_s)
-            self._last = float(np.ravel(device_s)[-1]), float(np.ravel(arrival_s)[-1])
-
-    @property
-    def last(self) -> tuple[float, float]:
-        return self._last
+            self.last = float(np.ravel(device_s)[-1]), float(np.ravel(arrival_s)[-1])
 
     def refit(self, at_last: bool = False) -> bool:
         """Fit anew where that is due, or `at_last` anyway; whether there is a new model."""
         with self._lock:
-            if not at_last and self._last[1] < self._due_s:
+            if not at_last and self.last[1] < self._due_s:
                 return False
-            self._due_s = max(_FIT_AGAIN * self._last[1], self._due_s + _FIRST_FIT_S)
+            self._due_s = max(_FIT_AGAIN * self.last[1], self._due_s + _FIRST_FIT_S)
             model = self._fit.model()
             self.model = model or self.model
             return model is not None
@@ -194,12 +190,11 @@ class DeviceClock:
             rate * 1e6,
             float(uncertainty),
         )
-        return [record], [*self._news(model, record.uncertainty_s)]
-
-    def _news(self, model: ClockModel, uncertainty_s: float) -> Iterator[Event]:
-        """Steps that were not told yet; a fit finds some that are less than what it knows."""
+        # steps that were not told yet; a fit finds some that are less than what it knows
+        least_s, told = max(_STEP_S, 2 * record.uncertainty_s), list[Event]()
         for step in model.steps:
-            if step.device_s[1] > self._told_until_s and abs(step.size_s) > max(_STEP_S, 2 * uncertainty_s):
+            if step.device_s[1] > self._told_until_s and abs(step.size_s) > least_s:
                 self._told_until_s = step.device_s[1]
                 at_s = float(self._base.card_s([step.arrival_s[1]])[0])
-                yield step.event(self._device, self._base.unix_ns(at_s))
+                told.append(step.event(self._device, self._base.unix_ns(at_s)))
+        return [record], told

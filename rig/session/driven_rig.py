@@ -20,7 +20,7 @@ from rig.session.devices import Devices
 from rig.session.drive import Motion, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
 from rig.session.interlock import LimitWatch
-from rig.session.logbook import Logbook, Run, logged_by, new_run, run_record
+from rig.session.logbook import Logbook, logged_by, new_log, run_record
 from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
@@ -111,18 +111,18 @@ class DrivenRig:
         self._supervisor.launch()
         stack.callback(self._supervisor.close)
 
-    def open_log(self, stack: ExitStack, folder: Path, name: str) -> Run:
+    def open_log(self, stack: ExitStack, folder: Path, name: str) -> Path:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
-        run = new_run(folder, name, self.clock)
+        log = new_log(folder, name, self.clock)
 
         @stack.push
         def tell_of_partial(kind: object, error: object, trace: object) -> None:
             if kind is not None:
-                self.screen.say(f"log so far {run.log}")
+                self.screen.say(f"log so far {log}")
 
-        self.recorder = stack.enter_context(Recorder(LogWriter(run.log), self.clock))
+        self.recorder = stack.enter_context(Recorder(LogWriter(log), self.clock))
         self.stream.insert(0, logged_by(self.recorder))
-        return run
+        return log
 
     def record(
         self,
@@ -250,11 +250,6 @@ class DrivenRig:
     def tell_of_marks(self) -> None:
         for code, text in self.shaft.faults(self.acquisition):
             self.warn(code, text)
-
-    def tell_of_encoder(self) -> None:
-        if self.encoder is not None:
-            for code, text in self.shaft.encoder_at_mark(self.encoder):
-                self.logbook.tell("info", code, text)
 
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
         """Stop the drive; the supervisor waits as long as that may take."""

@@ -6,6 +6,7 @@ start joins the encoder's clock to the card's is then the same for both.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -58,52 +59,36 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
         if not isinstance(rig.motion, Motor):
             raise ConfigurationError(first.name, [Problem("rig", first.rig, "a slider-crank")])
-        dwells = _Dwells(rig, rig.motion, request.speeds_rad_s, request.dwell_s)
+        ended = threading.Event()  # the last dwell, and the record with it
         rig.motion.arm(soft=True)
         rig.launch(stack)
-        run = rig.open_log(stack, request.folder, f"{first.name} dwells")
-        rig.record(first.limits, max(request.speeds_rad_s), enough=lambda: dwells.ended)
-        rig.declare(run.id, first.text, {**notes, DWELLS: request.what})
+        log = rig.open_log(stack, request.folder, f"{first.name} dwells")
+        rig.record(first.limits, max(request.speeds_rad_s), enough=ended.is_set)
+        rig.declare(log.stem, first.text, {**notes, DWELLS: request.what})
         with rig.moving():
-            dwells.go_through()
+            rig.start(soft=True)
+            rig.start_record(_WITHOUT_END)
+            for number, speed_rad_s in enumerate(request.speeds_rad_s, start=1):
+                if number > 1:
+                    rig.shaft.disarm()
+                    rig.motion.go_to(speed_rad_s)
+                    rig.shaft.arm(speed_rad_s)
+                rig.logbook.tell("info", "dwell.start", rig.motion.what)
+                _stay(rig, request.dwell_s, f"dwell {number} of {len(request.scenarios)}")
+                rig.logbook.tell("info", "dwell.end", rig.motion.what)
+            ended.set()
+            rig.end_record()
             rig.ramp_down()
         rig.tell_of_marks()
         rig.recorder.close()
-        return run.log
+        return log
 
 
-@dataclass(slots=True)
-class _Dwells:
-    """The moves; the record begins with the first dwell and ends with the last, when they have `ended`."""
+def _stay(rig: DrivenRig, seconds: float, what: str) -> None:
+    begin = rig.acquisition.acquired
 
-    rig: DrivenRig
-    motor: Motor
-    speeds_rad_s: Sequence[float]
-    dwell_s: float
-    ended: bool = False
+    def stayed_s() -> float:
+        return (rig.acquisition.acquired - begin) / rig.sample_rate
 
-    def go_through(self) -> None:
-        """From speed to speed, the record begun and ended; raises what ends it early, with the motor on."""
-        rig, motor = self.rig, self.motor
-        rig.start(soft=True)
-        rig.start_record(_WITHOUT_END)
-        for number, speed_rad_s in enumerate(self.speeds_rad_s, start=1):
-            if number > 1:
-                rig.shaft.disarm()
-                motor.go_to(speed_rad_s)
-                rig.shaft.arm(speed_rad_s)
-            rig.logbook.tell("info", "dwell.start", motor.what)
-            self._stay(f"dwell {number} of {len(self.speeds_rad_s)}")
-            rig.logbook.tell("info", "dwell.end", motor.what)
-        self.ended = True
-        rig.end_record()
-
-    def _stay(self, what: str) -> None:
-        rig = self.rig
-        begin = rig.acquisition.acquired
-
-        def stayed_s() -> float:
-            return (rig.acquisition.acquired - begin) / rig.sample_rate
-
-        with rig.screen.bar(what, self.dwell_s) as bar:
-            rig.watch.until(rig.acquisition, lambda: stayed_s() >= self.dwell_s, lambda: bar.at(stayed_s()))
+    with rig.screen.bar(what, seconds) as bar:
+        rig.watch.until(rig.acquisition, lambda: stayed_s() >= seconds, lambda: bar(stayed_s()))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle.skew import AtMark, RecordingSkew, Skew, angles_at_marks, find_skew
+from daq.angle.skew import AtMark, RecordingSkew, angles_at_marks
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.errors import LogError
 from daq.log.reader import LogReader
@@ -27,16 +27,6 @@ _MOST_PLACED = 400
 """The pace is found from all pairs of them."""
 _COVERED_SIGMAS = 1.96
 """What a 95 % half width is of a standard deviation."""
-
-
-def encoder_at_marks(
-    encoder_s: Array, encoder_rad: Array, mark_s: Array, count_rad: float, sample_rate: float
-) -> Skew | None:
-    """What an encoder shows where the card sees the mark, in one run; None where both never met.
-
-    Times in s on the run's time base, `encoder_s` (n,) and `mark_s` (m,); the card samples at `sample_rate`.
-    """
-    return find_skew([_at_marks(encoder_s, encoder_rad, mark_s, count_rad, sample_rate, 0.0)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +71,7 @@ def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
         if encoder is None:
             raise LogError(f"{path}: no {ENCODER_CHANNEL} in it")
         # An angle is only as good as its zero; the marker is the crank's own.
-        shown = [each for each in channels.values() if shows_marks(each)] or list(channels.values())
+        shown = [channels[each] for each in channels if shows_marks(each)] or list(channels.values())
         name, _ = shaft_reading(shown, 1.0)
         if name is None:
             raise LogError(f"{path}: no angle or marker of the crank in it")
@@ -108,7 +98,7 @@ def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
         # standard uncertainty of where the run places the encoder's clock, if it says anything of it
         said = [record.uncertainty_s for record in log.clocks() if record.device == ENCODER_DEVICE]
         placed_s = said[-1] / _COVERED_SIGMAS if said else 0.0
-        return _at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, placed_s), pace
+        return at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, placed_s), pace
 
 
 def _zero_is_anywhere(log: LogReader, name: str) -> bool:
@@ -137,9 +127,14 @@ def _pace(blocks: Sequence[SampleBlock], start_ns: int) -> Pace:
     return Pace(float(line.intercept), float(line.slope))
 
 
-def _at_marks(
-    encoder_s: Array, encoder_rad: Array, mark_s: Array, count_rad: float, rate: float, placed_s: float
+def at_marks(
+    encoder_s: Array, encoder_rad: Array, mark_s: Array, count_rad: float, rate: float, placed_s: float = 0.0
 ) -> AtMark:
+    """What an encoder shows where the card, which samples at `rate`, sees the mark.
+
+    Times in s on the run's time base, `encoder_s` (n,) and `mark_s` (m,); `placed_s` is the standard
+    uncertainty of where that places the encoder's clock.
+    """
     # What is placed live may overlap a little where a model has moved back.
     known = encoder_s >= np.maximum.accumulate(encoder_s)
     mark_uncertainty_s = 1.0 / (rate * sqrt(12.0))

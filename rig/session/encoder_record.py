@@ -7,7 +7,6 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -85,8 +84,8 @@ class EncoderRecord:
         self._guard, self._speed = guard, self._new_speed()
         self._clock = DeviceClock(ENCODER_DEVICE, base)
         self._count = max(1, round(BLOCK_S / encoder.period_s))
-        self._per_count = math.tau / encoder.counts_per_revolution
-        step = math.ceil(fastest_rad_s / self._per_count * encoder.period_s) + 1
+        self.angle_per_count = math.tau / encoder.counts_per_revolution
+        step = math.ceil(fastest_rad_s / self.angle_per_count * encoder.period_s) + 1
         self._unwrapper = Unwrapper(encoder.total_range, min(step, (encoder.total_range - 1) // 2))
         self._next_number = 0
         self._backlog: deque[_Stretch] = deque()
@@ -150,10 +149,6 @@ class EncoderRecord:
             self._stream(step)
         return records
 
-    @property
-    def angle_per_count(self) -> float:
-        return self._per_count
-
     def seen(self) -> tuple[Array, Array]:
         """Times on the time base (s since the card's sample 0) and angles (rad) of the last 30 s."""
         if not self._seen:
@@ -201,18 +196,14 @@ class EncoderRecord:
             self._stream(Event(time_ns, "warning", self._encoder.name, "encoder.ambiguous", text))
         flags = block.flags & ~Flag.SAMPLES_MISSING_BEFORE
         flags |= Flag.SAMPLES_MISSING_BEFORE if missing else Flag.GOOD
-        card_s, known = self._card_s(block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1])
-        flags |= Flag.GOOD if known else Flag.CLOCK_NOT_LOCKED
-        angle_rad = np.asarray(unwrapped.counts * self._per_count, np.float64)
-        return _Stretch(number, card_s, angle_rad, flags, ambiguous)
-
-    def _card_s(self, stamp_s: Array, arrival_s: Array) -> tuple[float, bool]:
-        """Where a position lies on the time base, and whether its clock says so; shape (1,) each."""
+        stamp_s, arrival_s = block.timestamp_s[low : low + 1], block.arrival_s[low : low + 1]
         by_arrival = float(self._base.card_s(self._base.host_s(arrival_s))[0])
-        by_stamp = float(self._clock.card_s(stamp_s, arrival_s)[0])
-        if not -_EARLIEST_S < by_arrival - by_stamp < _LATEST_S:  # set, and its model does not know it yet
-            return by_arrival, False
-        return by_stamp, self._clock.locked
+        card_s, known = float(self._clock.card_s(stamp_s, arrival_s)[0]), self._clock.locked
+        if not -_EARLIEST_S < by_arrival - card_s < _LATEST_S:  # set, and its model does not know it yet
+            card_s, known = by_arrival, False
+        flags |= Flag.GOOD if known else Flag.CLOCK_NOT_LOCKED
+        angle_rad = np.asarray(unwrapped.counts * self.angle_per_count, np.float64)
+        return _Stretch(number, card_s, angle_rad, flags, ambiguous)
 
     def _show(self, stretches: list[_Stretch]) -> None:
         """Show the guard how fast the encoder turns; that is not known where whole turns may be lost."""
@@ -253,21 +244,16 @@ class EncoderRecord:
         if self._first is None:
             self._first = number
             self._turned_off = math.tau * math.floor(stretch.angle_rad[low] / math.tau)
-        for gap in self._gaps_before(number):
-            self._stream(gap)
+        while self._gaps and self._gaps[0][0] < number:  # what the encoder said of positions that are missing
+            first, count, cause = self._gaps.popleft()
+            if first > self._first:
+                before_s = (first - self._first) * self._encoder.period_s
+                time_ns = self._base.unix_ns(self._begin_s + before_s)
+                self._stream(Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause))
         values = stretch.angle_rad[low:high] - self._turned_off
         time_ns, rate = self._base.unix_ns(card_s), 1.0 / self._encoder.period_s
         block = SampleBlock(ENCODER_CHANNEL, number - self._first, time_ns, rate, values, stretch.flags)
         self._stream(Block("measured", block))
-
-    def _gaps_before(self, number: int) -> Iterator[Gap]:
-        """What the encoder said of positions that are missing within the record, up to a frame."""
-        while self._gaps and self._gaps[0][0] < number:
-            first, count, cause = self._gaps.popleft()
-            if self._first is not None and first > self._first:
-                before_s = (first - self._first) * self._encoder.period_s
-                time_ns = self._base.unix_ns(self._begin_s + before_s)
-                yield Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause)
 
     def _unix_ns(self, arrival_s: float) -> int:
         return self._base.unix_ns(float(self._base.card_s(self._base.host_s(arrival_s))))

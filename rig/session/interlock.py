@@ -65,7 +65,12 @@ class LimitWatch:
             for level, abort in ((limit.warning, False), (limit.abort, True)):
                 if level is not None and self._held(limit, values, level, abort):
                     found.append(Passed(limit.channel, limit.unit, float(np.nanmax(values)), level, abort))
-        return [passed for passed in found if self._news(passed)]
+        news = []
+        for passed in found:
+            if (passed.channel, passed.abort) not in self._told:
+                news.append(passed)
+            self._told.add((passed.channel, passed.abort))
+        return news
 
     def _held(self, limit: Limit, values: NDArray[np.floating], level: float, abort: bool) -> bool:
         beyond = values > level
@@ -83,12 +88,6 @@ class LimitWatch:
             self._told.discard((limit.channel, abort))
         return longest >= self._hold[limit.channel]
 
-    def _news(self, passed: Passed) -> bool:
-        key = (passed.channel, passed.abort)
-        news = key not in self._told
-        self._told.add(key)
-        return news
-
 
 BACK_S = 0.15
 """How long it must be gone to count as over: more than two of a card's readings, which come every 0.1 s."""
@@ -104,14 +103,10 @@ class Debounced:
 
     def __init__(self, hold_s: float) -> None:
         self._hold_s = hold_s
-        self._since_s: float | None = None
+        self.since_s: float | None = None
+        """Since when it holds, be it for how short; None while it does not."""
         self._gone_s: float | None = None
         self._latest_s, self._lapsed = -math.inf, False
-
-    @property
-    def since_s(self) -> float | None:
-        """Since when it holds, be it for how short; None while it does not."""
-        return self._since_s
 
     def look(self, at_s: float, *, holds: bool, gone: bool) -> float | None:
         """Take a reading; how long it has held, in s, once that is `hold_s`, else None.
@@ -120,16 +115,16 @@ class Debounced:
         """
         self._lapsed |= not holds
         if self._lapsed and at_s - self._latest_s >= self._hold_s:
-            self._since_s = None
+            self.since_s = None
         if holds:
             self._gone_s, self._latest_s, self._lapsed = None, at_s, False
-            self._since_s = at_s if self._since_s is None else self._since_s
-            held_s = at_s - self._since_s
+            self.since_s = at_s if self.since_s is None else self.since_s
+            held_s = at_s - self.since_s
             return held_s if held_s >= self._hold_s else None
         if gone:
             self._gone_s = at_s if self._gone_s is None else self._gone_s
             if at_s - self._gone_s >= BACK_S:
-                self._since_s = None
+                self.since_s = None
         return None
 
 

@@ -6,7 +6,6 @@ import datetime
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -23,20 +22,11 @@ from rig.session.progress import Screen
 from rig.stream import Block, Consumer, Metadata, Record, Stream
 
 _LONGEST_NAME = 60
-
 _EVERY_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """A run's identity and its log."""
-
-    id: str
-    log: Path
-
-
-def new_run(folder: Path, name: str, clock: Clock) -> Run:
-    """Name a run after its scenario and the time; makes `folder` if needed."""
+def new_log(folder: Path, name: str, clock: Clock) -> Path:
+    """A log whose stem, the run's id, is of its scenario and the time; makes `folder` if needed."""
     started = _now(clock)
     plain = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:_LONGEST_NAME] or "run"
     run_id = f"{plain}_{started:%Y%m%d-%H%M%S}-{started.microsecond // 1000:03d}"
@@ -44,7 +34,7 @@ def new_run(folder: Path, name: str, clock: Clock) -> Run:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecorderFailed(f"cannot make {folder}: {error.strerror}") from error
-    return Run(run_id, folder / f"{run_id}.mcap")
+    return folder / f"{run_id}.mcap"
 
 
 def run_record(

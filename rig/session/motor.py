@@ -38,14 +38,7 @@ class MotorActuator:
 
     def __init__(self, drive: SpeedDrive) -> None:
         self._drive = drive
-
-    @property
-    def name(self) -> str:
-        return self._drive.name
-
-    @property
-    def address(self) -> str:
-        return self._drive.address
+        self.name, self.address = drive.name, drive.address
 
     @property
     def identity(self) -> str:
@@ -81,7 +74,7 @@ class Motor:
     ) -> None:
         self._drive, self._wait, self._measured_rpm = drive, wait, measured_rpm
         self._clock = clock or SystemClock()
-        self._speed_rad_s = speed_rad_s
+        self.speed_rad_s = speed_rad_s
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * RPM_PER_RAD_S
         self._too_fast = Debounced(OVERSPEED_S + 60.0 / self._wanted_rpm)
         self._kept_rpm = 0.0
@@ -92,10 +85,6 @@ class Motor:
     @property
     def what(self) -> str:
         return f"crank at {self._wanted_rpm:g} rpm, inverter set to {self._kept_rpm:g} rpm"
-
-    @property
-    def speed_rad_s(self) -> float | None:
-        return self._speed_rad_s
 
     @property
     def longest_stop_s(self) -> float:
@@ -115,7 +104,7 @@ class Motor:
         wanted speed for 0.3 s and the time of a turn at the wanted one. Lapses are included: below 1.4 times
         such as are shorter than 0.15 s, between the two or unseen such as are shorter than all that time.
         """
-        speeds = [*(drive.speed for drive in path), self._speed_rad_s]
+        speeds = [*(drive.speed for drive in path), self.speed_rad_s]
         self._wanted_rpm = self._fastest_rpm = speeds[0] * RPM_PER_RAD_S
         self._drive.start()
         self._await_output()
@@ -155,7 +144,7 @@ class Motor:
 
     def _move_to(self, speed_rad_s: float) -> None:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * RPM_PER_RAD_S
-        self._speed_rad_s = speed_rad_s
+        self.speed_rad_s = speed_rad_s
         self._fastest_rpm = max(before_rpm, self._wanted_rpm)
         self._too_fast = Debounced(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
         left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
@@ -166,21 +155,17 @@ class Motor:
     def _await_output(self, from_rpm: float = 0.0) -> None:
         """Wait for the ramp; the driver itself raises where the output does not follow."""
         left_s = _RAMP_MARGIN * self._drive.ramp_s(from_rpm, self._kept_rpm) + _RAMP_GRACE_S
-        while not self._output_there():
+        while True:
+            state = self._drive.state
+            off_rpm = math.inf if state is None else abs(state.speed_rpm - self._kept_rpm)
+            if state is not None and state.running and off_rpm <= _OUTPUT_SHARE * self._kept_rpm:
+                return
             if left_s < 0.0:
                 raise self._refused(
                     f"its output does not come to {self._kept_rpm:g} rpm", "load and its ramp"
                 )
             self._look_on()
             left_s -= _STEP_S
-
-    def _output_there(self) -> bool:
-        state = self._drive.state
-        return (
-            state is not None
-            and state.running
-            and abs(state.speed_rpm - self._kept_rpm) <= _OUTPUT_SHARE * self._kept_rpm
-        )
 
     def _await_shaft(self) -> None:
         left_s = _SEEN_S + _SEEN_TURNS * 60.0 / self._wanted_rpm

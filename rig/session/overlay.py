@@ -10,7 +10,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.log.codec import decode_block
 from daq.log.reader import LogReader, Origin
-from daq.log.records import Gap, Impact
+from daq.log.records import Impact
 from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
@@ -110,12 +110,11 @@ def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
             copy.add_metadata(name, record)
     for channel in log.channels("measured").values():
         copy.declare("measured", channel)
-    ledger: list[Gap] = log.gaps()
     for message in log.messages({f"/measured/{name}" for name in log.channels("measured")}):
         block = decode_block(message.topic.removeprefix("/measured/"), message.data)
         copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
         derived(Block("measured", block))
-    for gap in ledger:
+    for gap in log.gaps():
         copy.add_gap(gap, gap.time_ns)
     for event in log.events():
         copy.add_event(event)

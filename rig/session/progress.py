@@ -52,33 +52,24 @@ class Screen:
             yield
 
     @contextmanager
-    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Bar]:
-        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter."""
+    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
+        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter.
+
+        What it gives is told how far it is, in that unit.
+        """
         if not self.console.is_terminal:
             self.say(f"{text} ({total:g} {unit}) ...")
-            yield Bar(lambda done: None) if unit == "s" else Bar(_Quarters(self.say, text, total).at)
+            said = 0
+
+            def quarters(done: float) -> None:
+                nonlocal said
+                if (now := min(3, int(4 * done / total)) if total else 3) > said:
+                    said = now
+                    self.say(f"{text} {25 * now} %")
+
+            yield (lambda done: None) if unit == "s" else quarters
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         with Progress(*columns, console=self.console, transient=True) as progress:
             task = progress.add_task(text, total=total)
-            yield Bar(lambda done: progress.update(task, completed=done))
-
-
-class Bar:
-    """One progress bar; `at` shows how far it is, in the unit of the total."""
-
-    def __init__(self, at: Callable[[float], None]) -> None:
-        self.at = at
-
-
-class _Quarters:
-    """Says when another quarter of a count is done."""
-
-    def __init__(self, say: Callable[[str], None], text: str, total: float) -> None:
-        self._say, self._text, self._total, self._said = say, text, total, 0
-
-    def at(self, done: float) -> None:
-        quarters = min(3, int(4 * done / self._total)) if self._total else 3
-        if quarters > self._said:
-            self._said = quarters
-            self._say(f"{self._text} {25 * quarters} %")
+            yield lambda done: progress.update(task, completed=done)

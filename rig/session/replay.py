@@ -55,7 +55,13 @@ def replay_log(
             view = stack.enter_context(live_view)
             screen.say(f"live view  {view.url}")
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
-        derivation = derive_again(log, stream)
+        # what the run derived, by what was settled then; where the log does not say, by the same rule
+        try:
+            nominal = scenario_of(log)
+        except (LogError, ConfigurationError):
+            nominal = None  # another program's log: there are impacts, but no cycles
+        names = {origin: list(log.channels(origin)) for origin in ORIGINS}
+        derivation = Derivation(stream, names, nominal, from_record(log.metadata.get(RECORD, {})))
         stream += [derived, derivation]
         with screen.busy("replaying"):
             count = _play(log, speed, clock, stop, stream)
@@ -64,19 +70,6 @@ def replay_log(
         if live:
             screen.hold("the live view stays open; Enter closes it ")
         return count
-
-
-def derive_again(log: LogReader, publish: Consumer) -> Derivation:
-    """What derives from a log's samples what the run derived, by what was settled then.
-
-    Where the log does not say, it is settled by the same rule; raises LogError where it cannot be read.
-    """
-    try:
-        scenario = scenario_of(log)
-    except (LogError, ConfigurationError):
-        scenario = None  # another program's log: there are impacts, but no cycles
-    channels = {origin: list(log.channels(origin)) for origin in ORIGINS}
-    return Derivation(publish, channels, scenario, from_record(log.metadata.get(RECORD, {})))
 
 
 class _Derived:
@@ -99,8 +92,15 @@ class _Derived:
 
 def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish: Consumer) -> int:
     """Paced on the monotonic clock; returns the number of blocks."""
+
+    def blocks(origin: Origin) -> Iterator[tuple[int, Record]]:
+        for _, block in log.blocks(origin):  # by the time at which they end, when a live run had them
+            end_ns = sample_time_ns(block.time_ns, len(block), block.sample_rate)
+            yield end_ns, Block(origin, block)
+
+    events: Iterator[tuple[int, Record]] = ((event.time_ns, event) for event in log.events())
     started_s, first_ns, count = clock.monotonic_s(), None, 0
-    for time_ns, record in _in_order(log):
+    for time_ns, record in heapq.merge(*map(blocks, ORIGINS), events, key=lambda item: item[0]):
         first_ns = time_ns if first_ns is None else first_ns
         stop.check()
         if speed > 0:
@@ -111,18 +111,6 @@ def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish
         publish(record)
         count += isinstance(record, Block)
     return count
-
-
-def _in_order(log: LogReader) -> Iterator[tuple[int, Record]]:
-    """Blocks by the time at which they end (when a live run would have had them), and events."""
-
-    def blocks(origin: Origin) -> Iterator[tuple[int, Record]]:
-        for _, block in log.blocks(origin):
-            end_ns = sample_time_ns(block.time_ns, len(block), block.sample_rate)
-            yield end_ns, Block(origin, block)
-
-    events: Iterator[tuple[int, Record]] = ((event.time_ns, event) for event in log.events())
-    return heapq.merge(*map(blocks, ORIGINS), events, key=lambda item: item[0])
 
 
 class ShapeFollower:

@@ -13,7 +13,6 @@ from daq.clock import Clock
 from daq.log.reader import Origin
 from daq.quantity import settings_of
 from daq.time_base.run_clock import RunClock
-from drivers.protocols.card import CardReading
 from rig.derived.derivation import DerivationProcess, derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
@@ -35,7 +34,6 @@ from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
     from rig.live.view import LiveView
-
 
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
@@ -63,7 +61,14 @@ class Sequence:
         """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
         rig, wanted = self.rig, self.wanted
         if wanted.settle > 0:
-            self._settle()
+            with rig.screen.bar("settling", wanted.settle) as settling:
+                self._start()
+                full = rig.acquisition.acquired
+                end, feed_from = full + self._samples(wanted.settle), full
+                if self._trim(full):
+                    feed_from = rig.acquisition.acquired + self._samples(ON_THEIR_WAY_S)
+                self.feed.feed_from = feed_from
+                self._until(max(end, feed_from), lambda: settling(self._since(full)))
         pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
         if pre_trigger:
             self.feed.feed_from = rig.acquisition.acquired
@@ -73,23 +78,10 @@ class Sequence:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
-            rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar.at(self._since(begin)))
+            rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
         rig.logbook.tell("info", "record.end", "recorded")
         rig.end_record()
         rig.ramp_down()
-
-    def _settle(self) -> None:
-        wanted, acquisition = self.wanted, self.rig.acquisition
-        with self.rig.screen.bar("settling", wanted.settle) as bar:
-            self._start()
-            full = acquisition.acquired
-            end = full + self._samples(wanted.settle)
-            if self._trim(full):
-                self.feed.feed_from = acquisition.acquired + self._samples(ON_THEIR_WAY_S)
-                end = max(end, self.feed.feed_from)
-            else:
-                self.feed.feed_from = full
-            self._until(end, lambda: bar.at(self._since(full)))
 
     def _trim(self, since: int) -> bool:
         """Correct what the frequency is off by the measured drive; returns whether it was."""
@@ -121,8 +113,13 @@ class Sequence:
         self.rig.start(starts_softly(self.wanted), self.path)
         tell = self.rig.logbook.tell
         if self.path:
-            came = "; ".join(map(_named, self.path))
-            tell("info", "drive.path", f"came without a rest through {came}")
+            # each section [drive] in words, SI
+            settings = settings_of(type(self.path[0])).items()
+            came = (
+                ", ".join(f"{key} {getattr(drive, each.name):g}" for key, each in settings)
+                for drive in self.path
+            )
+            tell("info", "drive.path", f"came without a rest through {'; '.join(came)}")
         tell("info", "drive.on", self.rig.motion.what)
 
     def _until(self, sample: int, show: Callable[[], None] = lambda: None) -> None:
@@ -134,12 +131,6 @@ class Sequence:
 
     def _samples(self, seconds: float) -> int:
         return round(seconds * self.rig.sample_rate)
-
-
-def _named(drive: Any) -> str:
-    """A section [drive] in words, SI."""
-    settings = settings_of(type(drive)).items()
-    return ", ".join(f"{key} {getattr(drive, each.name):g}" for key, each in settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,20 +171,31 @@ class _Run:
         self._rig, self._notes, self._stop = rig, notes, stop
         self._hold: FrequencyHold | None = None
         self._frequency: FrequencyCheck | None = None
-        sine = RIGS[self._scenario.rig].sine
-        hertz = None if sine is None else sine.hertz(self._scenario.drive)
-        if sine is not None and hertz is not None and sine.channel in rig.names and not request.bench.unseen:
-            self._hold = FrequencyHold(sine.channel, hertz, rig.sample_rate)
-            self._frequency = FrequencyCheck(sine.channel, hertz)
+        held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
+        if held is not None and held[0] in rig.names and not request.bench.unseen:
+            self._hold = FrequencyHold(*held, rig.sample_rate)
+            self._frequency = FrequencyCheck(*held)
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
-        rig, wanted, twin = self._rig, self._scenario.acquisition, self._twin()
+        rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
+        twin = twin_of(self._scenario, rig.names)
+        if model is not None:
+            from rig.twin.logged import with_model
+
+            twin = with_model(twin, model, rig.screen.warn)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         rig.launch(stack)
-        tell, unseen = rig.logbook.tell, self._unseen
-        feed = TwinFeed(twin, rig.names, rig.sample_rate, wanted.settle, rig.stream, tell, unseen)
-        self._feed = feed
+        look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
+        self._feed = feed = TwinFeed(
+            twin,
+            rig.names,
+            rig.sample_rate,
+            wanted.settle,
+            rig.stream,
+            rig.logbook.tell,
+            lambda text: rig.screen.warn(f"{text}: is {look_at}?"),
+        )
         predicted = [channel for channel in predicted_channels(twin) if channel.name in rig.names]
         origins: dict[Origin, list[Channel]] = {
             "measured": list(rig.devices.card.channels),
@@ -207,24 +209,26 @@ class _Run:
         with rig.screen.busy(f"warming up the twin{'' if emulated else f' ({FIRST_START})'}"):
             feed.worker.wait_ready(self._stop.check)
             derivation.wait_ready(self._stop.check)
-        run = rig.open_log(stack, self._request.folder, self._scenario.name)
+        log = rig.open_log(stack, self._request.folder, self._scenario.name)
         derived = derived_channels(origins, self._scenario)
         view = self._view(stack, twin, origins, derived) if self._request.live else None
         rig.stream += [*self._request.consumers, *filter(None, [self._frequency]), derivation]
         stack.callback(lambda: derivation.finish(rig.logbook.note))  # however the run ends
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
-
-        def feed_twin(reading: CardReading) -> None:
-            feed.take(reading, rig.acquisition)
-
-        readers: list[Reader] = [feed_twin]
+        readers: list[Reader] = [lambda reading: feed.take(reading, rig.acquisition)]
         if (hold := self._hold) is not None:
             row = rig.names.index(hold.channel)
             readers.insert(0, lambda reading: hold.take(reading.values[row]))
         rig.record(self._scenario.limits, rig.motion.speed_rad_s, readers, self._request.enough)
         rig.logbook.events.append(derivation.events)
         rig.on_stopping = feed.end
-        self._declare(run.id, predicted, derived)
+        for channel in derived:
+            rig.recorder.declare("derived", channel)
+        rig.declare(log.stem, self._scenario.text, self._notes)
+        if model is not None:
+            rig.recorder.metadata("twin", twin_record(None, model))
+        for channel in predicted:
+            rig.recorder.declare("predicted", channel)
         self._move_and_record()
         with rig.screen.busy("finishing the prediction"):
             feed.finish(self._stop.check)
@@ -234,21 +238,7 @@ class _Run:
         rig.recorder.close()
         if self._request.live and self._request.view_stays:
             rig.screen.hold("the live view stays open; Enter closes it ")
-        return run.log
-
-    def _twin(self) -> AnyTwin:
-        twin, model = twin_of(self._scenario, self._rig.names), self._request.model
-        if model is None:
-            return twin
-        from rig.twin.logged import with_model
-
-        return with_model(twin, model, self._rig.screen.warn)
-
-    def _unseen(self, text: str) -> None:
-        look_at = "its sensor on, the speed right"
-        if self._rig.motion.speed_rad_s is None:
-            look_at = "the amplifier on"
-        self._rig.screen.warn(f"{text}: is {look_at}?")
+        return log
 
     def _view(
         self, stack: ExitStack, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
@@ -267,22 +257,14 @@ class _Run:
         self._rig.stream.append(view.offer)
         return view
 
-    def _declare(self, run_id: str, predicted: list[Channel], derived: list[Channel]) -> None:
-        rig, model = self._rig, self._request.model
-        for channel in derived:
-            rig.recorder.declare("derived", channel)
-        rig.declare(run_id, self._scenario.text, self._notes)
-        if model is not None:
-            rig.recorder.metadata("twin", twin_record(None, model))
-        for channel in predicted:
-            rig.recorder.declare("predicted", channel)
-
     def _move_and_record(self) -> None:
         rig, path = self._rig, self._request.path
         with rig.moving():
             Sequence(self._scenario.acquisition, rig, self._feed, self._hold, path).drive_and_record()
         rig.tell_of_marks()
-        rig.tell_of_encoder()
+        if rig.encoder is not None:
+            for code, text in rig.shaft.encoder_at_mark(rig.encoder):
+                rig.logbook.tell("info", code, text)
         if self._frequency is None:
             return
         found = self._frequency.result()

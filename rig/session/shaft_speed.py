@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +41,6 @@ class SpeedReading:
     lost: str = ""
 
 
-class ShaftReading(Protocol):
-    """A channel's way to the speed; `marks` are passages of crank angle zero, in samples since the start."""
-
-    marks: deque[float]
-
-    def take(self, first_sample: int, values: NDArray[np.float64]) -> SpeedReading:
-        """Take the next samples, shape (n,), without a hole."""
-
-
 class ShaftSpeed:
     """Speed of the shaft by one channel of the card, taken in the acquisition thread, asked for in any.
 
@@ -60,11 +50,7 @@ class ShaftSpeed:
     def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
         self.channel, self._reading = shaft_reading(channels, sample_rate)
         self._clock = clock
-        self._shown, self._at_s = SpeedReading(), -math.inf
-
-    @property
-    def shown(self) -> SpeedReading:
-        return self._shown
+        self.shown, self._at_s = SpeedReading(), -math.inf
 
     @property
     def marks(self) -> NDArray[np.float64]:
@@ -73,13 +59,13 @@ class ShaftSpeed:
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> None:
         if self._reading is not None:
-            self._shown, self._at_s = self._reading.take(first_sample, values), self._clock.monotonic_s()
+            self.shown, self._at_s = self._reading.take(first_sample, values), self._clock.monotonic_s()
 
     def rpm(self) -> float:
         """Speed in rpm: of the last whole turn where that is steady; NaN where nothing recent shows it."""
         if self._clock.monotonic_s() - self._at_s > STALE_S:
             return math.nan
-        return self._shown.speed_rad_s * RPM_PER_RAD_S
+        return self.shown.speed_rad_s * RPM_PER_RAD_S
 
 
 class ByAngle:
@@ -160,12 +146,19 @@ class _ByMarker:
         return SpeedReading(math.nan if overdue else math.tau * self._rate / interval, valid=True, lost=lost)
 
 
-def shaft_reading(channels: Iterable[Channel], sample_rate: float) -> tuple[str | None, ShaftReading | None]:
-    """The channel that shows the shaft best, and how it does; None where none of them shows it."""
-    channel = shaft_channel(channels)
-    if channel is None:
+def shaft_reading(
+    channels: Iterable[Channel], sample_rate: float
+) -> tuple[str | None, ByAngle | _ByMarker | None]:
+    """The channel that shows the shaft best, and how it does; None where none of them shows it.
+
+    Either takes samples without a hole; its `marks` are passages of crank angle zero, in samples since the
+    start.
+    """
+    by_name = {channel.name: channel for channel in channels}
+    name = shaft_channel(by_name)
+    if name is None:
         return None, None
-    if shows_marks(channel):
-        return channel.name, _ByMarker(sample_rate)
-    counts = channel.scale if channel.raw_unit == "count" else None
-    return channel.name, ByAngle(sample_rate, counts or 0.0)
+    if shows_marks(name):
+        return name, _ByMarker(sample_rate)
+    counts = by_name[name].scale if by_name[name].raw_unit == "count" else None
+    return name, ByAngle(sample_rate, counts or 0.0)

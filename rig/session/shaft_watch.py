@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.angle.marker import MarkTracker
+from daq.angle.skew import find_skew
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.records import Event
@@ -16,7 +17,7 @@ from drivers.protocols.card import CardReading
 from drivers.protocols.encoder import PositionEncoder
 from rig.rigs import shows_marks
 from rig.session.acquisition import Acquisition
-from rig.session.encoder_check import encoder_at_marks
+from rig.session.encoder_check import at_marks
 from rig.session.encoder_record import EncoderRecord
 from rig.session.interlock import guards_of_shaft
 from rig.session.motor import OVERSPEED
@@ -39,7 +40,7 @@ class MarkWatch:
     """
 
     def __init__(self, channels: Iterable[Channel]) -> None:
-        self.channel = next((channel.name for channel in channels if shows_marks(channel)), None)
+        self.channel = next((channel.name for channel in channels if shows_marks(channel.name)), None)
         self._tracker = MarkTracker()
         self._seen: deque[float] = deque(maxlen=_MOST_MARKS)
         self._missing = self._rejected = 0
@@ -64,7 +65,11 @@ class MarkWatch:
 
         `zeros`, shape (m,): where the angle passes whole turns, in samples since the card's start.
         """
-        by_angle, by_mark = (_turn(marks[(marks >= begin) & (marks < end)]) for marks in (zeros, self.marks))
+        inside = (marks[(marks >= begin) & (marks < end)] for marks in (zeros, self.marks))
+        # samples of a turn, whatever single marks lack or are too many
+        by_angle, by_mark = (
+            float(np.median(np.diff(each))) if len(each) > _FEWEST_TURNS else None for each in inside
+        )
         if by_angle is None or by_mark is None:
             return ""
         if abs(by_mark - by_angle) <= _SAME_SPEED * by_angle + 1.0:  # a mark is known to a sample
@@ -91,11 +96,6 @@ class MarkWatch:
         if recorded:
             self._missing += self._tracker.missing - before[0]
             self._rejected += self._tracker.extra - before[1]
-
-
-def _turn(marks: NDArray[np.float64]) -> float | None:
-    """Samples of a turn, whatever single marks lack or are too many; None where there are too few."""
-    return float(np.median(np.diff(marks))) if len(marks) > _FEWEST_TURNS else None
 
 
 class ShaftWatch:
@@ -160,6 +160,6 @@ class ShaftWatch:
     def encoder_at_mark(self, encoder: EncoderRecord) -> Iterator[tuple[str, str]]:
         """Code and text: how the encoder stands against the card's mark."""
         marks = self._speed.marks if self._marks.channel is None else self._marks.marks
-        skew = encoder_at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
-        if skew is not None:
+        seen = at_marks(*encoder.seen(), marks / self._rate, encoder.angle_per_count, self._rate)
+        if (skew := find_skew([seen])) is not None:
             yield self._marks.standing(str(skew), str(self._speed.channel))

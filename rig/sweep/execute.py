@@ -72,30 +72,17 @@ def begun(request: SweepRequest) -> SweepState:
     return dataclasses.replace(state, by_hand={}, centre=None) if request.set_again else state
 
 
-def run_sweep(
-    request: SweepRequest,
-    state: SweepState,
-    screen: Screen,
-    clock: Clock,
-    run: Run = run_scenario,
-    centre: Centre | None = None,
-) -> SweepState:
-    """Record every point that has not ended yet; `state` is written after each.
+class Sweeping:
+    """A sweep that goes on from `state`; `run` records a point, `centre` finds what centres the beam."""
 
-    Raises what ended a point early, after writing it down: the same call goes on from there.
-    """
-    return _Sweeping(request, state, screen, clock, run, centre).all()
-
-
-class _Sweeping:
     def __init__(
         self,
         request: SweepRequest,
         state: SweepState,
         screen: Screen,
         clock: Clock,
-        run: Run,
-        centre: Centre | None,
+        run: Run = run_scenario,
+        centre: Centre | None = None,
     ) -> None:
         self._request, self._state, self._screen, self._clock = request, state, screen, clock
         self._run, self._centre = run, centre
@@ -103,6 +90,10 @@ class _Sweeping:
         self._bench = dataclasses.replace(request.bench, emulation=emulation)
 
     def all(self) -> SweepState:
+        """Record every point that has not ended yet; the state is written after each.
+
+        Raises what ended a point early, after writing it down: the same call goes on from there.
+        """
         steps = steps_of(self._request.sweep)
         todo = [step for step in steps if self._wanted(step.point.number)]
         done = self._state.ended("done")
@@ -124,7 +115,9 @@ class _Sweeping:
                         self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
                     else:
                         self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
-                    self._keep(self._state.with_hand(axis.key, value))
+                    # a move by hand also ends what centring found
+                    hands = {**self._state.by_hand, axis.key: value}
+                    self._keep(dataclasses.replace(self._state, by_hand=hands, centre=None))
             self._point(step.point, last=step is todo[-1])
         return self._state
 

@@ -12,7 +12,6 @@ from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
 from rig.files.faults import raised_by
 from rig.files.pairing import SOFT_START_FROM_S, check_pair, check_scenario
-from rig.files.scenario import Limit
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
 from rig.instruments import actuator_of
@@ -73,8 +72,14 @@ def steps_of(sweep: Sweep) -> tuple[Step, ...]:
 
 def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: float = float("inf")) -> None:
     """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once."""
-    problems = _by_points(sweep, lambda point: _faults(point, bench, today, sweep.centre))
-    problems += _counting(sweep, bench)
+
+    def faults(point: Point) -> Iterator[Problem]:
+        yield from raised_by(lambda: check_pair(point.scenario, bench, today))
+        yield from _faults_anywhere(point, sweep.centre)
+        if sweep.centre:
+            yield from raised_by(lambda: centring_plan(point.scenario, bench))
+
+    problems = _by_points(sweep, faults) + _counting(sweep, bench)
     needed = bytes_of(sweep, bench) + _RESERVE_BYTES
     if needed > free_bytes:
         allowed = f"{needed / 1e9:.1f} GB with 1 GiB to spare; make room or choose another --out"
@@ -100,14 +105,6 @@ def _by_points(sweep: Sweep, faults: Callable[[Point], Iterable[Problem]]) -> li
         dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
         for problem, numbers in found.items()
     ]
-
-
-def _faults(point: Point, bench: Bench, today: datetime.date, centre: bool) -> Iterator[Problem]:
-    scenario = point.scenario
-    yield from raised_by(lambda: check_pair(scenario, bench, today))
-    yield from _faults_anywhere(point, centre)
-    if centre:
-        yield from raised_by(lambda: centring_plan(scenario, bench))
 
 
 def _faults_anywhere(point: Point, centre: bool) -> Iterator[Problem]:
@@ -200,25 +197,21 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
     actuator, asked = actuator_of(kind.actuator), max(point.scenario.drive.peak for point in sweep.points)
-    allowed = f"{actuator.highest_of(bench.actuator):g} {actuator.unit}"
+    allowed = f"{getattr(bench.actuator, actuator.highest) * actuator.per_si:g} {actuator.unit}"
     said = f"{asked * actuator.per_si:g} of {allowed} ({kind.actuator}.{actuator.highest})"
     yield f"guard      drive at most {said}"
     if kind.turns:
         yield f"guard      {SPEED_GUARDED}"
     for limit in scenario.limits:
-        yield f"guard      {_limit(limit)}"
+        levels = [
+            f"{name} {level:g} {limit.unit}"
+            for name, level in (("warning", limit.warning), ("abort", limit.abort))
+            if level is not None
+        ]
+        held = f" held for {limit.hold:g} s" if limit.hold else ""
+        yield f"guard      {limit.channel}: {', '.join(levels)}{held}"
     if not any(limit.abort is not None for limit in scenario.limits):
         yield "guard      no abort limit on any channel ([limits] in the scenario)"
-
-
-def _limit(limit: Limit) -> str:
-    levels = [
-        f"{name} {level:g} {limit.unit}"
-        for name, level in (("warning", limit.warning), ("abort", limit.abort))
-        if level is not None
-    ]
-    held = f" held for {limit.hold:g} s" if limit.hold else ""
-    return f"{limit.channel}: {', '.join(levels)}{held}"
 
 
 def in_words(seconds: float) -> str:

@@ -43,9 +43,8 @@ def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
     rig's contact forces (elsewhere on the channel that shows most of them) and their peaks in its unit,
     statistics of the peaks of half cycles where it has contact forces, then rms and peak of each channel.
     """
-    sine = RIGS[scenario.rig].sine
-    hertz = None if sine is None else sine.hertz(scenario.drive)
-    check = None if sine is None or hertz is None else FrequencyCheck(sine.channel, hertz)
+    held = RIGS[scenario.rig].held_sine(scenario.drive)
+    check = None if held is None else FrequencyCheck(*held)
     run = read_run(log, [] if check is None else [check])
     figures: dict[str, float] = {}
     if check is not None:

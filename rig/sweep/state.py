@@ -20,7 +20,6 @@ from rig.files.bench import Bench
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
 from rig.files.sweep import Sweep
-from rig.files.sweep_axes import Value
 
 FILE: Final = "sweep.json"
 SCHEMA: Final = "rattle.sweep/1"
@@ -76,10 +75,6 @@ class SweepState:
 
     def with_point(self, number: int, point: PointState) -> SweepState:
         return dataclasses.replace(self, points={**self.points, number: point})
-
-    def with_hand(self, key: str, value: Value) -> SweepState:
-        """The same after a move by hand, which also ends what centring found."""
-        return dataclasses.replace(self, by_hand={**self.by_hand, key: value}, centre=None)
 
     def ended(self, *outcomes: Outcome) -> tuple[int, ...]:
         return tuple(sorted(n for n, point in self.points.items() if point.outcome in outcomes))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class ShakenPlantFactory:
     healthy: bool
 
     def __call__(self) -> Plant[DriveSettings]:
-        return _compiled(ShakenPlant(self))
+        return ShakenPlant(self).compiled()
 
 
 class _DrawnPlant:
@@ -74,6 +74,11 @@ class _DrawnPlant:
     def start(self, sample_rate: float) -> None:
         self._stream = self._twin.model.stream(self._twin, sample_rate, self._noise, drive_changes=True)
 
+    def compiled(self) -> Self:
+        self.start(51_200.0)
+        self.advance(64)
+        return self
+
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count), noise in."""
         return self._running.advance(count)
@@ -83,15 +88,6 @@ class _DrawnPlant:
         if self._stream is None:
             raise ValueError("the plant has not been started")
         return self._stream
-
-
-_Drawn = TypeVar("_Drawn", bound=_DrawnPlant)
-
-
-def _compiled(plant: _Drawn) -> _Drawn:
-    plant.start(51_200.0)
-    plant.advance(64)
-    return plant
 
 
 class ShakenPlant(_DrawnPlant):
@@ -137,7 +133,7 @@ class CrankPlantFactory:
     healthy: bool
 
     def __call__(self) -> Plant[InverterOutput]:
-        return _compiled(CrankPlant(self))
+        return CrankPlant(self).compiled()
 
 
 class CrankPlant(_DrawnPlant):

@@ -10,9 +10,11 @@ import pytest
 
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS
+from drivers.mitsubishi_fr.emulator.process import matching_setup
 from drivers.mitsubishi_fr.settings import CHECKED, Parameters, problems, warnings
+from rig.emulated_rig import RAMP_S
+from rig.emulation import encoder_setup
 from rig.files.bench import Bench, Emulation, load_bench, parse_bench
-from rig.shaft_wiring import encoder_setup, inverter_setup
 
 EXAMPLE = Path(__file__).parents[2] / "scenarios" / "crank_bench.example.toml"
 BENCH = load_bench(EXAMPLE)
@@ -58,7 +60,7 @@ def test_the_driver_gets_what_the_bench_says() -> None:
 def test_an_emulated_inverter_is_set_as_its_driver_wants_it(keys: str) -> None:
     inverter = emulated(f"[inverter]\nemulated = true\n{keys}").actuator
     settings = inverter.at("socket://127.0.0.1:1")
-    raw = PARAMETERS | dict(inverter_setup(inverter).parameters)
+    raw = PARAMETERS | dict(matching_setup(inverter, RAMP_S).parameters)
     answers = {block: tuple(raw[each.number - 41000] for each in block.registers) for block in CHECKED}
     found = Parameters.of(answers)
     assert problems(found, settings) == ()

@@ -86,8 +86,8 @@ def parts(run: RunRecord) -> list[Part]:
     if not run.traces:
         return [Sentence("The log holds no samples.")]
     cycle = cycle_of(run)
-    contacts = _first_contacts(run)
-    windows = [_first_impacts(contacts), _one_cycle(run)]
+    impacts = _first_impacts(run)
+    windows = [impacts or _Window("the beginning", 0.0, _WITHOUT_IMPACTS_S), _one_cycle(run)]
     if cycle is not None:  # wave by wave, two twins can be held against a run only from rest on
         windows = windows[:1] if cycle.from_rest else windows[1:]
     plots = Plots(rows=len(run.channels), columns=_COLUMNS, row_px=_ROW_PX)
@@ -109,21 +109,21 @@ def parts(run: RunRecord) -> list[Part]:
             plots.axes(left + 1, f"{title}, mean of all cycles", "share of a cycle", x_axis=whole)
             for whose, trace in traces.items():
                 plots.line(left + 1, whose, *mean_cycle(trace, cycle), subject=name)
-    return [*_remark(run, cycle, contacts is not None), plots.figure("overlays", _CAPTION)]
+    return [*_remark(run, cycle, impacts), plots.figure("overlays", _CAPTION)]
 
 
-def _remark(run: RunRecord, cycle: Cycle | None, impacts: bool) -> list[Sentence]:
+def _remark(run: RunRecord, cycle: Cycle | None, impacts: _Window | None) -> list[Sentence]:
     if cycle is not None:
         return [Sentence(f"{_FROM_REST if cycle.from_rest else _RUNNING} {_MEAN}")]
-    if impacts:
+    if impacts is not None:
         return []
     forces = any(run.contact_forces(origin) is not None for origin in ORIGINS)
     what = "impact" if forces else "contact forces"
     return [Sentence(f"No {what} in this run: the left column shows its beginning.")]
 
 
-def _first_contacts(run: RunRecord) -> NDArray[np.float64] | None:
-    """Start and end in s of the first contacts, shape (m, 2): the measured, or the predicted if none is."""
+def _first_impacts(run: RunRecord) -> _Window | None:
+    """The first contacts, the measured, or the predicted if none is; None where there are none at all."""
     for origin in ORIGINS:
         forces = run.contact_forces(origin)
         if forces is None:
@@ -133,16 +133,10 @@ def _first_contacts(run: RunRecord) -> NDArray[np.float64] | None:
         bounds = np.vstack([np.column_stack((each.start, each.end)) for each in found])
         bounds = bounds[bounds[:, 0] > 0]  # a contact that the record's start cuts shows nothing
         if len(bounds):
-            ordered: NDArray[np.float64] = bounds[np.argsort(bounds[:, 0])] / forces[0].sample_rate
-            return ordered[:_CONTACTS_SHOWN]
+            ordered = bounds[np.argsort(bounds[:, 0])] / forces[0].sample_rate
+            start, end = float(ordered[0, 0]), float(ordered[:_CONTACTS_SHOWN][-1, 1])
+            return _Window("first impacts", max(start - _BEFORE_S, 0.0), end + _AFTER_S)
     return None
-
-
-def _first_impacts(contacts: NDArray[np.float64] | None) -> _Window:
-    if contacts is None:
-        return _Window("the beginning", 0.0, _WITHOUT_IMPACTS_S)
-    start, end = float(contacts[0, 0]), float(contacts[-1, 1])
-    return _Window("first impacts", max(start - _BEFORE_S, 0.0), end + _AFTER_S)
 
 
 def _one_cycle(run: RunRecord) -> _Window:
@@ -177,14 +171,6 @@ class _Line(NamedTuple):
     values: NDArray[np.floating]
 
 
-class _Revolution(NamedTuple):
-    """One revolution of a channel, and the mean of how many."""
-
-    one: _Line
-    mean: _Line
-    cycles: int
-
-
 def revolution(run: RunRecord) -> list[Part]:
     """A row of two plots for each channel that vibrates; nothing for a rig without a shaft."""
     if not run.roles.turns:
@@ -208,10 +194,10 @@ def revolution(run: RunRecord) -> list[Part]:
     told = []
     for origin, way in turns.items():
         whose, revolutions = run.whose(origin), _revolutions(traces[origin], way)
-        for name, each in revolutions.items():
-            for cell, line in enumerate((each.one, each.mean), _COLUMNS * names.index(name)):
+        for name, (one, mean, _) in revolutions.items():
+            for cell, line in enumerate((one, mean), _COLUMNS * names.index(name)):
                 plots.outline(cell, whose, line.degrees, line.values, subject=name, points=points)
-        counts = [each.cycles for each in revolutions.values()] or [0]
+        counts = [count for *_, count in revolutions.values()] or [0]
         least, most = min(counts), max(counts)  # channels with holes may have fewer
         told.append(f"{least} to {most} {whose}" if most > least else f"{most} {whose}")
     return [
@@ -223,8 +209,8 @@ def revolution(run: RunRecord) -> list[Part]:
     ]
 
 
-def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, _Revolution]:
-    """One revolution and the mean of all, by channel.
+def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, tuple[_Line, _Line, int]]:
+    """By channel one revolution, the mean of all, and how many they are.
 
     The one is from the middle of the run, away from the start's transients.
     """
@@ -240,7 +226,7 @@ def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[s
         traces.items(), _means(list(traces.values()), turns), strict=True
     ):
         at = inside[inside < len(trace.values)]
-        found[name] = _Revolution(_Line(360.0 * (turns[at] - chosen), trace.values[at]), mean, count)
+        found[name] = _Line(360.0 * (turns[at] - chosen), trace.values[at]), mean, count
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import ceil, log10
 
 import numpy as np
@@ -81,7 +81,11 @@ def orders(run: RunRecord) -> list[Part]:
     for cell, (name, lines) in enumerate(found.items()):
         unit = run.channels[name].unit
         bands = {whose: largest_in_bands(np.arange(len(each)) / TURNS, each) for whose, each in lines.items()}
-        y = {"type": "log", "exponentformat": "power", "dtick": 1, "range": _decades(bands.values())}
+        y = {"type": "log", "exponentformat": "power", "dtick": 1, "range": [-1.0, 0.0]}
+        every = np.concatenate([heard for _, heard in bands.values()])
+        if len(every):  # all amplitudes, but not what lies too far below the largest
+            high = log10(1.5 * float(every.max()))
+            y["range"] = [max(log10(float(every.min()) / 1.5), high - _DECADES), high]
         plots.axes(cell, f"{name}, {unit or '-'}", "order", x_axis=x, y_axis=y, share_x_with=0)
         for whose, (order, heard) in bands.items():
             plots.line(cell, whose, order, heard, subject=name)
@@ -113,12 +117,3 @@ def _amplitudes(run: RunRecord, channels: Sequence[str]) -> dict[str, dict[str, 
         for name, amplitude in zip(names, lines.amplitude, strict=True):
             found[name][run.whose(origin)] = amplitude
     return {name: lines for name, lines in found.items() if lines}
-
-
-def _decades(bands: Iterable[tuple[Array, Array]]) -> list[float]:
-    """Range of an axis that holds all amplitudes, but not what lies too far below the largest."""
-    every = np.concatenate([amplitude for _, amplitude in bands])
-    if not len(every):
-        return [-1.0, 0.0]
-    high = log10(1.5 * float(every.max()))
-    return [max(log10(float(every.min()) / 1.5), high - _DECADES), high]

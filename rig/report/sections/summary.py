@@ -24,9 +24,13 @@ _NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 def parts(run: RunRecord) -> list[Part]:
     """Duration, state of the data, peaks, and a row for each channel."""
+    state = BigNumber("Measured", "nothing", "a prediction only")
+    if run.measured:
+        remark = f"{counted(len(run.gaps), 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
+        state = BigNumber("Samples", f"{run.missing} missing" if run.missing else "complete", remark)
     numbers = [
         BigNumber("Recorded", number(run.duration_s, "s"), run.facts.drive),
-        _data_state(run),
+        state,
         *_peak_numbers(run),
         *_speed_numbers(run),
         *_impact_numbers(run),
@@ -80,13 +84,6 @@ def _comparison(run: RunRecord) -> list[Part]:
     ):
         grid.lying_bars(0, whose, rows, lengths)
     return [numbers, grid.figure("comparison", _CAPTION)]
-
-
-def _data_state(run: RunRecord) -> BigNumber:
-    if not run.measured:
-        return BigNumber("Measured", "nothing", "a prediction only")
-    remark = f"{counted(len(run.gaps), 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
-    return BigNumber("Samples", f"{run.missing} missing" if run.missing else "complete", remark)
 
 
 def _peak_numbers(run: RunRecord) -> list[BigNumber]:
@@ -152,7 +149,12 @@ def _channel_table(run: RunRecord) -> Table:
         twins = [predicted]
         if run.repaired:
             twins = [nominal, predicted]
-            against = [_rms_against(twin, measured) for twin in twins]
+            against = [
+                f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
+                if twin and measured
+                else _value(twin, "rms")
+                for twin in twins
+            ]
         else:
             apart = difference(twins[0].rms, measured.rms) if twins[0] and measured else DASH
             against = [_value(twins[0], "rms"), apart]
@@ -163,12 +165,6 @@ def _channel_table(run: RunRecord) -> Table:
         lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
         rows.append([name, channel.unit or DASH, *figures, *map(str, lost)])
     return Table(headings, rows, "Channels")
-
-
-def _rms_against(twin: Tally | None, measured: Tally | None) -> str:
-    if twin is None or measured is None:
-        return _value(twin, "rms")
-    return f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
 
 
 def _value(trace: Tally | None, name: str) -> str:

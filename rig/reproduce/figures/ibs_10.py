@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.content import Figure
 from rig.pages.plots import Plots
+from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import (
     WHAT_IF_AMPLITUDE_N,
     beam,
@@ -16,22 +16,6 @@ from rig.reproduce.beam_runs import (
     forces,
     what_if_beam,
     whole_half_cycles,
-)
-from rig.reproduce.figure import (
-    OURS,
-    SECOND_LINE,
-    TEXT,
-    WHAT_IF,
-    WHAT_IF_STYLE,
-    Effort,
-    Outcome,
-    PaperFigure,
-    Sample,
-    Statement,
-    about,
-    above,
-    below,
-    of_sample,
 )
 from sim_twin.parts.modal import lowest_modes
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
@@ -57,7 +41,7 @@ class Band:
     """An ensemble of peaks (N) at each frequency (Hz)."""
 
     frequencies: Array
-    ensembles: list[Sample]
+    ensembles: list[paper.Sample]
 
     @property
     def means(self) -> Array:
@@ -67,7 +51,7 @@ class Band:
     def deviations(self) -> Array:
         return np.array([each.deviation for each in self.ensembles])
 
-    def at(self, frequency: float) -> Sample:
+    def at(self, frequency: float) -> paper.Sample:
         return self.ensembles[int(np.argmin(np.abs(self.frequencies - frequency)))]
 
     @property
@@ -76,15 +60,15 @@ class Band:
         return 100 * float(self.means.max() / self.means.min() - 1)
 
 
-def ensemble(rig: ImpactBeam, frequency: float, amplitude: float = 9.0) -> Sample:
+def ensemble(rig: ImpactBeam, frequency: float, amplitude: float = 9.0) -> paper.Sample:
     """*First* of 15 consecutive cycles at the upper sensor, in N, from 1 s after rest on."""
     cycles = whole_half_cycles(
         forces(rig, SineDrive(amplitude, frequency), (_PEAKS + _SPARE_CYCLES) / frequency)
     )
-    return Sample(cycles.first_n[cycles.side > 0][:_PEAKS])
+    return paper.Sample(cycles.first_n[cycles.side > 0][:_PEAKS])
 
 
-def _compute(effort: Effort) -> Outcome:
+def _compute(effort: paper.Effort) -> paper.Outcome:
     few = np.array([19.0, 19.5, 20.0, 20.5, 21.0])
     around = {
         20: effort.of(19.0 + 0.1 * np.arange(_FREQUENCIES), few),
@@ -98,81 +82,96 @@ def _compute(effort: Effort) -> Outcome:
     }
     longer = {at: Band(f, [first_peaks(rig, each, cycles / each) for each in f]) for at, f in around.items()}
     modes = lowest_modes(beam().beam.elastic(), _RIGID_MODES + 1)
-    claim = about(430.0, "approximately 430 Hz", _PLACE)
+    claim = paper.about(430.0, "approximately 430 Hz", _PLACE)
     frequency = float(modes.omega[_RIGID_MODES] / (2 * np.pi))
     statements = [
         *_at_20(bands[20], longer[20], shaken[20]),
         *_at_5(bands[5], bands[20]),
-        Statement("lowest natural frequency of the steel beam, free at both ends", claim, frequency, "Hz"),
+        paper.Statement(
+            "lowest natural frequency of the steel beam, free at both ends", claim, frequency, "Hz"
+        ),
     ]
-    return Outcome(statements, [_chart(bands, shaken, longer, cycles)])
+    chart = Plots(rows=1, columns=2, row_px=330, legend=True)
+    for cell, (hz, band) in enumerate(bands.items()):
+        upward = {"rangemode": "tozero"}
+        chart.axes(cell, f"around {hz} Hz", "drive frequency, Hz", "peak force, N", y_axis=upward)
+        f = band.frequencies
+        chart.line(cell, "ours, 15 peaks", f, band.means, paper.OURS, deviations=band.deviations)
+        chart.line(cell, f"ours, mean of {2 * cycles} peaks", f, longer[hz].means, paper.SECOND_LINE)
+        what_if = shaken[hz]
+        chart.line(cell, "what if", f, what_if.means, paper.WHAT_IF_STYLE, deviations=what_if.deviations)
+    means = [mean for mean, _ in _TEXT.values()]
+    bars = [mean * share for mean, share in _TEXT.values()]
+    chart.line(0, "text (measured)", list(_TEXT), means, paper.TEXT, deviations=bars)
+    told = "Steel beam, ±0.127 mm. Bars: ± one standard deviation of the 15 peaks at each frequency."
+    return paper.Outcome(statements, [chart.figure("ibs-10", told)])
 
 
-def _at_20(fast: Band, longer: Band, shaken: Band) -> list[Statement]:
+def _at_20(fast: Band, longer: Band, shaken: Band) -> list[paper.Statement]:
     low, high = fast.at(_LOW_HZ), fast.at(_HIGH_HZ)
-    change = about(150.0, "an increase of 150 %", _PLACE)
+    change = paper.about(150.0, "an increase of 150 %", _PLACE)
     return [
-        of_sample(
+        paper.of_sample(
             "mean of 15 peaks at 19.5 Hz",
-            about(31.0, "approximately 31 N", _PLACE),
+            paper.about(31.0, "approximately 31 N", _PLACE),
             low,
             "N",
             _more(longer, _LOW_HZ),
         ),
-        of_sample(
-            "mean of 15 peaks at 21 Hz", about(80.0, "80 N", _PLACE), high, "N", _more(longer, _HIGH_HZ)
+        paper.of_sample(
+            "mean of 15 peaks at 21 Hz", paper.about(80.0, "80 N", _PLACE), high, "N", _more(longer, _HIGH_HZ)
         ),
-        Statement(
+        paper.Statement(
             "change of the mean from 19.5 to 21 Hz",
             change,
             100 * (high.mean / low.mean - 1),
             "%",
             remark=_CAUSE_UNKNOWN,
         ),
-        Statement(
+        paper.Statement(
             "largest over smallest mean of the band, less one",
             change,
             fast.change,
             "%",
             remark="The text's two frequencies need not be ours: over the whole band, 19 to 21.6 Hz.",
         ),
-        Statement("the same, what if", change, shaken.change, "%", remark=WHAT_IF, what_if=True),
-        Statement(
+        paper.Statement("the same, what if", change, shaken.change, "%", remark=paper.WHAT_IF, what_if=True),
+        paper.Statement(
             "scatter at 19.5 Hz: deviation over mean",
-            about(10.0, "about 10 % of the mean", _PLACE),
+            paper.about(10.0, "about 10 % of the mean", _PLACE),
             *_scatter(low),
         ),
-        Statement(
+        paper.Statement(
             "scatter at 21 Hz: deviation over mean",
-            about(33.0, "approximately 33 % of the mean", _PLACE),
+            paper.about(33.0, "approximately 33 % of the mean", _PLACE),
             *_scatter(high),
             _CAUSE_UNKNOWN,
         ),
     ]
 
 
-def _at_5(slow: Band, fast: Band) -> list[Statement]:
+def _at_5(slow: Band, fast: Band) -> list[paper.Statement]:
     return [
-        Statement(
+        paper.Statement(
             "around 5 Hz: largest over smallest mean, less one",
-            about(60.0, "around 60 %", _PLACE),
+            paper.about(60.0, "around 60 %", _PLACE),
             slow.change,
             "%",
             remark="27 frequencies from 4.74 to 5.26 Hz; the text does not say how wide its band was.",
         ),
-        Statement(
+        paper.Statement(
             "change of the mean around 5 Hz over that around 20 Hz",
-            below(1.0, "less variability than around 20 Hz", _PLACE),
+            paper.below(1.0, "less variability than around 20 Hz", _PLACE),
             slow.change / fast.change,
         ),
-        Statement(
+        paper.Statement(
             "median deviation around 5 Hz over that around 20 Hz",
-            below(1.0, "consistently smaller than around 20 Hz", _PLACE),
+            paper.below(1.0, "consistently smaller than around 20 Hz", _PLACE),
             float(np.median(slow.deviations) / np.median(fast.deviations)),
         ),
-        Statement(
+        paper.Statement(
             "share of 5 Hz deviations below the median one at 20 Hz",
-            above(90.0, "consistently smaller than around 20 Hz", _PLACE),
+            paper.above(90.0, "consistently smaller than around 20 Hz", _PLACE),
             100 * float(np.mean(slow.deviations < np.median(fast.deviations))),
             "%",
         ),
@@ -184,28 +183,10 @@ def _more(longer: Band, frequency: float) -> str:
     return f"15 chaotic peaks scatter: the mean of {len(many.values)} is {many.mean:.1f} N."
 
 
-def _scatter(ensemble: Sample) -> tuple[float, str, None, float]:
+def _scatter(ensemble: paper.Sample) -> tuple[float, str, None, float]:
     """Deviation over mean in percent, and its standard error (normal peaks)."""
-    share = 100 * ensemble.relative_deviation
+    share = 100 * (ensemble.deviation / ensemble.mean)
     return share, "%", None, share / float(np.sqrt(2 * (len(ensemble.values) - 1)))
 
 
-def _chart(bands: dict[int, Band], shaken: dict[int, Band], longer: dict[int, Band], cycles: int) -> Figure:
-    chart = Plots(rows=1, columns=2, row_px=330, legend=True)
-    for cell, (around, band) in enumerate(bands.items()):
-        upward = {"rangemode": "tozero"}
-        chart.axes(cell, f"around {around} Hz", "drive frequency, Hz", "peak force, N", y_axis=upward)
-        f = band.frequencies
-        chart.line(cell, "ours, 15 peaks", f, band.means, OURS, deviations=band.deviations)
-        chart.line(cell, f"ours, mean of {2 * cycles} peaks", f, longer[around].means, SECOND_LINE)
-        what_if = shaken[around]
-        chart.line(cell, "what if", f, what_if.means, WHAT_IF_STYLE, deviations=what_if.deviations)
-    means = [mean for mean, _ in _TEXT.values()]
-    bars = [mean * share for mean, share in _TEXT.values()]
-    chart.line(0, "text (measured)", list(_TEXT), means, TEXT, deviations=bars)
-    return chart.figure(
-        "ibs-10", "Steel beam, ±0.127 mm. Bars: ± one standard deviation of the 15 peaks at each frequency."
-    )
-
-
-FIGURE = PaperFigure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)
+FIGURE = paper.PaperFigure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)

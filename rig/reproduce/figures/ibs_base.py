@@ -9,29 +9,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.content import Figure
 from rig.pages.plots import Plots
+from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import DRIVE_N, RATE, Forces, beam, first_peaks, forces, whole_half_cycles
-from rig.reproduce.figure import (
-    LEVEL,
-    OURS,
-    OURS_LINE,
-    SECOND,
-    TEXT,
-    THIRD,
-    Effort,
-    Outcome,
-    PaperFigure,
-    Sample,
-    Statement,
-    about,
-    above,
-    below,
-    between,
-    of_ratio,
-    of_sample,
-    ratio,
-)
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 
@@ -58,13 +38,13 @@ _SLIGHTLY = (0.9, 1.1)
 _COARSE = 6
 
 
-def on_base(effort: Effort, clearance_mm: float, cover: str = "none") -> ImpactBeam:
+def on_base(effort: paper.Effort, clearance_mm: float, cover: str = "none") -> ImpactBeam:
     """The steel beam on the flexible base, with a cover or none; its mesh is coarser in the quick version."""
     elements = effort.of(FlexibleBase().elements, _COARSE)
     return replace(beam(clearance_mm), base=flexible_base(cover, elements=elements))
 
 
-def remaining(run: Forces) -> Sample:
+def remaining(run: Forces) -> paper.Sample:
     """Base vibration just before each half cycle's first impact, over the largest since the one before.
 
     Both are rms values over 2.5 ms, so a constant vibration gives 1; the last ends 0.25 ms before the peak.
@@ -77,23 +57,23 @@ def remaining(run: Forces) -> Sample:
         windows = squares[: len(squares) // length * length].reshape(-1, length).mean(axis=1)
         last = squares[-length:].mean()
         shares.append(np.sqrt(last / max(windows.max(), last)))
-    return Sample(np.array(shares))
+    return paper.Sample(np.array(shares))
 
 
-def _compute_12(effort: Effort) -> Outcome:
+def _compute_12(effort: paper.Effort) -> paper.Outcome:
     slow = forces(on_base(effort, 0.127), SineDrive(DRIVE_N, 5.0), effort.of(20.0, 2.0))
     fast = forces(on_base(effort, 0.127), SineDrive(DRIVE_N, 20.0), effort.of(10.0, 1.0))
     place = "3D, Fig. 12"
     statements = [
-        of_sample(
+        paper.of_sample(
             "base vibration before the next impact over the largest, 5 Hz",
-            below(_DECAYED, "decays almost entirely between impacts", place),
+            paper.below(_DECAYED, "decays almost entirely between impacts", place),
             remaining(slow),
             remark=f"Rms over 2.5 ms. Counted as almost entirely: below {_DECAYED:g}. {_BASE_DAMPING}",
         ),
-        of_sample(
+        paper.of_sample(
             "the same, 20 Hz",
-            above(_DECAYED, "does not decay between impacts", place),
+            paper.above(_DECAYED, "does not decay between impacts", place),
             remaining(fast),
             remark=_BASE_DAMPING,
         ),
@@ -102,12 +82,12 @@ def _compute_12(effort: Effort) -> Outcome:
     for cell, (run, frequency) in enumerate(((slow, 5), (fast, 20))):
         chart.axes(cell, f"{frequency} Hz", "time, ms", "base acceleration, m/s²")
         shown = run.base[: round(0.25 * RATE)]
-        chart.outline(cell, "ours", 1e3 / RATE * np.arange(len(shown)), shown, OURS_LINE)
+        chart.outline(cell, "ours", 1e3 / RATE * np.arange(len(shown)), shown, paper.OURS_LINE)
     told = "Steel beam on the flexible base, ±0.127 mm, a quarter of a second."
-    return Outcome(statements, [chart.figure("ibs-12", told)])
+    return paper.Outcome(statements, [chart.figure("ibs-12", told)])
 
 
-def _compute_13(effort: Effort) -> Outcome:
+def _compute_13(effort: paper.Effort) -> paper.Outcome:
     clearances = effort.of(_COVER_CLEARANCES_MM, (0.254,))
     peaks = {
         (frequency, cover, g): first_peaks(on_base(effort, g, cover), frequency, duration)
@@ -118,44 +98,48 @@ def _compute_13(effort: Effort) -> Outcome:
     place = "3D, Fig. 13"
     statements = [
         *(
-            of_ratio(
-                f"{cover} cover over no cover, 20 Hz",
-                between(_SLIGHTLY[0], 1.0, "slightly reduced", place),
-                mean,
+            paper.of_ratio(
+                f"{cover} cover over no cover, {frequency:g} Hz",
+                claim,
+                _mean_ratio(peaks, frequency, cover, "none", clearances),
                 _COVERS_ASSUMED,
             )
-            for cover in _COVERS[1:]
-            for mean in [_mean_ratio(peaks, 20.0, cover, "none", clearances)]
-        ),
-        *(
-            of_ratio(
-                f"{cover} cover over no cover, 5 Hz",
-                between(1.0, _SLIGHTLY[1], "slightly increased", place),
-                mean,
-                _COVERS_ASSUMED,
+            for frequency, claim in (
+                (20.0, paper.between(_SLIGHTLY[0], 1.0, "slightly reduced", place)),
+                (5.0, paper.between(1.0, _SLIGHTLY[1], "slightly increased", place)),
             )
             for cover in _COVERS[1:]
-            for mean in [_mean_ratio(peaks, 5.0, cover, "none", clearances)]
         ),
-        of_ratio(
+        paper.of_ratio(
             "fibreglass over aluminium cover, both frequencies",
-            between(1 - _ALIKE, 1 + _ALIKE, "no significant difference", place),
+            paper.between(1 - _ALIKE, 1 + _ALIKE, "no significant difference", place),
             _middle([_mean_ratio(peaks, f, "fibreglass", "aluminium", clearances) for f in (5.0, 20.0)]),
             "Counted as none: within 3 %.",
         ),
     ]
-    return Outcome(statements, [_cover_chart(peaks, clearances)])
+    chart = Plots(rows=1, columns=2, row_px=300, legend=True)
+    zero = {"rangemode": "tozero"}
+    for cell, frequency in enumerate((5.0, 20.0)):
+        chart.axes(
+            cell, f"{frequency:g} Hz", "clearance ±, mm", "mean initial peak, N", x_axis=zero, y_axis=zero
+        )
+        for cover, style in zip(_COVERS, (paper.OURS, paper.SECOND, paper.THIRD), strict=True):
+            means = [peaks[frequency, cover, g].mean for g in clearances]
+            errors = [peaks[frequency, cover, g].error for g in clearances]
+            chart.line(cell, f"ours, cover: {cover}", clearances, means, style, deviations=errors)
+    told = "Steel beam on the flexible base. Bars: standard error of the mean. The text gives no numbers."
+    return paper.Outcome(statements, [chart.figure("ibs-13", told)])
 
 
 def _mean_ratio(
-    peaks: dict[tuple[float, str, float], Sample],
+    peaks: dict[tuple[float, str, float], paper.Sample],
     frequency: float,
     over: str,
     under: str,
     clearances: Sequence[float],
 ) -> tuple[float, float]:
     """Mean over the clearances of the ratio of mean peaks, and its standard error."""
-    return _middle([ratio(peaks[frequency, over, g], peaks[frequency, under, g]) for g in clearances])
+    return _middle([paper.ratio(peaks[frequency, over, g], peaks[frequency, under, g]) for g in clearances])
 
 
 def _middle(ratios: list[tuple[float, float]]) -> tuple[float, float]:
@@ -163,24 +147,7 @@ def _middle(ratios: list[tuple[float, float]]) -> tuple[float, float]:
     return float(values.mean()), float(np.sqrt(np.sum(errors**2)) / len(errors))
 
 
-def _cover_chart(peaks: dict[tuple[float, str, float], Sample], clearances: Sequence[float]) -> Figure:
-    chart = Plots(rows=1, columns=2, row_px=300, legend=True)
-    zero = {"rangemode": "tozero"}
-    for cell, frequency in enumerate((5.0, 20.0)):
-        chart.axes(
-            cell, f"{frequency:g} Hz", "clearance ±, mm", "mean initial peak, N", x_axis=zero, y_axis=zero
-        )
-        for cover, style in zip(_COVERS, (OURS, SECOND, THIRD), strict=True):
-            means = [peaks[frequency, cover, g].mean for g in clearances]
-            errors = [peaks[frequency, cover, g].error for g in clearances]
-            chart.line(cell, f"ours, cover: {cover}", clearances, means, style, deviations=errors)
-    return chart.figure(
-        "ibs-13",
-        "Steel beam on the flexible base. Bars: standard error of the mean. The text gives no numbers.",
-    )
-
-
-def _compute_table_3(effort: Effort) -> Outcome:
+def _compute_table_3(effort: paper.Effort) -> paper.Outcome:
     duration, place = effort.of(40.0, 2.0), "3D, Table 3"
     statements, rigid, flexible = [], [], []
     for g, (rigid_n, flexible_n) in _TABLE_3.items():
@@ -188,20 +155,24 @@ def _compute_table_3(effort: Effort) -> Outcome:
         flexible.append(first_peaks(on_base(effort, g), 5.0, duration))
         reduction = 1 - flexible_n / rigid_n
         said = f"{rigid_n:g} N to {flexible_n:g} N: {100 * reduction:.0f} %"
-        share, error = ratio(flexible[-1], rigid[-1])
+        share, error = paper.ratio(flexible[-1], rigid[-1])
         statements += [
-            of_sample(
-                f"rigid base, ±{g:g} mm, 5 Hz", about(rigid_n, f"{rigid_n:g} N", place), rigid[-1], "N", LEVEL
+            paper.of_sample(
+                f"rigid base, ±{g:g} mm, 5 Hz",
+                paper.about(rigid_n, f"{rigid_n:g} N", place),
+                rigid[-1],
+                "N",
+                paper.LEVEL,
             ),
-            of_sample(
+            paper.of_sample(
                 f"flexible base, ±{g:g} mm, 5 Hz",
-                about(flexible_n, f"{flexible_n:g} N", place),
+                paper.about(flexible_n, f"{flexible_n:g} N", place),
                 flexible[-1],
                 "N",
             ),
-            Statement(
+            paper.Statement(
                 f"reduction by the flexible base, ±{g:g} mm",
-                about(100 * reduction, said, place),
+                paper.about(100 * reduction, said, place),
                 100 * (1 - share),
                 "%",
                 error=100 * error,
@@ -214,12 +185,14 @@ def _compute_table_3(effort: Effort) -> Outcome:
         axis = {"rangemode": "tozero"}
         chart.axes(cell, title, "clearance ±, mm", "initial peak, N", x_axis=axis, y_axis={"range": [0, 80]})
         means, deviations = [each.mean for each in ours], [each.deviation for each in ours]
-        chart.line(cell, "ours", clearances, means, OURS, deviations=deviations)
-        chart.line(cell, "text (model)", clearances, [_TABLE_3[g][cell] for g in clearances], TEXT)
+        chart.line(cell, "ours", clearances, means, paper.OURS, deviations=deviations)
+        chart.line(cell, "text (model)", clearances, [_TABLE_3[g][cell] for g in clearances], paper.TEXT)
     told = "Steel beam, 5 Hz. Bars: ± one standard deviation of the half cycles."
-    return Outcome(statements, [chart.figure("ibs-table-3", told)])
+    return paper.Outcome(statements, [chart.figure("ibs-table-3", told)])
 
 
-FIGURE_12 = PaperFigure("ibs-12", "Base acceleration at 5 and 20 Hz", "3D, Fig. 12", _compute_12)
-FIGURE_13 = PaperFigure("ibs-13", "Peak force with covers", "3D, Fig. 13", _compute_13)
-TABLE_3 = PaperFigure("ibs-table-3", "Peak force on rigid and flexible base", "3D, Table 3", _compute_table_3)
+FIGURE_12 = paper.PaperFigure("ibs-12", "Base acceleration at 5 and 20 Hz", "3D, Fig. 12", _compute_12)
+FIGURE_13 = paper.PaperFigure("ibs-13", "Peak force with covers", "3D, Fig. 13", _compute_13)
+TABLE_3 = paper.PaperFigure(
+    "ibs-table-3", "Peak force on rigid and flexible base", "3D, Table 3", _compute_table_3
+)

@@ -11,22 +11,7 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from rig.pages.content import Figure
 from rig.pages.plots import Plots
-from rig.reproduce.figure import (
-    OURS,
-    OURS_LINE,
-    SECOND,
-    SECOND_LINE,
-    Claim,
-    Effort,
-    Outcome,
-    PaperFigure,
-    Sample,
-    Statement,
-    above,
-    of_ratio,
-    of_sample,
-    ratio,
-)
+from rig.reproduce import figure as paper
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
@@ -46,7 +31,7 @@ _RATE = 51_200.0
 _SETTLE_TURNS = 3
 _MAINLY = 50.0
 _PIECES = 36
-_STYLES = (SECOND, OURS)
+_STYLES = (paper.SECOND, paper.OURS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +40,8 @@ class Turns:
 
     accelerations: Array
 
-    def rms(self, channel: int) -> Sample:
-        return Sample(np.sqrt(np.mean(self.accelerations[channel] ** 2, axis=1)))
-
-    def periodic_share(self, channel: int) -> float:
-        """Share of the mean square that repeats from turn to turn, in percent."""
-        return repeating(self.accelerations[channel])
+    def rms(self, channel: int) -> paper.Sample:
+        return paper.Sample(np.sqrt(np.mean(self.accelerations[channel] ** 2, axis=1)))
 
     def periodic_level(self, channel: int) -> float:
         """Share of the variance of the level, rms over each 10 degrees, that repeats from turn to turn."""
@@ -94,25 +75,27 @@ def turns(speed_rpm: float, clearances_mm: tuple[float, float], count: int) -> T
     return Turns(np.array(kept).reshape(len(_CHANNELS), count, samples))
 
 
-def _compute(effort: Effort) -> Outcome:
+def _compute(effort: paper.Effort) -> paper.Outcome:
     count = effort.of(60, 6)
     runs = {(speed, g): turns(speed, g, count) for speed in _SPEEDS_RPM for g in _SETTINGS_MM}
     channels = range(len(_CHANNELS))
-    waveform = Sample(
-        np.array([run.periodic_share(channel) for run in runs.values() for channel in channels])
+    waveform = paper.Sample(
+        np.array([repeating(run.accelerations[channel]) for run in runs.values() for channel in channels])
     )
-    level = Sample(np.array([run.periodic_level(channel) for run in runs.values() for channel in channels]))
+    level = paper.Sample(
+        np.array([run.periodic_level(channel) for run in runs.values() for channel in channels])
+    )
     (slow, fast), (small, _, large) = _SPEEDS_RPM, _SETTINGS_MM
     faster = [(runs[fast, setting], runs[slow, setting]) for setting in _SETTINGS_MM]
     wider = [(runs[speed, large], runs[speed, small]) for speed in _SPEEDS_RPM]
-    periodic = above(_MAINLY, "mainly periodic, with some peaks of impacts", "5, below Fig. 4")
+    periodic = paper.above(_MAINLY, "mainly periodic, with some peaks of impacts", "5, below Fig. 4")
     statements = [
         *_smallest("rms at 200 over rms at 150 rpm", "amplitudes increase with speed", faster),
         *_smallest("rms at 2 and 2 mm over rms at 1 and 1 mm", "amplitudes increase with clearance", wider),
-        of_sample(
+        paper.of_sample(
             "share of the waveform's mean square that repeats each turn", periodic, waveform, "%", _FRAME
         ),
-        of_sample(
+        paper.of_sample(
             "share of the level's variance that repeats each turn",
             periodic,
             level,
@@ -126,21 +109,21 @@ def _compute(effort: Effort) -> Outcome:
             cell = row * len(_SETTINGS_MM) + column
             title = f"{name.replace('.acceleration', '')}, {_label(setting)}"
             chart.axes(cell, title, "crank angle, degrees", "m/s²", x_axis={"range": [0, 720], "dtick": 180})
-            for speed, style in ((200.0, OURS_LINE), (150.0, SECOND_LINE)):
+            for speed, style in ((200.0, paper.OURS_LINE), (150.0, paper.SECOND_LINE)):
                 trace = runs[speed, setting].accelerations[row, :2].ravel()
                 degrees = 720 / len(trace) * np.arange(len(trace))
                 chart.outline(cell, f"ours, {speed:g} rpm", degrees, trace, style)
-    return Outcome(statements, [_bars(runs), chart.figure("psc-traces", "Two turns of each setting.")])
+    return paper.Outcome(statements, [_bars(runs), chart.figure("psc-traces", "Two turns of each setting.")])
 
 
-def _smallest(what: str, text: str, pairs: Sequence[tuple[Turns, Turns]]) -> list[Statement]:
+def _smallest(what: str, text: str, pairs: Sequence[tuple[Turns, Turns]]) -> list[paper.Statement]:
     """Of each channel, the smallest of the ratios of rms of `pairs` of runs."""
-    claim: Claim = above(1.0, text, "5, Figs. 7-10")
+    claim: paper.Claim = paper.above(1.0, text, "5, Figs. 7-10")
     found = []
     for channel, name in enumerate(_CHANNELS):
-        ratios = [ratio(one.rms(channel), other.rms(channel)) for one, other in pairs]
+        ratios = [paper.ratio(one.rms(channel), other.rms(channel)) for one, other in pairs]
         smallest = min(ratios, key=lambda pair: pair[0])
-        found.append(of_ratio(f"{name}: {what}, smallest", claim, smallest))
+        found.append(paper.of_ratio(f"{name}: {what}, smallest", claim, smallest))
     return found
 
 
@@ -165,6 +148,6 @@ def _bars(runs: Runs) -> Figure:
     )
 
 
-FIGURE = PaperFigure(
+FIGURE = paper.PaperFigure(
     "psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute
 )

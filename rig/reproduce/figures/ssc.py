@@ -11,24 +11,7 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from rig.pages.content import Figure
 from rig.pages.plots import Plots
-from rig.reproduce.figure import (
-    OURS,
-    OURS_LINE,
-    SECOND,
-    TEXT_LINE,
-    THIRD,
-    WHAT_IF_STYLE,
-    Effort,
-    Outcome,
-    PaperFigure,
-    Sample,
-    Statement,
-    about,
-    above,
-    below,
-    between,
-    of_sample,
-)
+from rig.reproduce import figure as paper
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, rig_of_the_figures
 from sim_twin.rigs.spatial_slider_crank.rig import MODEL
@@ -103,15 +86,17 @@ _SHIFT_M = 5e-10
 _MOVED_S = 1e-3
 
 
-def _compute_16(effort: Effort) -> Outcome:
+def _compute_16(effort: paper.Effort) -> paper.Outcome:
     rig = rig_of_the_figures()
     displaced = replace(rig, contact_span=rig.contact_span + _SHIFT_M)
     cycles, starts = effort.of(_CYCLES, 6), effort.of(_STARTS, _FEW_STARTS)
     runs = [run(rig, _SPEED_RPM, cycles, start) for start in starts]
     moved = [run(displaced, _SPEED_RPM, cycles, start) for start in starts]
-    sensor = once_a_turn(runs)
+    # the vertical sensor that sees nearest to one impact a turn, as the text's does
+    rates = np.mean([[turns.impacts_a_turn(k) for k in range(len(VERTICAL))] for turns in runs], axis=0)
+    sensor = int(np.argmin(np.abs(np.log(np.maximum(rates, 1e-3)))))
     peaks = [turns.peaks(sensor) for turns in runs]
-    small, large = (Sample(np.array([extreme(each) for each in peaks])) for extreme in (np.min, np.max))
+    small, large = (paper.Sample(np.array([extreme(each) for each in peaks])) for extreme in (np.min, np.max))
     others = ", ".join(
         "{} {:.0f} to {:.0f} N".format(VERTICAL[k], *np.quantile(_pooled(runs, k), [_SMALL, _LARGE]))
         for k in range(len(VERTICAL))
@@ -123,30 +108,30 @@ def _compute_16(effort: Effort) -> Outcome:
     ]
     told = f"Of {cycles} cycles from each of {len(starts)} starts: the mean, and how the starts scatter."
     statements = [
-        of_sample(
+        paper.of_sample(
             "smallest peak of a cycle, 230 rpm",
-            about(_SMALLEST_N, "approximately 27 N", _PLACE_16),
+            paper.about(_SMALLEST_N, "approximately 27 N", _PLACE_16),
             small,
             "N",
             remark=f"{told} {_SPATIAL}",
         ),
-        of_sample(
+        paper.of_sample(
             "largest peak of a cycle, 230 rpm",
-            about(_LARGEST_N, "80 N", _PLACE_16),
+            paper.about(_LARGEST_N, "80 N", _PLACE_16),
             large,
             "N",
             remark=f"{told} At {VERTICAL[sensor]}, which sees nearest to one impact a "
             f"cycle, as the text's does. The others: {others}.",
         ),
-        of_sample(
+        paper.of_sample(
             "largest over smallest peak",
-            about(_LARGEST_N / _SMALLEST_N, "27 N to 80 N: 2.96", _PLACE_16),
-            Sample(large.values / small.values),
+            paper.about(_LARGEST_N / _SMALLEST_N, "27 N to 80 N: 2.96", _PLACE_16),
+            paper.Sample(large.values / small.values),
             remark=told,
         ),
-        Statement(
+        paper.Statement(
             "shift of a peak's time when a contact point moves by 5e-10 m, largest of a start",
-            above(1e3 * _MOVED_S, "dramatically changes the times of impact", "4D, below Fig. 17"),
+            paper.above(1e3 * _MOVED_S, "dramatically changes the times of impact", "4D, below Fig. 17"),
             1e3 * float(np.median(shifts)),
             "ms",
             remark=f"Median over {len(starts)} starts. Counted as dramatic: 1 ms, the length of a bounce.",
@@ -155,26 +140,20 @@ def _compute_16(effort: Effort) -> Outcome:
     chart = Plots(rows=1, columns=1, row_px=280, legend=True)
     chart.axes(0, VERTICAL[sensor], "time, s", "contact force, N")
     force = runs[0].forces[sensor]
-    chart.outline(0, "ours", np.arange(len(force)) / RATE, force, OURS_LINE)
+    chart.outline(0, "ours", np.arange(len(force)) / RATE, force, paper.OURS_LINE)
     end = len(force) / RATE
     chart.line(
         0,
         "text: peaks between 27 and 80 N",
         [0, end, np.nan, 0, end],
         [_SMALLEST_N] * 2 + [np.nan] + [_LARGEST_N] * 2,
-        TEXT_LINE,
+        paper.TEXT_LINE,
     )
     caption = f"{cycles} cycles of one start at 230 rpm, clearances 0.25 mm."
-    return Outcome(statements, [chart.figure("ssc-16", caption)])
+    return paper.Outcome(statements, [chart.figure("ssc-16", caption)])
 
 
-def once_a_turn(runs: list[Turns]) -> int:
-    """The vertical sensor that sees nearest to one impact a turn, as the text's does."""
-    rates = np.mean([[turns.impacts_a_turn(k) for k in range(len(VERTICAL))] for turns in runs], axis=0)
-    return int(np.argmin(np.abs(np.log(np.maximum(rates, 1e-3)))))
-
-
-FIGURE_16 = PaperFigure("ssc-16", "Contact force at a vertical sensor, 230 rpm", _PLACE_16, _compute_16)
+FIGURE_16 = paper.PaperFigure("ssc-16", "Contact force at a vertical sensor, 230 rpm", _PLACE_16, _compute_16)
 
 _PLACE_17 = "4D, Fig. 17"
 _FEW_RPM = (140.0, 160.0, 230.0)
@@ -192,7 +171,7 @@ Runs = dict[float, list[Turns]]
 """Of each speed in rpm, one of each start."""
 
 
-def _compute_17(effort: Effort) -> Outcome:
+def _compute_17(effort: paper.Effort) -> paper.Outcome:
     speeds = effort.of(tuple(np.arange(50.0, 251.0, 10.0)), _FEW_RPM)
     cycles, starts = effort.of(8, 3), effort.of(_STARTS, _FEW_STARTS)
     rig = rig_of_the_figures()
@@ -208,36 +187,36 @@ def _compute_17(effort: Effort) -> Outcome:
         (
             "spread of cycle peaks without impacts: largest over smallest, less one",
             quiet,
-            below(_CONSISTENT, "consistent from cycle to cycle", _PLACE_17),
+            paper.below(_CONSISTENT, "consistent from cycle to cycle", _PLACE_17),
         ),
         (
             "spread of cycle peaks with impacts: largest over smallest, less one",
             loud,
-            above(_CONSISTENT, "variation from one cycle to the next: the lines diverge", _PLACE_17),
+            paper.above(_CONSISTENT, "variation from one cycle to the next: the lines diverge", _PLACE_17),
         ),
     ):
         if chosen:
             spread = float(np.median([spread_of(turns) for turns in chosen]))
             remark = f"Median over {len(chosen)} runs (speed, start). Counted as consistent: within 10 %."
-            found.append(Statement(name, claim, spread, "%", remark=remark))
+            found.append(paper.Statement(name, claim, spread, "%", remark=remark))
     statements = [
-        Statement(
+        paper.Statement(
             "impacts in the guide begin at",
-            between(*_TEXT_ONSET_RPM, "between 150 and 200 rpm", _PLACE_17),
+            paper.between(*_TEXT_ONSET_RPM, "between 150 and 200 rpm", _PLACE_17),
             onset if np.isfinite(onset) else fast,
             "rpm",
             remark=f"{_IMPACT} Share of {len(starts)} starts with begun impacts: {shares}. {_SPATIAL}",
         ),
-        Statement(
+        paper.Statement(
             f"largest peak at {fast:g} rpm over that at {slow:g} rpm",
-            above(_DRAMATIC, "peak forces increase dramatically", _PLACE_17),
+            paper.above(_DRAMATIC, "peak forces increase dramatically", _PLACE_17),
             _peak(runs[fast], _LARGE) / _peak(runs[slow], _LARGE),
             remark="Quantiles of 95 % over all starts. Counted as dramatic: threefold.",
         ),
         *found,
         _without_friction(effort, runs, smooth),
     ]
-    return Outcome(statements, [_speed_chart(runs, smooth)])
+    return paper.Outcome(statements, [_speed_chart(runs, smooth)])
 
 
 def _over_speeds(
@@ -257,7 +236,7 @@ def spread_of(turns: Turns) -> float:
     return 100 * float(peaks.max() / peaks.min() - 1)
 
 
-def _without_friction(effort: Effort, runs: Runs, smooth: Runs) -> Statement:
+def _without_friction(effort: paper.Effort, runs: Runs, smooth: Runs) -> paper.Statement:
     """Conditions with impacts from every start at the rig's friction that have them from none without it."""
     pairs = [(runs[speed], smooth[speed]) for speed in runs]
     rig, speeds = rig_of_the_figures(), np.arange(100.0, 201.0, 10.0)
@@ -268,9 +247,9 @@ def _without_friction(effort: Effort, runs: Runs, smooth: Runs) -> Statement:
         pairs += [(rough[speed], even[speed]) for speed in rough]
     with_impacts = [pair for pair in pairs if begun(pair[0]) == 1.0]
     lost = sum(begun(without) == 0.0 for _, without in with_impacts)
-    return Statement(
+    return paper.Statement(
         "conditions with impacts from every start, and from none without friction in the guide",
-        above(0.5, "under some conditions no impacts without friction", "4D, below Fig. 17"),
+        paper.above(0.5, "under some conditions no impacts without friction", "4D, below Fig. 17"),
         float(lost),
         "",
         remark=f"Of {len(with_impacts)} conditions (speed, axis angle) with impacts, at least every second "
@@ -285,27 +264,27 @@ def _speed_chart(runs: Runs, smooth: Runs) -> Figure:
     zero = {"rangemode": "tozero"}
     chart.axes(0, "peak of a cycle, strongest vertical sensor", "speed, rpm", "contact force, N", y_axis=zero)
     chart.axes(1, "impacts, busiest vertical sensor", "speed, rpm", "impacts a cycle", y_axis=zero)
-    chart.line(0, "ours, large peak (95 %)", speeds, [_peak(runs[s], _LARGE) for s in speeds], OURS)
-    chart.line(0, "ours, small peak (5 %)", speeds, [_peak(runs[s], _SMALL) for s in speeds], SECOND)
+    chart.line(0, "ours, large peak (95 %)", speeds, [_peak(runs[s], _LARGE) for s in speeds], paper.OURS)
+    chart.line(0, "ours, small peak (5 %)", speeds, [_peak(runs[s], _SMALL) for s in speeds], paper.SECOND)
     chart.line(
         0,
         "ours, large peak without friction",
         speeds,
         [_peak(smooth[s], _LARGE) for s in speeds],
-        WHAT_IF_STYLE,
+        paper.WHAT_IF_STYLE,
     )
-    chart.line(1, "ours, impacts", speeds, [_rate(runs[speed]) for speed in speeds], THIRD)
+    chart.line(1, "ours, impacts", speeds, [_rate(runs[speed]) for speed in speeds], paper.THIRD)
     chart.line(
         1,
         "ours, impacts without friction",
         speeds,
         [_rate(smooth[speed]) for speed in speeds],
-        WHAT_IF_STYLE,
+        paper.WHAT_IF_STYLE,
     )
     tops = (max(_peak(each, _LARGE) for each in runs.values()), max(_rate(each) for each in runs.values()))
     for cell, top in enumerate(tops):
         x = [value for end in _TEXT_ONSET_RPM for value in (end, end, np.nan)]
-        chart.line(cell, "text: impacts begin between these", x, [0.0, top, np.nan] * 2, TEXT_LINE)
+        chart.line(cell, "text: impacts begin between these", x, [0.0, top, np.nan] * 2, paper.TEXT_LINE)
     return chart.figure(
         "ssc-17", "Clearances 0.25 mm, axis angle 65 degrees; quantiles and means over several starts."
     )
@@ -327,6 +306,6 @@ def _rate(runs: list[Turns]) -> float:
     return float(np.mean([turns.impacts() for turns in runs]))
 
 
-FIGURE_17 = PaperFigure(
+FIGURE_17 = paper.PaperFigure(
     "ssc-17", "Peaks and their spread over speed, onset of impacts, friction", _PLACE_17, _compute_17
 )

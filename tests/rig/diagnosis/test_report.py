@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.diagnosis.diagnose_runs import SECTIONS, write_report
 from rig.diagnosis.report import verdict as verdicts
 from rig.diagnosis.report.before_and_after import latent_force
 from rig.diagnosis.report.case import Case, RunFacts
 from rig.diagnosis.report.causes import ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
-from rig.diagnosis.report.page import SECTIONS, write_report
 from rig.pages.content import BarTable, Figure, Sentence, Table
 from sim_twin.diagnosis.belief import Unexplained
 from sim_twin.diagnosis.cause import Cause

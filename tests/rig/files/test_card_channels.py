@@ -13,7 +13,8 @@ import pytest
 
 from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, Pulses, problems
 from drivers.ni_daq.emulator.wiring import ChargeStage, CounterWire, LowPassStage, Wire
-from rig.card_wiring import chain_record, wiring_of
+from rig.app import chain_record
+from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
 from rig.files.pairing import check_pair
 from rig.files.scenario import load_scenario

@@ -13,7 +13,7 @@ from daq.errors import SimulationFailed
 from rig.reproduce import page
 from rig.reproduce.beam_runs import beam
 from rig.reproduce.figure import Effort, Outcome, Statement, Verdict
-from rig.reproduce.figures import ibs_7_11
+from rig.reproduce.figures import ibs_rigid
 from rig.reproduce.page import FIGURES, Reproduced, compute, compute_all
 from tests.rig.browser import browser_page, needs_chromium
 
@@ -118,7 +118,7 @@ def test_another_rig_gives_another_number(
 ) -> None:
     subject = "density from 10 to 11 kHz over the sensor's own noise"
     before = statement(quick_figures, "ibs-11", subject)
-    monkeypatch.setattr(ibs_7_11, "beam", lambda: replace(beam(), contact_damping=200.0))
+    monkeypatch.setattr(ibs_rigid, "beam", lambda: replace(beam(), contact_damping=200.0))
     after = compute("ibs-11", QUICK).statements[0]
     assert after.claim == before.claim
     assert after.ours < before.ours - 3  # dB: ten times the damper leaves less above 10 kHz

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rig.reproduce.beam_runs import RATE, Forces, beam, first_peaks, forces
-from rig.reproduce.figures.ibs_7_11 import history, resting_force
 from rig.reproduce.figures.ibs_base import remaining
+from rig.reproduce.figures.ibs_rigid import history, resting_force
 from rig.reproduce.figures.psc import repeating
 from rig.reproduce.figures.ssc import RATE as SPATIAL_RATE
 from rig.reproduce.figures.ssc import VERTICAL, Turns

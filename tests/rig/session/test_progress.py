@@ -13,7 +13,7 @@ def said(total: float, unit: str, steps: int) -> list[str]:
     out = StringIO()
     with Screen(Console(file=out)).bar("simulating", total, unit) as bar:
         for done in range(steps + 1):
-            bar.at(done * total / steps)
+            bar(done * total / steps)
     return out.getvalue().splitlines()
 
 

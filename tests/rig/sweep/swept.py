@@ -17,7 +17,7 @@ from rig.files.sweep import Sweep, parse_sweep
 from rig.session.progress import Screen
 from rig.session.run import RunRequest
 from rig.stream import Block
-from rig.sweep.execute import Centre, SweepRequest, begun, run_sweep
+from rig.sweep.execute import Centre, Sweeping, SweepRequest, begun
 from rig.sweep.state import SweepState
 from tests.rig.session.fakes import silent_screen
 from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
@@ -97,7 +97,7 @@ class Trial:
             self.sweep, self.bench, never, self.folder, repeated, anew, rehearsal, self.live, self.model
         )
         self.folder.mkdir(exist_ok=True)
-        return run_sweep(request, begun(request), self.screen, SystemClock(), runs, self.centre)
+        return Sweeping(request, begun(request), self.screen, SystemClock(), runs, self.centre).all()
 
     @property
     def said(self) -> str:

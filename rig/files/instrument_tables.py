@@ -1,12 +1,15 @@
-"""The card in a bench file and its channels: which sensor, on which input, with which chain behind it."""
+"""Tables of a bench file with more to them than their keys: the card with its channels (which sensor, on
+which input, with which chain behind it), and an encoder on a CAN bus with its interface."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 from daq.quantity import settings_of
+from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.ni_daq.channels import CardChannel, CardSettings
 from drivers.ni_daq.sensing import (
     HIGHEST_FULL_SCALE_V,
@@ -16,8 +19,9 @@ from drivers.ni_daq.sensing import (
     sort_of_input,
 )
 from drivers.ni_daq.sensors import known_sensor
+from drivers.protocols.instrument import misplaced
 from rig.files.faults import Faults, dotted
-from rig.files.table import read_table, sound_values
+from rig.files.table import read_table, sound_values, unknown_keys
 from rig.rigs import channel_names, declared, unit_of
 
 
@@ -42,14 +46,14 @@ def _read_channels(tables: object, key: str, faults: Faults) -> tuple[CardChanne
     inputs = [table.get("physical") for table in tables if isinstance(table, dict)]
     if inputs and all(isinstance(name, str) and sort_of_input(name) == "ctr" for name in inputs):
         faults.add(f"{key}.physical", inputs[0], f"{INPUT_WORDS['ai']} too, whose clock samples the counters")
-    read = (_channel(table, _key_of(table, index, key), faults) for index, table in enumerate(tables))
-    return tuple(channel for channel in read if channel is not None)
-
-
-def _key_of(table: Any, index: int, key: str) -> str:
-    """`daq_card.channels."yoke.force"`, or the table's number (from 1) where it has no name."""
-    name = table.get("name") if isinstance(table, dict) else None
-    return dotted(key, name) if isinstance(name, str) and name else f"{key}[{index + 1}]"
+    channels: list[CardChannel] = []
+    for number, table in enumerate(tables, start=1):
+        name = table.get("name") if isinstance(table, dict) else None
+        # `daq_card.channels."yoke.force"`, or the table's number where it has no name
+        here = dotted(key, name) if isinstance(name, str) and name else f"{key}[{number}]"
+        if (channel := _channel(table, here, faults)) is not None:
+            channels.append(channel)
+    return tuple(channels)
 
 
 def _note_twice(tables: list[Any], key: str, field: str, faults: Faults) -> None:
@@ -107,3 +111,46 @@ def _held(channel: CardChannel, key: str, faults: Faults) -> bool:
         f"at least the channel's full scale, {product}",
     )
     return False
+
+
+_OPTIONS: Final[Mapping[str, tuple[str, ...]]] = {"socketcand": ("host", "port", "channel", "tcp_tune")}
+"""The keys of interfaces that are known here; of any other, python-can judges."""
+_OWN: Final = tuple(settings_of(EncoderSettings))
+
+
+def read_encoder(given: object, key: str, faults: Faults) -> EncoderSettings | None:
+    """Return the encoder, or None after noting in `faults` all that is wrong with it."""
+    own = {name: given[name] for name in _OWN if name in given} if isinstance(given, dict) else given
+    encoder = read_table(EncoderSettings, own, key, faults)
+    if not isinstance(given, dict):
+        return None
+    options = {name: value for name, value in given.items() if name not in _OWN}
+    emulated, interface = given.get("emulated") is True, given.get("interface")
+    before = len(faults)
+    known = _OPTIONS.get(interface) if isinstance(interface, str) else None
+    if known is not None:
+        unknown_keys(options, (*_OWN, *known), key, faults)
+    for name, value in options.items():
+        if not isinstance(value, str | int | float | bool):
+            faults.add(dotted(key, name), value, "a text, a number, true or false, as python-can wants it")
+    if emulated and interface != "socketcand":
+        faults.add(f"{key}.interface", interface, '"socketcand", which is how an emulated encoder is reached')
+    elif interface == "socketcand":
+        _socketcand_holds(options, emulated, key, faults)
+    sound = len(faults) == before
+    return dataclasses.replace(encoder, options=options) if encoder is not None and sound else None
+
+
+def _socketcand_holds(options: dict[str, Any], emulated: bool, key: str, faults: Faults) -> None:
+    meanings = {"channel": 'the bus\'s name, such as "can0"'}
+    if not emulated:
+        meanings |= {"host": "the server's address, 127.0.0.1", "port": "the server's port, such as 29536"}
+    for name, meaning in meanings.items():
+        if name not in options:
+            faults.missing(f"{key}.{name}", meaning)
+    host, port = options.get("host", "127.0.0.1"), options.get("port", 29536)
+    if isinstance(port, bool) or not isinstance(port, int):
+        faults.add(f"{key}.port", port, "a whole number from 1 to 65535")
+    elif wrong := misplaced(f"{host}:{port}"):
+        name = "port" if "65535" in wrong else "host"
+        faults.add(f"{key}.{name}", options.get(name), wrong)
