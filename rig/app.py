@@ -50,7 +50,7 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     driver = make_generator()
     return Devices(
         driver,
-        make_generator,
+        partial(make_generator, off_first=True),
         lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
         card_of(scenario, bench, emulated),
     )

@@ -15,11 +15,12 @@ LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
 class ScpiGenerator:
     """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it.
 
-    For one thread at a time; a supervisor that turns the output off has one of its own.
+    For one thread at a time; a supervisor that turns the output off has one of its own, with `off_first`: its
+    `open` turns the output off before anything is asked, and asks nothing.
     """
 
-    def __init__(self, config: GeneratorSettings) -> None:
-        self.config = config
+    def __init__(self, config: GeneratorSettings, off_first: bool = False) -> None:
+        self.config, self._off_first = config, off_first
         self.name, self.address = config.name, config.resource
         self.identity = ""
         # VISA is loaded where a generator is made: who only names one, in a bench file, does without.
@@ -31,7 +32,11 @@ class ScpiGenerator:
 
     def open(self) -> None:
         """Connect, discard stale answers and errors, and check the model."""
-        self._link.open()
+        self._link.open(
+            f"{settings.OUTPUT_OFF.command} {settings.OUTPUT_OFF.word}" if self._off_first else ""
+        )
+        if self._off_first:
+            return
         try:
             self.identity = self._link.query("*IDN?")
             if not KNOWN_MODELS.fullmatch(model_in(self.identity)):

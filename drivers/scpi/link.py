@@ -37,8 +37,11 @@ class ScpiLink:
         """Whether a connection was made and not closed."""
         return self._visa is not None
 
-    def open(self) -> None:
-        """Connect anew and discard what an earlier client left half said. Raises `InstrumentAbsent`."""
+    def open(self, first: str = "") -> None:
+        """Connect anew and discard what an earlier client left half said. Raises `InstrumentAbsent`.
+
+        The command `first` is sent before anything is read.
+        """
         self.close()
         timeout_ms = round(self.timeout_s * 1e3)
         try:
@@ -54,6 +57,8 @@ class ScpiLink:
             if stream is not None:  # a short command must not wait 40 ms for the last one's acknowledgement
                 stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with self._translated("clearing"):
+                if first:
+                    self._visa.write(f"\n{first}")
                 self._drain(self._visa)
                 self._visa.write("")  # ends a command that an earlier client left without its line end
                 self._visa.write("*CLS")

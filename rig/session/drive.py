@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Protocol
 
-from daq.errors import InstrumentError
 from daq.log.records import ClockRecord
 from drivers.protocols.generator import DriveGenerator
 from drivers.protocols.instrument import Actuator, Notice
@@ -80,7 +79,7 @@ def drive_off_after(
     try:
         yield
     except BaseException:
-        with suppress(InstrumentError):  # told already, and no reason why the run ended
+        with suppress(Exception):  # told already, and no reason why the run ended
             _switch_off(drive, spare, screen)
         raise
     _switch_off(drive, spare, screen)
@@ -89,12 +88,14 @@ def drive_off_after(
 def _switch_off(drive: SwitchedOff, spare: Callable[[], Actuator] | None, screen: Screen) -> None:
     try:
         drive.off()
-    except InstrumentError as error:
-        screen.warn(f"{error}")
-        if spare is None:
-            screen.warn("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
-        elif not switch_off(spare):
-            screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
+    except Exception as error:
+        taken = spare is not None and switch_off(spare)
+        with suppress(OSError):  # words after deeds: the terminal may be gone
+            screen.warn(f"{error}")
+            if spare is None:
+                screen.warn("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
+            elif not taken:
+                screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
         raise
 
 

@@ -194,6 +194,7 @@ class DrivenRig:
     def start(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Let it move, unless something speaks against it by now; returns once it is as wanted."""
         self.watch.check()
+        self._supervisor.beat()  # from here on it is needed, whether a reading has come or not
         self.motion.start(soft, path)
         if self.motion.speed_rad_s is not None:
             self.shaft.arm(self.motion.speed_rad_s)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
-from daq.errors import InstrumentError, RattleError
+from daq.errors import RattleError
 from daq.process import Child
 from drivers.protocols.instrument import Actuator
 from rig.session.signals import STOP_SIGNALS
@@ -101,12 +101,8 @@ def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
         with suppress(OSError):
             print(why, file=sys.stderr, flush=True)
         return
-    done = False
-    while not done:
-        with suppress(Exception):  # whatever it was: nobody else is left to try again
-            done = switch_off(spare)
-        if not done:
-            time.sleep(_AGAIN_S)
+    while not switch_off(spare):  # nobody else is left to try again
+        time.sleep(_AGAIN_S)
     with suppress(OSError):
         pipe.send(_TRIPPED)
 
@@ -126,13 +122,13 @@ def _await_silence(pipe: Connection) -> str | None:
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:
-    """Switch the drive off by a new connection; returns whether the actuator took it."""
-    actuator = spare()
-    try:
-        actuator.open()
-        actuator.off()
-    except InstrumentError:
-        return False
-    finally:
-        actuator.close()
-    return True
+    """Switch the drive off by a new connection; returns whether the actuator took it, whatever it raised."""
+    with suppress(Exception):
+        actuator = spare()
+        try:
+            actuator.open()
+            actuator.off()
+        finally:
+            actuator.close()
+        return True
+    return False

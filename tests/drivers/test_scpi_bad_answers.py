@@ -42,6 +42,25 @@ def arm(answer: Answer) -> list[str]:
         return instrument.lines
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [{}, {"*IDN?": b"\xff\n"}, {"*IDN?": b""}, {"SYST:ERR?": b'-222,"never empty"\n'}, {"*CLS": b"?\n" * 50}],
+    ids=["healthy", "garbled", "mute", "endless errors", "chatters"],
+)
+def test_a_spare_connection_turns_off_before_anything_else(wrong: dict[str, bytes | None]) -> None:
+    with ScriptedInstrument(Echo(wrong)) as instrument:
+        settings = GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4)
+        driver = ScpiGenerator(settings, off_first=True)
+        try:
+            driver.open()
+            driver.off()
+        finally:
+            driver.close()
+    told = [line for line in instrument.lines if line]
+    assert told[0] == "OUTP OFF"
+    assert not {"*IDN?", "SYST:ERR?"} & set(told)
+
+
 def test_the_scripted_instrument_itself_is_good_enough() -> None:
     lines = arm(Echo({}))
     assert lines[-2:] == ["*TRG", "SYST:ERR?"]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from itertools import pairwise
 
 import pytest
+from rich.console import Console
 
 from daq.errors import InstrumentSilent
 from rig.session.drive import RAMP_S, Shaker, drive_off_after
+from rig.session.progress import Screen
 from sim_twin.rigs.impact_beam.model import SineDrive
 from tests.rig.session.fakes import RecordingGenerator, silent_screen
 
@@ -120,6 +123,44 @@ def test_where_the_old_connection_fails_a_new_one_switches_off() -> None:
         raise ZeroDivisionError("a fault")
     assert spare.told == [("open",), ("off",), ("close",)]
     assert "THE DRIVE MAY STILL BE ON" not in screen.console.export_text()
+
+
+class BrokenGenerator(RecordingGenerator):
+    """Its driver has a fault of its own."""
+
+    def off(self) -> None:
+        raise RuntimeError("a fault in the driver")
+
+
+class GoneTerminal(Screen):
+    """Nobody reads it any more."""
+
+    def warn(self, text: str) -> None:
+        raise OSError("the terminal is gone")
+
+
+def test_whatever_goes_wrong_with_the_old_connection_the_new_one_is_tried_before_a_word_is_said() -> None:
+    spare = RecordingGenerator()
+    with (
+        pytest.raises(RuntimeError, match="a fault in the driver"),
+        drive_off_after(BrokenGenerator(), lambda: spare, GoneTerminal(Console(file=StringIO()))),
+    ):
+        pass
+    assert spare.told == [("open",), ("off",), ("close",)]
+
+
+def test_a_spare_that_cannot_even_be_made_is_said_to_have_failed() -> None:
+    screen = silent_screen()
+
+    def none() -> RecordingGenerator:
+        raise ZeroDivisionError
+
+    with (
+        pytest.raises(RuntimeError, match="a fault in the driver"),
+        drive_off_after(BrokenGenerator(), none, screen),
+    ):
+        pass
+    assert "THE DRIVE MAY STILL BE ON" in screen.console.export_text()
 
 
 def test_a_drive_that_does_not_go_off_after_a_good_run_is_switched_off_by_a_new_connection() -> None:

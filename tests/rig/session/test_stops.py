@@ -234,6 +234,27 @@ def test_ctrl_c_while_it_moves_stops_it(moved: tuple[Rig, Moves], monkeypatch: p
     assert {"run.interrupted", "drive.stopping"} <= set(rig.events())
 
 
+def test_it_is_supervised_before_it_moves_whether_a_reading_has_come_or_not(
+    moved: tuple[Rig, Moves], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, moves = moved
+    stopper, start = rig.stopper, rig.stopper.start
+    beats: list[bool] = []
+
+    def beat(_: Idle, patience_s: float = 0.0) -> None:
+        if threading.current_thread() is threading.main_thread():  # not by a reading
+            beats.append("start" in rig.told())
+
+    def started() -> None:
+        assert beats == [False]
+        start()
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Idle, "beat", beat)
+    monkeypatch.setattr(stopper, "start", started)
+    ended(rig, moves, Stopped, "stopped by a person")
+
+
 def test_a_limit_that_trips_stops_it(moved: tuple[Rig, Moves]) -> None:
     rig, moves = moved
     rig.card.level = 60.0
