@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import shutil
 import threading
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -12,7 +13,7 @@ from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import RecorderFailed
-from daq.log.records import ClockRecord, Event, Gap, Impact
+from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 1 << 15
@@ -27,7 +28,8 @@ class Recorder:
 
     Handing over never waits. It raises RecorderFailed once the writer has failed or the queue was full, which
     is the caller's sign to stop the rig: nothing is dropped in silence, and nothing comes behind a hole.
-    `refused` counts what was handed over in vain.
+    `refused` counts what was handed over in vain. With less than a GiB left on the disk none begins, and one
+    that has begun fails while it can still be finished.
     """
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:
@@ -41,6 +43,7 @@ class Recorder:
         self.blocks = 0
 
     def __enter__(self) -> Recorder:
+        self._check_room()
         self._writer.open()
         self._thread.start()
         self._syncing.start()
@@ -115,9 +118,20 @@ class Recorder:
         while not self._closing.wait(_SYNC_S):
             try:
                 self._writer.sync()
+                self._check_room()
             except RecorderFailed as error:
                 self._failure = self._failure or error
                 return
+
+    def _check_room(self) -> None:
+        folder = self._writer.path.parent
+        try:
+            free = shutil.disk_usage(folder).free
+        except OSError as error:
+            raise RecorderFailed(f"{folder}: {error.strerror}") from error
+        if free < LEAST_FREE_BYTES:
+            left = f"{free / 1e9:.2f} GB free, and {LEAST_FREE_BYTES / 1e9:.2f} GB have to stay free"
+            raise RecorderFailed(f"{folder}: {left}; make room or name another folder")
 
     def _run(self) -> None:
         broken = False

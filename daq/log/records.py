@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+LEAST_FREE_BYTES = 1 << 30
+"""What a recording leaves of a disk: room to finish the log, and for whatever else the machine writes."""
+
 
 @dataclass(frozen=True, slots=True)
 class Event:

@@ -27,7 +27,7 @@ def run(
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
-    from rig.files.pairing import check_pair
+    from rig.files.pairing import check_pair, free_bytes
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
 
@@ -35,7 +35,7 @@ def run(
     scenario, bench = load_pair(scenario_file, bench_file)
     fitted = None if model is None else load_model(model, scenario.rig)
     clock = SystemClock()
-    check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+    check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(out))
     check_twin(scenario)
     request = RunRequest(scenario, bench, connect, out, live, fitted)
     log = run_scenario(request, screen, clock)

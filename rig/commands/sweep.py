@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import re
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -189,16 +188,16 @@ def _centring(folder: Path) -> Centre:
 
 def _dry_check(request: SweepRequest, screen: Screen) -> None:
     """Refuse what no point may do, and say all that would be done."""
+    from rig.files.pairing import bytes_of, free_bytes
     from rig.sweep.execute import begun
-    from rig.sweep.plan import bytes_of, check_points, listing
+    from rig.sweep.plan import check_points, listing
 
     swept, bench, folder = request.sweep, request.bench, request.folder
-    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
-    free = shutil.disk_usage(there).free
+    free = free_bytes(folder)
     check_points(swept, bench, datetime.datetime.now(datetime.UTC).date(), free)
     state = begun(request)
     ended = {number: point.outcome for number, point in state.points.items()}
     for line in listing(swept, bench, state.by_hand, ended):
         screen.say(line)
-    most = f"at most {bytes_of(swept, bench) / 1e6:.0f} MB in {folder}"
-    screen.say(f"disk       {most}; {free / 1e9:.1f} GB free")
+    most = bytes_of((point.scenario.acquisition for point in swept.points), bench) / 1e6
+    screen.say(f"disk       at most {most:.0f} MB in {folder}; {free / 1e9:.1f} GB free")

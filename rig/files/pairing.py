@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
+from daq.log.records import LEAST_FREE_BYTES
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.faults import dotted
-from rig.files.scenario import Scenario
+from rig.files.scenario import AcquisitionSection, Scenario
 from rig.instruments import actuator_of
 from rig.loaded_table import loaded
 from rig.rigs import RIGS, shaft_channel
@@ -21,19 +24,21 @@ SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
 _LEAST_MOTOR_SETTLE_S = 1.0
 _ROUNDING = 1e-9
+_BYTES_PER_SAMPLE: Final = 2 * 4.3
+"""Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
 _NOTHING_SEEN: Final = (
     "none with a real actuator and an emulated card, which sees nothing of the real rig: a limit needs a "
     "real card (daq_card.emulated = false)"
 )
 
 
-def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
+def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_bytes: float = math.inf) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
     the rig's, or none shows its crank turn; a limit names a channel that the bench lacks, lies beyond its
     range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
-    `today` (emulated sensors do not age).
+    `today` (emulated sensors do not age); the log does not fit where `free_bytes` are left.
     """
     actuator = actuator_of(RIGS[scenario.rig].actuator)
     problems = [
@@ -43,6 +48,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date) -> None:
         *_shaft(bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
+        *no_room(bytes_of([scenario.acquisition], bench), free_bytes),
     ]
     if problems:
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
@@ -60,6 +66,26 @@ def check_bench(bench: Bench, today: datetime.date) -> None:
     problems = [*_channels(bench.rig, bench), *_shaft(bench), *_calibrations(bench, today)]
     if problems:
         raise ConfigurationError(bench.source, problems)
+
+
+def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:
+    """The most that logs of these take."""
+    samples = sum(each.sample_rate * each.duration for each in records)
+    return samples * len(bench.daq_card.channels) * _BYTES_PER_SAMPLE
+
+
+def no_room(log_bytes: float, free_bytes: float) -> Iterator[Problem]:
+    """Logs that do not fit on the disk."""
+    needed = log_bytes + LEAST_FREE_BYTES
+    if needed > free_bytes:
+        allowed = f"{needed / 1e9:.1f} GB with 1 GiB to spare; make room or choose another --out"
+        yield Problem("free disk space", f"{free_bytes / 1e9:.1f} GB", allowed)
+
+
+def free_bytes(folder: Path) -> int:
+    """What is left on the disk of a folder that may not exist yet."""
+    there = next(each for each in (folder.resolve(), *folder.resolve().parents) if each.is_dir())
+    return shutil.disk_usage(there).free
 
 
 def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:

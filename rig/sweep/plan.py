@@ -11,7 +11,7 @@ from typing import Final
 from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
 from rig.files.faults import raised_by
-from rig.files.pairing import SOFT_START_FROM_S, check_pair, check_scenario
+from rig.files.pairing import SOFT_START_FROM_S, bytes_of, check_pair, check_scenario, no_room
 from rig.files.sweep import Point, Sweep, points_named
 from rig.files.sweep_axes import Value
 from rig.instruments import actuator_of
@@ -28,9 +28,6 @@ _WALK_S: Final = {False: RAMP_S, True: 3.0}
 AROUND_S: Final = 15.0
 """Of each point beside settling and recording: connecting, twin, ramps, closing the log; 10 s to 20 s on
 two cores, by what else they do."""
-_BYTES_PER_SAMPLE: Final = 2 * 4.3
-"""Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
-_RESERVE_BYTES: Final = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +77,7 @@ def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: f
             yield from raised_by(lambda: centring_plan(point.scenario, bench))
 
     problems = _by_points(sweep, faults) + _counting(sweep, bench)
-    needed = bytes_of(sweep, bench) + _RESERVE_BYTES
-    if needed > free_bytes:
-        allowed = f"{needed / 1e9:.1f} GB with 1 GiB to spare; make room or choose another --out"
-        problems.append(Problem("free disk space", f"{free_bytes / 1e9:.1f} GB", allowed))
+    problems += no_room(bytes_of((point.scenario.acquisition for point in sweep.points), bench), free_bytes)
     if problems:
         raise ConfigurationError(f"{sweep.source} on {bench.source}", problems)
 
@@ -149,13 +143,6 @@ def seconds_of(points: Iterable[Point]) -> float:
 def lasting(sweep: Sweep, points: Iterable[Point]) -> str:
     """How long points of a sweep take, in words; less where their records end with enough impacts."""
     return f"{'about' if sweep.until is None else 'at most'} {in_words(seconds_of(points))}"
-
-
-def bytes_of(sweep: Sweep, bench: Bench) -> float:
-    """The most that its logs take."""
-    wanted = [point.scenario.acquisition for point in sweep.points]
-    samples = sum(each.sample_rate * each.duration for each in wanted)
-    return samples * len(bench.daq_card.channels) * _BYTES_PER_SAMPLE
 
 
 def real_instruments(bench: Bench) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -212,6 +213,27 @@ def test_a_disk_that_stalls_while_it_syncs_costs_nothing(tmp_path: Path) -> None
             clock.sleep(0.01)
         go.set()
     assert verify_log(path).sound
+
+
+def test_a_disk_that_runs_short_stops_the_caller_while_the_log_can_be_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = shutil.disk_usage(tmp_path)
+    path, words = tmp_path / "log.mcap", r"0\.50 GB free, and 1\.07 GB have to stay free; make room"
+    recorder = Recorder(LogWriter(path), SystemClock())
+    recorder.__enter__()
+    recorder.declare("measured", Channel("a", "N"))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: left._replace(free=500_000_000))
+    with pytest.raises(RecorderFailed, match=words):
+        hand_over_until_it_fails(recorder)
+    with pytest.raises(RecorderFailed, match=words):
+        recorder.close()
+    report = verify_log(path)
+    assert report.sound
+    assert report.topics[0].samples > 0
+    with pytest.raises(RecorderFailed, match=words), Recorder(LogWriter(tmp_path / "2.mcap"), SystemClock()):
+        pass
+    assert not (tmp_path / "2.mcap").exists()
 
 
 def test_a_disk_that_fails_to_sync_stops_the_caller(tmp_path: Path) -> None:

@@ -65,6 +65,18 @@ def test_a_limit_that_would_watch_an_emulated_card_beside_a_real_shaker_is_refus
     assert "a limit needs a real card" in problem.allowed
 
 
+def test_a_log_that_does_not_fit_on_the_disk_is_refused() -> None:
+    hour = SOUND.replace('duration = "5 s"', 'duration = "1 h"')
+    assert hour != SOUND
+    check_pair(parse_scenario(SOUND), embedded_bench(), TODAY, free_bytes=2e9)
+    with pytest.raises(ConfigurationError, match="on embedded bench") as caught:
+        check_pair(parse_scenario(hour), embedded_bench(), TODAY, free_bytes=2e9)
+    (problem,) = caught.value.problems
+    assert (problem.key, problem.value) == ("free disk space", "2.0 GB")
+    samples = 51_200 * 3600 * len(embedded_bench().daq_card.channels)
+    assert float(problem.allowed.split()[0]) == pytest.approx(samples * 8.6e-9 + 1.07, abs=0.1)
+
+
 def test_outdated_calibration_of_a_real_sensor_is_refused() -> None:
     scenario, bench = parse_scenario(SOUND), load_bench(SCENARIOS / "bench.example.toml")
     last = datetime.date(2027, 5, 4)

@@ -9,12 +9,12 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import embedded_bench, parse_bench
+from rig.files.pairing import bytes_of
 from rig.files.sweep import Sweep
 from rig.rigs import RIGS
 from rig.session.drive import RAMP_S
 from rig.sweep.plan import (
     AROUND_S,
-    bytes_of,
     check_points,
     listing,
     real_instruments,
@@ -92,7 +92,8 @@ def test_time_and_disk_follow_from_the_points() -> None:
     # 4 points of 1 s settling and 1 s record
     assert seconds_of(swept.points) == pytest.approx(4 * (AROUND_S + 2.0))
     # 5 channels at 51.2 kHz, measured and predicted, 4 bytes and a twentieth
-    assert bytes_of(swept, embedded_bench()) == pytest.approx(4 * 51_200 * 5 * 2 * 4.2, rel=0.05)
+    wanted = [point.scenario.acquisition for point in swept.points]
+    assert bytes_of(wanted, embedded_bench()) == pytest.approx(4 * 51_200 * 5 * 2 * 4.2, rel=0.05)
 
 
 def test_all_faults_of_all_points_at_once() -> None:
