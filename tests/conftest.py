@@ -24,6 +24,7 @@ _KEPT = ("pipe:", "/dev/", "/proc/", "anon_inode:")
 
 _TESTS = Path(__file__).parent
 _ALONE = (
+    "drivers",
     "end_to_end",
     "rig/session/test_hung_motor.py",
     "rig/live",

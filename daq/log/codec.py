@@ -56,6 +56,7 @@ MESSAGES: dict[str, tuple[tuple[str, int, str], ...]] = {
         ("first_sample", 3, "uint64"),
         ("count", 4, "uint64"),
         ("cause", 5, "string"),
+        ("origin", 6, "string"),
     ),
     "Clock": (
         ("timestamp", 1, "Timestamp"),

@@ -21,13 +21,17 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """`count` samples of `channel` from index `first_sample` on that are not in the log, and why."""
+    """`count` samples of `channel` of `origin` from index `first_sample` on that are not in the log, and why.
+
+    Logs of before have no origin there: it is empty.
+    """
 
     time_ns: int
     channel: str
     first_sample: int
     count: int
     cause: str
+    origin: str = "measured"
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,8 @@ class TopicReport:
     missing: int
     sequence_breaks: int
     """Blocks out of sequence, or with samples that came before."""
+    unaccounted: int
+    """Samples that are missing and in no gap, or in a gap and not missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +53,9 @@ class LogReport:
 
     @property
     def sound(self) -> bool:
-        """True if nothing is damaged and every missing sample is in the gap ledger."""
-        missing = sum(topic.missing for topic in self.topics)
-        breaks = sum(topic.sequence_breaks for topic in self.topics)
-        return self.complete and not self.damage and missing == self.ledger_missing and not breaks
+        """True if nothing is damaged and exactly what is missing of each topic is in the gap ledger."""
+        wrong = any(topic.sequence_breaks or topic.unaccounted for topic in self.topics)
+        return self.complete and not self.damage and not wrong
 
 
 def verify_log(path: Path) -> LogReport:
@@ -66,20 +67,39 @@ def verify_log(path: Path) -> LogReport:
             for message in log.messages():
                 account = state.setdefault(message.topic, _Account())
                 account.add(message.topic, message.sequence, message.data)
-            ledger = sum(gap.count for gap in log.gaps())
+            gaps = log.gaps()
             log.check_frame()
         except LogError as error:
-            damage, ledger = str(error), 0
-        reports = tuple(account.report(topic) for topic, account in state.items())
-        return LogReport(path, log.complete, damage or log.damage, reports, ledger)
+            damage, gaps = str(error), []
+        ledger: dict[str, list[_Span]] = {}
+        for gap in gaps:
+            span = gap.first_sample, gap.first_sample + gap.count
+            for topic in _topics_of(
+                gap, [topic for topic, account in state.items() if span in account.holes]
+            ):
+                ledger.setdefault(topic, []).append(span)
+        reports = tuple(account.report(topic, ledger.get(topic, [])) for topic, account in state.items())
+        return LogReport(path, log.complete, damage or log.damage, reports, sum(gap.count for gap in gaps))
+
+
+_Span = tuple[int, int]
+"""First sample and end."""
+
+
+def _topics_of(gap: Gap, lacking: list[str]) -> list[str]:
+    """One; of a log of before, whose gaps have no origin, those of its channel that lack just that."""
+    if gap.origin:
+        return [f"/{gap.origin}/{gap.channel}"]
+    return [topic for topic in lacking if topic in {origin + gap.channel for origin in _SAMPLE_TOPICS}]
 
 
 class _Account:
     """Running account of one topic."""
 
     def __init__(self) -> None:
-        self.messages = self.samples = self.missing = self.breaks = 0
+        self.messages = self.samples = self.breaks = 0
         self.next_sample = 0
+        self.holes: list[_Span] = []
 
     def add(self, topic: str, sequence: int, data: bytes) -> None:
         if sequence != self.messages:
@@ -89,12 +109,34 @@ class _Account:
             return
         block = decode_block(topic, data)
         self.breaks += block.first_sample < self.next_sample
-        self.missing += max(block.first_sample - self.next_sample, 0)
+        if block.first_sample > self.next_sample:
+            self.holes.append((self.next_sample, block.first_sample))
         self.samples += len(block)
         self.next_sample = block.end_sample
 
-    def report(self, topic: str) -> TopicReport:
-        return TopicReport(topic, self.messages, self.samples, self.missing, self.breaks)
+    def report(self, topic: str, gaps: list[_Span]) -> TopicReport:
+        """`gaps` are those of the ledger; any after the last sample are as they may be."""
+        told = [(first, min(end, self.next_sample)) for first, end in gaps if first < self.next_sample]
+        missing = sum(end - first for first, end in self.holes)
+        unaccounted = _apart(self.holes, told)
+        return TopicReport(topic, self.messages, self.samples, missing, self.breaks, unaccounted)
+
+
+def _apart(some: list[_Span], others: list[_Span]) -> int:
+    """How many samples lie in one of both and not in the other."""
+    edges = sorted(
+        (position, step, side)
+        for side, spans in enumerate((some, others))
+        for span in spans
+        for position, step in zip(span, (1, -1), strict=True)
+    )
+    depth, apart, before = [0, 0], 0, 0
+    for position, step, side in edges:
+        if bool(depth[0]) != bool(depth[1]):
+            apart += position - before
+        depth[side] += step
+        before = position
+    return apart
 
 
 def recover_log(damaged: Path, recovered: Path) -> LogReport:

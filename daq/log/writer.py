@@ -40,7 +40,7 @@ class LogWriter:
         self._next_sample: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._topics: dict[str, int] = {}
-        self._told_gaps: dict[tuple[str, int], int] = {}  # their first sample, by channel and end
+        self._told_gaps: dict[tuple[str, int], int] = {}  # their first sample, by topic and end
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
         self._declarations = bytearray()
@@ -100,7 +100,7 @@ class LogWriter:
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        told_from = self._told_gaps.pop((block.channel, block.first_sample), block.first_sample)
+        told_from = self._told_gaps.pop((topic, block.first_sample), block.first_sample)
         missing = max(told_from - expected, 0) if record_gap else 0
         if missing:
             start_ns = sample_time_ns(block.time_ns, expected - block.first_sample, block.sample_rate)
@@ -109,7 +109,8 @@ class LogWriter:
             elif not cause:
                 flagged = block.flags & Flag.SAMPLES_MISSING_BEFORE
                 cause = "samples missing" if flagged else "not flagged by the source"
-            self._record("/gap", "Gap", Gap(start_ns, block.channel, expected, missing, cause), host_ns)
+            gap = Gap(start_ns, block.channel, expected, missing, cause, origin)
+            self._record("/gap", "Gap", gap, host_ns)
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
         return missing
@@ -119,7 +120,8 @@ class LogWriter:
 
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
-        self._told_gaps[gap.channel, gap.first_sample + gap.count] = gap.first_sample
+        topic = f"/{gap.origin or 'measured'}/{gap.channel}"
+        self._told_gaps[topic, gap.first_sample + gap.count] = gap.first_sample
         self._record("/gap", "Gap", gap, host_ns)
 
     def add_clock(self, clock: ClockRecord) -> None:

@@ -90,7 +90,8 @@ def _show(report: LogReport, as_json: bool) -> None:
         console.print(table)
         with LogReader(report.path) as log:
             for gap in log.gaps():
-                console.print(f"gap: {gap.channel}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
+                where = f"{gap.origin} {gap.channel}, {gap.count} samples from {gap.first_sample}"
+                console.print(f"gap: {where}: {gap.cause}", markup=False, highlight=False)
         ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
         verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
         line = f"{report.path}: {verdict if report.complete else ended}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,14 @@ import zstandard
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
+from daq.channel import Channel
 from daq.errors import LogError
+from daq.log.codec import encode_block
 from daq.log.reader import LogReader
+from daq.log.records import Gap
 from daq.log.recover import LOST, recover_log, verify_log
-from tests.daq.log.logs import BLOCK, crashed_file, write_ramp
+from daq.log.writer import LogWriter
+from tests.daq.log.logs import BLOCK, START_NS, block, crashed_file, write_ramp
 
 CUTS = 40
 FLIPS = 150
@@ -143,6 +148,33 @@ def test_a_flip_behind_the_data_is_no_sound_log(ramp: Path, tmp_path: Path) -> N
                 "b": "N",
             }
             assert sum(len(block) for _, block in log.blocks()) == 2 * 20 * BLOCK
+
+
+@pytest.mark.parametrize(
+    ("gap", "unaccounted"),
+    [
+        (Gap(START_NS, "a", 100, 10, "x"), 0),
+        (Gap(START_NS, "b", 100, 10, "x"), 10),
+        (Gap(START_NS, "a", 100, 10, "x", "predicted"), 10),
+        (Gap(START_NS, "a", 105, 10, "x"), 10),
+        (Gap(START_NS, "a", 300, 50, "after the last"), 10),
+        (Gap(START_NS, "a", 100, 10, "x", ""), 0),  # as logs of before have it
+    ],
+)
+def test_only_a_gap_of_just_these_samples_accounts_for_them(
+    tmp_path: Path, gap: Gap, unaccounted: int
+) -> None:
+    """A sum would take ten samples of one channel for those of another."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        log.declare("measured", Channel("a", "N"))
+        before, after = block(0), replace(block(1), first_sample=110)
+        log.add_block("measured", before, START_NS)
+        log.add_gap(gap, START_NS)
+        log.add_encoded_block("measured", after, encode_block(after), START_NS, record_gap=False)
+    report = verify_log(path)
+    assert sum(topic.unaccounted for topic in report.topics) == unaccounted
+    assert report.sound == (unaccounted == 0)
 
 
 def test_recovering_never_overwrites(ramp: Path, tmp_path: Path) -> None:
