@@ -52,7 +52,12 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except RecorderFailed as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))  # what ended the run first is why it ended
 
     def declare(self, origin: str, channel: Channel) -> None:
         """Declare a channel before its first block."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 import struct
 import zlib
@@ -13,7 +12,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, DataEnd, Footer, Metadata
+from mcap.records import Chunk, Footer, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from daq.log.chunks import MAXIMUM_CHUNK_BYTES, open_chunk
@@ -25,6 +24,10 @@ _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
 _LENGTH = 8
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_WINDOW = 1 << 20
+_NO_RECORD = (ValueError, OverflowError, struct.error, McapError)
+"""What the MCAP package raises on the content of a damaged record."""
 _FOOTER_BEFORE_CHECKSUM = struct.Struct("<BQQQ")
 _FOOTER_BYTES = _FOOTER_BEFORE_CHECKSUM.size + 4
 
@@ -40,7 +43,7 @@ def metadata_and_chunks(descriptor: int, note: Callable[[str], None]) -> Iterato
                 yield Metadata.read(_content(record))
             elif opcode == Opcode.CHUNK:
                 yield Chunk.read(_content(record))
-        except (ValueError, struct.error, McapError) as error:
+        except _NO_RECORD as error:
             note(f"a record of kind {opcode} is damaged ({type(error).__name__})")
 
 
@@ -50,7 +53,8 @@ def check_data(descriptor: int, note: Callable[[str], None]) -> None:
     for opcode, record in _records(descriptor, note):
         if opcode == Opcode.DATA_END:
             ended = True
-            if DataEnd.read(_content(record)).data_section_crc not in (0, checksum):
+            # its content is the checksum: 0 where its writer made none
+            if int.from_bytes(record[_RECORD.size :], "little") not in (0, checksum):
                 note("the checksum of its data is wrong")
         checksum = zlib.crc32(record, checksum)
     if not ended:
@@ -67,13 +71,16 @@ def _records(descriptor: int, note: Callable[[str], None]) -> Iterator[tuple[int
     while opcode != Opcode.FOOTER:
         try:
             opcode, record = _record_at(descriptor, position, size)
-            position += len(record)
+        except OSError as error:
+            note(f"it cannot be read at byte {position}: {error.strerror}")
+            return
         except ValueError as error:
-            note(str(error))
-            found = _next_whole_chunk(descriptor, position) if position < size else None
-            if found is None:
+            opcode, (record, found) = Opcode.CHUNK, _next_whole_chunk(descriptor, position, size)
+            note(f"a record is damaged (byte {position})" if record else str(error))
+            if not record:
                 return
-            opcode, (record, position) = Opcode.CHUNK, found
+            position = found
+        position += len(record)
         yield opcode, record
 
 
@@ -116,27 +123,31 @@ def _check_end(descriptor: int, position: int, size: int, footer: Footer) -> Non
         raise ValueError("it does not end as an MCAP file does")
 
 
-def _next_whole_chunk(descriptor: int, position: int) -> tuple[bytes, int] | None:
-    """Record and end of the first chunk at or behind `position` whose checksum is right."""
-    with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as file:
-        found = file.find(_COMPRESSION, position)
+def _next_whole_chunk(descriptor: int, position: int, size: int) -> tuple[bytes, int]:
+    """The first chunk at or behind `position` whose checksum is right, and where; empty if there is none."""
+    for start in range(position, size, _WINDOW):
+        window = os.pread(descriptor, _WINDOW + len(_COMPRESSION) - 1, start)
+        found = window.find(_COMPRESSION)
         while found >= 0:
-            begin = found - _BEFORE_COMPRESSION.size
-            if begin >= position and (record := _chunk_at(file, begin)):
-                return record, begin + len(record)
-            found = file.find(_COMPRESSION, found + 1)
-    return None
+            begin = start + found - _BEFORE_COMPRESSION.size
+            if begin >= position and (record := _chunk_at(descriptor, begin, size)):
+                return record, begin
+            found = window.find(_COMPRESSION, found + 1)
+    return b"", size
 
 
-def _chunk_at(file: mmap.mmap, begin: int) -> bytes:
+def _chunk_at(descriptor: int, begin: int, size: int) -> bytes:
     """Its record by the lengths inside of it, since its own may be what is damaged; empty if it is none."""
-    at = begin + _BEFORE_COMPRESSION.size + len(_COMPRESSION)
-    length = int.from_bytes(file[at : at + _LENGTH], "little")
-    content = file[begin + _RECORD.size : at + _LENGTH + min(length, MAXIMUM_CHUNK_BYTES)]
+    fixed = _BEFORE_COMPRESSION.size + len(_COMPRESSION)
+    head = os.pread(descriptor, fixed + _LENGTH + len(_ZSTD), begin)
+    length = int.from_bytes(head[fixed : fixed + _LENGTH], "little")
+    if not head.endswith(_ZSTD) or length > min(MAXIMUM_CHUNK_BYTES, size - begin - fixed - _LENGTH):
+        return b""
+    content = os.pread(descriptor, fixed + _LENGTH + length - _RECORD.size, begin + _RECORD.size)
     record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
     try:
         chunk = Chunk.read(_content(record))
         open_chunk(chunk)
-    except (ValueError, struct.error, McapError, zstandard.ZstdError):
+    except (*_NO_RECORD, zstandard.ZstdError):
         return b""
     return record if chunk.uncompressed_crc else b""

@@ -74,9 +74,7 @@ def verify_log(path: Path) -> LogReport:
         ledger: dict[str, list[_Span]] = {}
         for gap in gaps:
             span = gap.first_sample, gap.first_sample + gap.count
-            for topic in _topics_of(
-                gap, [topic for topic, account in state.items() if span in account.holes]
-            ):
+            for topic in [f"/{gap.origin}/{gap.channel}"] if gap.origin else _lacking(gap, span, state):
                 ledger.setdefault(topic, []).append(span)
         reports = tuple(account.report(topic, ledger.get(topic, [])) for topic, account in state.items())
         return LogReport(path, log.complete, damage or log.damage, reports, sum(gap.count for gap in gaps))
@@ -86,11 +84,10 @@ _Span = tuple[int, int]
 """First sample and end."""
 
 
-def _topics_of(gap: Gap, lacking: list[str]) -> list[str]:
-    """One; of a log of before, whose gaps have no origin, those of its channel that lack just that."""
-    if gap.origin:
-        return [f"/{gap.origin}/{gap.channel}"]
-    return [topic for topic in lacking if topic in {origin + gap.channel for origin in _SAMPLE_TOPICS}]
+def _lacking(gap: Gap, span: _Span, state: dict[str, _Account]) -> list[str]:
+    """Topics of a gap that says no origin, as in logs of before: all of its channel that lack just that."""
+    topics = [origin + gap.channel for origin in _SAMPLE_TOPICS]
+    return [topic for topic in topics if topic in state and span in state[topic].holes]
 
 
 class _Account:
@@ -99,7 +96,7 @@ class _Account:
     def __init__(self) -> None:
         self.messages = self.samples = self.breaks = 0
         self.next_sample = 0
-        self.holes: list[_Span] = []
+        self.holes: dict[_Span, None] = {}  # in their order
 
     def add(self, topic: str, sequence: int, data: bytes) -> None:
         if sequence != self.messages:
@@ -110,7 +107,7 @@ class _Account:
         block = decode_block(topic, data)
         self.breaks += block.first_sample < self.next_sample
         if block.first_sample > self.next_sample:
-            self.holes.append((self.next_sample, block.first_sample))
+            self.holes[self.next_sample, block.first_sample] = None
         self.samples += len(block)
         self.next_sample = block.end_sample
 
@@ -118,7 +115,7 @@ class _Account:
         """`gaps` are those of the ledger; any after the last sample are as they may be."""
         told = [(first, min(end, self.next_sample)) for first, end in gaps if first < self.next_sample]
         missing = sum(end - first for first, end in self.holes)
-        unaccounted = _apart(self.holes, told)
+        unaccounted = _apart(list(self.holes), told)
         return TopicReport(topic, self.messages, self.samples, missing, self.breaks, unaccounted)
 
 
@@ -152,16 +149,27 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
             for topic in log.topic_metadata()
             if topic.startswith(_SAMPLE_TOPICS) or topic in _SCHEMA_OF_TOPIC
         }
+        writer = LogWriter(recovered, log.library or "rattle recover")
         try:
-            with LogWriter(recovered, log.library or "rattle recover") as writer:
-                for name, record in log.metadata.items():
-                    writer.add_metadata(name, record)
-                for topic, schema in topics.items():
-                    writer.register(topic, schema, log.topic_metadata()[topic])
-                lost = sum(_copy(message, writer) for message in log.messages(topics, skip_damaged=True))
+            writer.open()
+            try:
+                lost = _copy_all(log, topics, writer)
+            except BaseException:  # one that lacks the rest would look as if it were whole
+                recovered.unlink(missing_ok=True)
+                raise
+            finally:
+                writer.close()
         except RecorderFailed as error:
             raise LogError(str(error)) from error
         return replace(verify_log(recovered), recovered_from=log.damage, lost=lost)
+
+
+def _copy_all(log: LogReader, topics: dict[str, str], writer: LogWriter) -> int:
+    for name, record in log.metadata.items():
+        writer.add_metadata(name, record)
+    for topic, schema in topics.items():
+        writer.register(topic, schema, log.topic_metadata()[topic])
+    return sum(_copy(message, writer) for message in log.messages(topics, skip_damaged=True))
 
 
 def _copy(message: LoggedMessage, writer: LogWriter) -> int:

@@ -100,7 +100,9 @@ class LogWriter:
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        told_from = self._told_gaps.pop((topic, block.first_sample), block.first_sample)
+        told_from = block.first_sample
+        while told_from > expected and (topic, told_from) in self._told_gaps:
+            told_from = self._told_gaps.pop((topic, told_from))
         missing = max(told_from - expected, 0) if record_gap else 0
         if missing:
             start_ns = sample_time_ns(block.time_ns, expected - block.first_sample, block.sample_rate)

@@ -69,11 +69,12 @@ def recover(
     from daq.log.recover import recover_log
 
     report = recover_log(log, out)
-    _show(report, as_json=False)
     if report.recovered_from:
         Console().print(f"{log}: {report.recovered_from}", markup=False, highlight=False, soft_wrap=True)
     if not report.whole:
         Console().print(f"{report.lost} samples were lost, and what may have come after them")
+    _show(report, as_json=False)
+    if not report.whole:
         raise typer.Exit(_LOST)
 
 

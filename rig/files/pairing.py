@@ -82,10 +82,13 @@ def no_room(log_bytes: float, free_bytes: float) -> Iterator[Problem]:
         yield Problem("free disk space", f"{free_bytes / 1e9:.1f} GB", allowed)
 
 
-def free_bytes(folder: Path) -> int:
-    """What is left on the disk of a folder that may not exist yet."""
-    there = next(each for each in (folder.resolve(), *folder.resolve().parents) if each.is_dir())
-    return shutil.disk_usage(there).free
+def free_bytes(folder: Path) -> float:
+    """What is left on the disk of a folder that may not exist yet; infinite where nobody says."""
+    try:
+        there = next(each for each in (folder.resolve(), *folder.resolve().parents) if each.is_dir())
+        return shutil.disk_usage(there).free
+    except OSError:  # who makes the folder says why it cannot be
+        return math.inf
 
 
 def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:

@@ -110,12 +110,13 @@ def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
             copy.add_metadata(name, record)
     for channel in log.channels("measured").values():
         copy.declare("measured", channel)
+    for gap in log.gaps():
+        if gap.origin in ("", "measured"):
+            copy.add_gap(gap, gap.time_ns)
     for message in log.messages({f"/measured/{name}" for name in log.channels("measured")}):
         block = decode_block(message.topic.removeprefix("/measured/"), message.data)
         copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
         derived(Block("measured", block))
-    for gap in log.gaps():
-        copy.add_gap(gap, gap.time_ns)
     for event in log.events():
         copy.add_event(event)
     for clock in log.clocks():

@@ -13,9 +13,11 @@ import zstandard
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
+from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
-from daq.log.codec import encode_block
+from daq.log import recover
+from daq.log.codec import decode_block, encode_block
 from daq.log.reader import LogReader
 from daq.log.records import Gap
 from daq.log.recover import LOST, recover_log, verify_log
@@ -95,18 +97,19 @@ def test_a_flipped_bit_is_never_read_as_a_sample(ramp: Path, tmp_path: Path, cra
 
 @pytest.mark.parametrize("crashed", [False, True], ids=["with its summary", "without"])
 @pytest.mark.parametrize("number", [0, 3])
-@pytest.mark.parametrize("place", ["opcode", "length", "content"])
+@pytest.mark.parametrize("place", ["opcode", "length", "content", "length inside"])
 def test_one_damaged_chunk_costs_only_itself(
     ramp: Path, tmp_path: Path, place: str, number: int, crashed: bool
 ) -> None:
     whole = bytearray(ramp.read_bytes()[: data_end(ramp) if crashed else None])
     begin, end = chunks_of(ramp)[number]
-    whole[begin + {"opcode": 0, "length": 3, "content": (end - begin) // 2}[place]] ^= 0x10
+    at = {"opcode": 0, "length": 3, "content": (end - begin) // 2, "length inside": 52}[place]
+    whole[begin + at] ^= 0x80
     (tmp_path / "damaged.mcap").write_bytes(whole)
     report = recover_log(tmp_path / "damaged.mcap", tmp_path / "recovered.mcap")
     assert report.sound
     assert report.lost == sum(topic.missing for topic in report.topics) == report.ledger_missing
-    if place == "content":
+    if place in ("content", "length inside"):
         assert not report.whole
         assert 0 < report.lost <= 2 * 4 * BLOCK  # a chunk of at most 0.4 s of two channels
         with LogReader(tmp_path / "recovered.mcap") as log:
@@ -175,6 +178,36 @@ def test_only_a_gap_of_just_these_samples_accounts_for_them(
     report = verify_log(path)
     assert sum(topic.unaccounted for topic in report.topics) == unaccounted
     assert report.sound == (unaccounted == 0)
+
+
+def test_a_recovery_that_is_broken_off_leaves_nothing_that_looks_whole(
+    ramp: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[int] = []
+
+    def interrupted(name: str, data: bytes) -> SampleBlock:
+        seen.append(len(data))
+        if len(seen) == 10:
+            raise KeyboardInterrupt
+        return decode_block(name, data)
+
+    monkeypatch.setattr(recover, "decode_block", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        recover_log(ramp, tmp_path / "recovered.mcap")
+    assert not (tmp_path / "recovered.mcap").exists()
+
+
+def test_gaps_that_follow_one_another_are_one_hole(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        log.declare("measured", Channel("a", "N"))
+        log.add_block("measured", block(0), START_NS)
+        log.add_gap(Gap(START_NS, "a", 100, 30, "lost on the bus"), START_NS)
+        log.add_gap(Gap(START_NS, "a", 130, 70, "queue full"), START_NS)
+        log.add_block("measured", block(2), START_NS)
+    assert verify_log(path).sound
+    report = recover_log(path, tmp_path / "again.mcap")
+    assert (report.sound, report.whole, report.lost) == (True, True, 0)
 
 
 def test_recovering_never_overwrites(ramp: Path, tmp_path: Path) -> None:
