@@ -105,7 +105,8 @@ class Recorder:
                 )
         self._writer.close()
         if self._failure is not None:
-            raise RecorderFailed(f"{self._failure}; {self.refused} more refused") from self._failure
+            more = f"; {self.refused} more refused" if self.refused else ""
+            raise RecorderFailed(f"{self._failure}{more}") from self._failure
 
     def _put(self, write: Callable[[], None]) -> None:
         if self._failure is None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import get_args
 
@@ -85,9 +87,9 @@ _Span = tuple[int, int]
 
 
 def _lacking(gap: Gap, span: _Span, state: dict[str, _Account]) -> list[str]:
-    """Topics of a gap that says no origin, as in logs of before: all of its channel that lack just that."""
+    """Topics of a gap that says no origin, as in logs of before: all of its channel that lack its samples."""
     topics = [origin + gap.channel for origin in _SAMPLE_TOPICS]
-    return [topic for topic in topics if topic in state and span in state[topic].holes]
+    return [topic for topic in topics if topic in state and state[topic].lacks(span)]
 
 
 class _Account:
@@ -96,7 +98,7 @@ class _Account:
     def __init__(self) -> None:
         self.messages = self.samples = self.breaks = 0
         self.next_sample = 0
-        self.holes: dict[_Span, None] = {}  # in their order
+        self.holes: list[_Span] = []
 
     def add(self, topic: str, sequence: int, data: bytes) -> None:
         if sequence != self.messages:
@@ -107,15 +109,20 @@ class _Account:
         block = decode_block(topic, data)
         self.breaks += block.first_sample < self.next_sample
         if block.first_sample > self.next_sample:
-            self.holes[self.next_sample, block.first_sample] = None
+            self.holes.append((self.next_sample, block.first_sample))
         self.samples += len(block)
         self.next_sample = block.end_sample
+
+    def lacks(self, span: _Span) -> bool:
+        """Whether one hole holds all of it."""
+        before = bisect_right(self.holes, span[0], key=itemgetter(0))
+        return before > 0 and span[1] <= self.holes[before - 1][1]
 
     def report(self, topic: str, gaps: list[_Span]) -> TopicReport:
         """`gaps` are those of the ledger; any after the last sample are as they may be."""
         told = [(first, min(end, self.next_sample)) for first, end in gaps if first < self.next_sample]
         missing = sum(end - first for first, end in self.holes)
-        unaccounted = _apart(list(self.holes), told)
+        unaccounted = _apart(self.holes, told)
         return TopicReport(topic, self.messages, self.samples, missing, self.breaks, unaccounted)
 
 

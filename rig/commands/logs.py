@@ -91,7 +91,9 @@ def _show(report: LogReport, as_json: bool) -> None:
         console.print(table)
         with LogReader(report.path) as log:
             for gap in log.gaps():
-                where = f"{gap.origin} {gap.channel}, {gap.count} samples from {gap.first_sample}"
+                where = (
+                    f"{gap.origin} {gap.channel}".strip() + f", {gap.count} samples from {gap.first_sample}"
+                )
                 console.print(f"gap: {where}: {gap.cause}", markup=False, highlight=False)
         ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
         verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"

@@ -197,13 +197,14 @@ def test_a_recovery_that_is_broken_off_leaves_nothing_that_looks_whole(
     assert not (tmp_path / "recovered.mcap").exists()
 
 
-def test_gaps_that_follow_one_another_are_one_hole(tmp_path: Path) -> None:
+@pytest.mark.parametrize("origin", ["measured", ""], ids=["with an origin", "as before"])
+def test_gaps_that_follow_one_another_are_one_hole(tmp_path: Path, origin: str) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path) as log:
         log.declare("measured", Channel("a", "N"))
         log.add_block("measured", block(0), START_NS)
-        log.add_gap(Gap(START_NS, "a", 100, 30, "lost on the bus"), START_NS)
-        log.add_gap(Gap(START_NS, "a", 130, 70, "queue full"), START_NS)
+        log.add_gap(Gap(START_NS, "a", 100, 30, "lost on the bus", origin), START_NS)
+        log.add_gap(Gap(START_NS, "a", 130, 70, "queue full", origin), START_NS)
         log.add_block("measured", block(2), START_NS)
     assert verify_log(path).sound
     report = recover_log(path, tmp_path / "again.mcap")
