@@ -5,12 +5,11 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Generic, TypeVar
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
@@ -26,8 +25,6 @@ from rig.stream import Block, LastSeconds, Record, Shape
 
 Item = TypeVar("Item")
 
-_BATCH_S = 0.5
-"""A browser pays for every batch, whatever is in it, so that small ones are costly."""
 _STEP_S = 0.3
 """Traces, beam and peaks go out together, in lots of this length: the viewer's axis ends at the newest of
 them, and one that ran ahead would leave the others blank there."""
@@ -95,7 +92,6 @@ class Scene:
         self._spectrum_period_s = max(_SPECTRUM_PERIOD_S, traces / _SPECTRA_PER_S)
         self._figures = CycleFigurePlots(self._stage)
         self._play = layout.picture.play(self._stage) if layout.picture else None
-        self._traces: dict[tuple[Origin, str], Trace] = {}
         self._recent: dict[tuple[Origin, str], LastSeconds] = {}
         self._spectrum_due_s: dict[tuple[Origin, str], float] = {}
         own = layout.picture.views(layout) if layout.picture else OwnViews(())
@@ -113,43 +109,42 @@ class Scene:
             self._play.open()
         self._show_dropped(0)
 
-    def take(self, frame: Shown) -> None:
-        """Accept a record, and show what is due by now."""
-        match frame:
-            case Dropped(records):
-                self._show_dropped(records)
-            case Shape():
-                self._order.add(frame.time_s, frame)
-            case Block("derived", samples):
-                self._order.add(self._stage.time_of(samples.time_ns), frame)
-            case Block(origin, samples):
-                if self._stage.start_ns is None:
-                    start_ns = sample_time_ns(samples.time_ns, -samples.first_sample, samples.sample_rate)
-                    self._stage.start_ns = start_ns
-                end_s = samples.end_sample / samples.sample_rate
-                self._order.note(origin, end_s)
-                self._order.add(end_s, frame)
-            case _:
-                self._order.add(self._stage.time_of(frame.time_ns), frame)
-        self._show(self._order.ready())
+    def show(self, frames: Iterable[Shown]) -> None:
+        """Show each as soon as it is due, until there are no more."""
+        for frame in frames:
+            match frame:
+                case Dropped(records):
+                    self._show_dropped(records)
+                case Shape():
+                    self._order.add(frame.time_s, frame)
+                case Block("derived", samples):
+                    self._order.add(self._stage.time_of(samples.time_ns), frame)
+                case Block(origin, samples):
+                    if self._stage.start_ns is None:
+                        self._stage.start_ns = sample_time_ns(
+                            samples.time_ns, -samples.first_sample, samples.sample_rate
+                        )
+                    end_s = samples.end_sample / samples.sample_rate
+                    self._order.note(origin, end_s)
+                    self._order.add(end_s, frame)
+                case _:
+                    self._order.add(self._stage.time_of(frame.time_ns), frame)
+            self._show_due(self._order.ready())
 
     def finish(self) -> None:
-        self._show(self._order.rest())
+        """Show what waited for more: no more will come."""
+        self._show_due(self._order.rest())
         if self._play is not None:
             self._play.finish()
-        self._flush()
 
-    def _show(self, due: list[Record]) -> None:
+    def _show_due(self, due: list[Record]) -> None:
+        lots: dict[tuple[Origin, str], list[SampleBlock]] = {}
         for record in due:
             match record:
                 case Block("derived", samples):
                     self._figures.add(samples)
                 case Block(origin, samples):
-                    key = origin, samples.channel
-                    if key not in self._traces:
-                        path = paths.trace(origin, samples.channel)
-                        self._traces[key] = Trace(self._recording, path, self._layout.points_per_s)
-                    self._traces[key].add(samples)
+                    lots.setdefault((origin, samples.channel), []).append(samples)
                     if samples.channel in self._spectra:
                         self._renew_spectrum(origin, samples)
                 case Event():
@@ -160,17 +155,28 @@ class Scene:
                     )
             if self._play is not None:
                 self._play.take(record)
-        if due:
-            self._flush()
+        for (origin, channel), blocks in lots.items():
+            self._draw_trace(paths.trace(origin, channel), blocks)
 
     def _show_dropped(self, count: int) -> None:
         text = f"{count} blocks not shown: this view was too slow. The log has them all."
         status = f"{self._layout.title}\n\n{text if count else 'No block dropped.'}"
         self._recording.log(paths.STATUS, rr.TextDocument(status), static=True)
 
-    def _flush(self) -> None:
-        for trace in self._traces.values():
-            trace.flush()
+    def _draw_trace(self, path: str, blocks: list[SampleBlock]) -> None:
+        """Send their envelopes together: a browser pays for every batch, whatever is in it."""
+        times, values = [], []
+        for block in blocks:
+            points = max(round(self._layout.points_per_s * len(block) / block.sample_rate), 4)
+            chosen = envelope(block.values, points)
+            times_ns = (block.first_sample + chosen.indices) * (NS_PER_S / block.sample_rate)
+            times.append(times_ns.round().astype("m8[ns]"))
+            values.append(chosen.values)
+        self._recording.send_columns(
+            path,
+            [rr.TimeColumn(paths.TIMELINE, duration=np.concatenate(times))],
+            rr.Scalars.columns(scalars=np.concatenate(values)),
+        )
 
     def _renew_spectrum(self, origin: Origin, block: SampleBlock) -> None:
         key = origin, block.channel
@@ -185,36 +191,3 @@ class Scene:
         self._stage.at(end_s)
         spectrum = autospectrum(values, block.sample_rate)
         self._spectra[block.channel].draw(self._layout.whose(origin), spectrum, block.sample_rate)
-
-
-class Trace:
-    """Keeps the envelope of the newest blocks of one channel until a batch of them is full."""
-
-    def __init__(self, recording: rr.RecordingStream, path: str, points_per_s: float) -> None:
-        self._recording = recording
-        self._path = path
-        self._points_per_s = points_per_s
-        self._times: list[NDArray[np.timedelta64]] = []
-        self._values: list[NDArray[np.floating]] = []
-        self._waiting_s = 0.0
-
-    def add(self, block: SampleBlock) -> None:
-        """Take a block, and send the batch if that fills it."""
-        seconds = len(block) / block.sample_rate
-        chosen = envelope(block.values, max(round(self._points_per_s * seconds), 4))
-        times_ns = (block.first_sample + chosen.indices) * (NS_PER_S / block.sample_rate)
-        self._times.append(times_ns.round().astype("m8[ns]"))
-        self._values.append(chosen.values)
-        self._waiting_s += seconds
-        if self._waiting_s >= _BATCH_S:
-            self.flush()
-
-    def flush(self) -> None:
-        if not self._values:
-            return
-        self._recording.send_columns(
-            self._path,
-            [rr.TimeColumn(paths.TIMELINE, duration=np.concatenate(self._times))],
-            rr.Scalars.columns(scalars=np.concatenate(self._values)),
-        )
-        self._times, self._values, self._waiting_s = [], [], 0.0

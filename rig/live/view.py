@@ -20,7 +20,7 @@ from daq.errors import InstrumentAbsent
 from daq.log.records import Event, Impact
 from daq.process import Child
 from rig.live.picture import Layout, Picture, layout_of
-from rig.stream import Block, Record, Shape
+from rig.stream import Block, Consumer, Record, Shape
 
 LAST_WORDS_S = 1.5
 """What is still on its way when the run ends has this long to reach the viewer."""
@@ -63,11 +63,14 @@ class Sender:
     def start(self) -> None:
         self._thread.start()
 
-    def offer(self, pickled: bytes) -> None:
-        """Queue a record; returns at once, whatever the reader does."""
+    def offer(self, record: Record | Dropped) -> None:
+        """Queue a copy of a record that a view shows; returns at once, whatever the reader does."""
+        if self._stop.is_set() or not isinstance(record, Shown):
+            return
         if self.broken:
             self.dropped += 1
             return
+        pickled = pickle.dumps(record, pickle.HIGHEST_PROTOCOL)
         with self._lock:
             self._waiting.append(pickled)
             self._bytes += len(pickled)
@@ -112,6 +115,9 @@ class LiveView:
     Measured data waits up to `patience_s` for its prediction, so that both appear together.
     """
 
+    offer: Consumer
+    """Shows a record if there is time and a place for it; there once the view is open."""
+
     def __init__(
         self,
         title: str,
@@ -152,6 +158,7 @@ class LiveView:
         traces = sum(len(names) for names in self._layout.origins.values())
         self._sender = Sender(self._child.pipe, max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE)
         self._sender.start()
+        self.offer = self._sender.offer
         self._open = True
         return self
 
@@ -170,11 +177,6 @@ class LiveView:
     @property
     def processes(self) -> tuple[int, int]:
         return self._child.pid or 0, self._server.pid
-
-    def offer(self, record: Record) -> None:
-        """Show a record if there is time and a place for it; copies its values and returns at once."""
-        if self._open and isinstance(record, Shown):
-            self._sender.offer(pickle.dumps(record, pickle.HIGHEST_PROTOCOL))
 
     def close(self, timeout_s: float = 4.0) -> None:
         """Let the view show what it has, at most `timeout_s`, and end both processes."""

@@ -113,8 +113,7 @@ def serve(pipe: Connection, layout: Layout, patience_s: float, memory_limit: str
             scene = Scene(recording, layout, patience_s)
             scene.open()
             with contextlib.suppress(EOFError, OSError):  # whoever sent is gone
-                while (record := pipe.recv()) is not None:
-                    scene.take(record)
+                scene.show(iter(pipe.recv, None))
             scene.finish()
             recording.flush(timeout_sec=LAST_WORDS_S)
     except InstrumentAbsent as error:

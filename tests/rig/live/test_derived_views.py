@@ -84,8 +84,7 @@ def test_derived_values_are_shown_at_their_own_times_also_before_any_block_is_sh
         Block("derived", a_block("contact.force_upper.cycle_peak", [4.0, 5.0, 6.0], 20.0, 0.04)),
         Block("derived", a_block("crank.speed", [199.0, nan], 50.0, 0.5)),
     ]
-    for frame in (*record, *found):
-        scene.take(frame)
+    scene.show([*record, *found])
     scene.finish()
     assert recording.times_s[paths.derived("contact.force_upper.cycle_peak")] == pytest.approx(
         [0.04, 0.09, 0.14]
@@ -126,7 +125,7 @@ def test_impacts_of_the_beam_are_shown_where_their_origin_is() -> None:
     recording = KeptRecording()
     shown = layout(BeamPicture(0.28, 0.019, 0.127e-3))
     scene = Scene(recording, shown, 3.0)
-    scene.take(impact(nan, 12.0, "predicted"))
+    scene.show([impact(nan, 12.0, "predicted")])
     scene.finish()
     assert recording.logged[paths.peaks("predicted")].scalars.as_arrow_array().to_pylist() == [12.0]
     assert paths.peaks("measured") not in recording.logged

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 from collections.abc import Iterator
 from math import nan
@@ -33,7 +32,7 @@ def sent(pipe: Pair, *records: Shown) -> list[Shown | None]:
     sender = Sender(pipe[1], 1 << 20)
     sender.start()
     for record in records:
-        sender.offer(pickle.dumps(record))
+        sender.offer(record)
     sender.close(5.0)
     return [pipe[0].recv() for _ in range(len(records) + 1)]
 
@@ -81,7 +80,7 @@ def test_what_is_no_block_arrives_as_it_was_found(pipe: Pair, turns: float) -> N
 def test_a_reader_that_stands_still_costs_the_oldest_records_and_no_time(pipe: Pair) -> None:
     sender = Sender(pipe[1], 1 << 20)
     sender.start()
-    record = bytes(1 << 16)
+    record = Block("measured", SampleBlock("a", 0, 0, 1.0, np.zeros(1 << 14, np.float32)))  # 64 KiB
     slowest = 0.0
     for _ in range(1000):
         before = time.perf_counter()
@@ -101,11 +100,11 @@ def test_a_reader_that_is_gone_is_noticed_and_nothing_is_kept(pipe: Pair) -> Non
     sender = Sender(pipe[1], 1 << 20)
     sender.start()
     pipe[0].close()
-    sender.offer(bytes(100))
+    sender.offer(Dropped(0))
     deadline = time.monotonic() + 5.0
     while not sender.broken and time.monotonic() < deadline:
         time.sleep(0.01)
     assert sender.broken
-    sender.offer(bytes(100))
+    sender.offer(Dropped(0))
     assert sender.dropped == 1
     sender.close(1.0)
