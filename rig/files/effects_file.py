@@ -37,11 +37,14 @@ def parse_effects(text: str, source: str, catalogue: Catalogue) -> tuple[Named, 
         faults.add("effects", entries, 'a list such as [{"name": "clearance", "parameters": {"scale": 1.5}}]')
         raise faults.error()
     seen: set[tuple[str, object]] = set()
-    effects = [
-        _effect(entry, f"[{index + 1}]", catalogue, seen, faults) for index, entry in enumerate(entries)
-    ]
+    effects = []
+    for number, entry in enumerate(entries, start=1):
+        name = _name(entry, f"[{number}]", catalogue, seen, faults)
+        if name is not None:
+            given = entry.get("parameters", {})
+            effects.append((name, _parameters(given, catalogue[name].asked, f"[{number}].{name}", faults)))
     faults.raise_if_any()
-    return tuple(effect for effect in effects if effect is not None)
+    return tuple(effects)
 
 
 def _once_each(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -53,9 +56,10 @@ def _once_each(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-def _effect(
+def _name(
     entry: object, key: str, catalogue: Catalogue, seen: set[tuple[str, object]], faults: Faults
-) -> Named | None:
+) -> str | None:
+    """Which effect an entry is, where its parameters can be looked at."""
     if not isinstance(entry, dict):
         faults.add(key, entry, 'an object with "name" and "parameters"')
         return None
@@ -76,7 +80,7 @@ def _effect(
     if identity in seen:
         faults.add(f"{key}.name", name, "once a channel" if identity[1] else "once in a file")
     seen.add(identity)
-    return name, _parameters(given, catalogue[name].asked, f"{key}.{name}", faults)
+    return name
 
 
 def _parameters(

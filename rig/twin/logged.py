@@ -10,7 +10,7 @@ from daq.log.reader import LogReader
 from rig.files.model_file import ModelFile, model_text, parse_model
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.alignment import Alignment, reference_among, untouched
-from rig.twin.scenario_twin import twin_of, with_effects_of
+from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.matching import matched_campaign
 from sim_twin.healthy import Matched, Tolerance
@@ -87,7 +87,7 @@ def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
     if "model" in record:
         fitted = parse_model(record["model"], f"model in {log.path}", scenario.rig)
         twin = with_model(twin, fitted, lambda _: None)  # it was told when the prediction was made
-    return with_effects_of(twin, record.get("effects", "[]"), f"effects in {log.path}")
+    return with_effects(twin, f"effects in {log.path}", record.get("effects", "[]"))
 
 
 def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:

@@ -47,15 +47,16 @@ def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:
     return tuple(declared[name].described for name in twin.channels)
 
 
-def with_effects(twin: AnyTwin, path: Path) -> AnyTwin:
-    """Return `twin` with the effects of a file in; raises ConfigurationError with every fault of the file."""
-    return with_effects_of(twin, read_text(path), str(path))
+def with_effects(twin: AnyTwin, source: str | Path, text: str | None = None) -> AnyTwin:
+    """Return `twin` with the effects of an effects file in, or of a `text` that is in `source`.
 
-
-def with_effects_of(twin: AnyTwin, text: str, source: str) -> AnyTwin:
-    """Return `twin` with the effects of an effects file's `text` in; raises like `with_effects`."""
-    effects = parse_effects(text, source, twin.model.effects)
+    Raises ConfigurationError with every fault of it.
+    """
+    catalogue = twin.model.effects
+    effects = parse_effects(read_text(source) if text is None else text, str(source), catalogue)
     try:
-        return twin.model.with_effects(twin, effects)
+        for name, values in effects:
+            twin = catalogue[name].apply(twin, values)
     except ValueError as error:
-        raise ConfigurationError(source, [Problem("effects", "(together)", str(error))]) from error
+        raise ConfigurationError(str(source), [Problem("effects", "(together)", str(error))]) from error
+    return twin
