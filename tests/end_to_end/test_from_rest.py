@@ -54,7 +54,7 @@ def test_record_shows_the_rest_before_the_drive(rest_log: Path) -> None:
     with LogReader(rest_log) as log:
         before = log.table("measured", end_s=PRE_TRIGGER_S)
         events = [event.code for event in log.events()]
-    # Five sigma of their noise: 0.02 N and 0.05 N.
-    assert np.abs(before["drive.force"].values).max() < 0.1
-    assert np.abs(before["contact.force_upper"].values).max() < 0.25
+    # Seven sigma of their noise, 0.02 N and 0.05 N: one of 2,560 samples is above five in one run of 700.
+    assert np.abs(before["drive.force"].values).max() < 0.14
+    assert np.abs(before["contact.force_upper"].values).max() < 0.35
     assert "drive.not_seen" not in events
