@@ -169,9 +169,7 @@ def examine(image: Image, recording: Recording, folder: Path) -> str:
                 return "a sample that was not sent"
             kept.add(key)
             reached[block.channel] = block.end_sample / block.sample_rate
-        gaps = [
-            (gap.channel, range(gap.first_sample, gap.first_sample + gap.count)) for gap in log.gaps()
-        ]
+        gaps = [(gap.channel, range(gap.first_sample, gap.first_sample + gap.count)) for gap in log.gaps()]
     for name, first in recording.sent.keys() - kept:
         told = any(name == channel and first in missing for channel, missing in gaps)
         if first / _RATES[name] < reached[name] and not told:
@@ -202,7 +200,9 @@ def main() -> int:
     arguments = parser.parse_args()
     found = count_images(arguments.images, arguments.seed)
     for outcome, count in found.most_common():
-        print(f"{count:6} of {arguments.images}  {outcome or 'recovered: nothing wrong, nothing unaccounted for'}")
+        print(
+            f"{count:6} of {arguments.images}  {outcome or 'recovered: nothing wrong, nothing unaccounted for'}"
+        )
     wrong = arguments.images - found[""] - found["nothing on the disk yet"]
     print(f"wrong: {wrong}" + ("" if wrong else f" (below {3 / arguments.images:.2g} of all, 95 %)"))
     return int(wrong > 0)
