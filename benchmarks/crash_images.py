@@ -27,8 +27,8 @@ from daq.errors import LogError
 from daq.log import writer as writing
 from daq.log.codec import encode_block
 from daq.log.reader import LogReader
-from daq.log.recover import recover_log
 from daq.log.records import Event
+from daq.log.recover import recover_log
 from daq.log.writer import LogWriter
 
 BEHIND_SYNC_S = 1.5
@@ -75,8 +75,8 @@ class _Watched(io.FileIO):
         return count
 
 
-def record(path: Path, seconds: float, rng: np.random.Generator) -> Recording:
-    """Write a log of `seconds` to `path`, which is closed only if the dice say so."""
+def record(path: Path, seconds: float, rng: np.random.Generator, closed: bool = False) -> Recording:
+    """Write a log of `seconds` to `path`; without `closed` nothing finishes it."""
     recording = Recording()
 
     def synced(_: int) -> None:
@@ -107,10 +107,10 @@ def record(path: Path, seconds: float, rng: np.random.Generator) -> Recording:
             if recording.now_s - synced_s >= _SYNC_S:
                 synced_s = recording.now_s
                 log.sync()
-        if rng.random() < 0.3:
+        if closed:
             log.close()
         else:
-            log._file.close()  # noqa: SLF001  the power failed: nothing finishes the log
+            log._file.close()  # the power failed
     return recording
 
 
@@ -186,7 +186,7 @@ def count_images(images: int, seed: int) -> Counter[str]:
         folder = Path(name)
         while found.total() < images:
             path = folder / "log.mcap"
-            recording = record(path, float(rng.uniform(0.5, 6.0)), rng)
+            recording = record(path, float(rng.uniform(0.5, 6.0)), rng, bool(rng.random() < 0.3))
             path.unlink()
             for _ in range(min(_IMAGES_A_LOG, images - found.total())):
                 found[examine(crashed(recording, rng), recording, folder)] += 1

@@ -8,7 +8,7 @@ LEAST_FREE_BYTES = 1 << 30
 """What a recording leaves of a disk: room to finish the log, and for whatever else the machine writes."""
 
 CHECKSUM_OPCODE = 0x80
-"""A record of our own, after each chunk: CRC-32 of all bytes before it. MCAP leaves 0x80 to 0xFF to programs."""
+"""A record of our own after each chunk: CRC-32 of all before it. MCAP leaves 0x80 to 0xFF to programs."""
 
 
 @dataclass(frozen=True, slots=True)
