@@ -200,9 +200,7 @@ def main() -> int:
     arguments = parser.parse_args()
     found = count_images(arguments.images, arguments.seed)
     for outcome, count in found.most_common():
-        print(
-            f"{count:6} of {arguments.images}  {outcome or 'recovered: nothing wrong, nothing unaccounted for'}"
-        )
+        print(f"{count:6} of {arguments.images}  {outcome or 'recovered; nothing wrong, all accounted for'}")
     wrong = arguments.images - found[""] - found["nothing on the disk yet"]
     print(f"wrong: {wrong}" + ("" if wrong else f" (below {3 / arguments.images:.2g} of all, 95 %)"))
     return int(wrong > 0)
