@@ -59,8 +59,12 @@ class LogWriter:
         self._writer = Writer(
             self._file, chunk_size=_NEVER_BY_ITSELF, compression=CompressionType.ZSTD, enable_data_crcs=True
         )
-        self._writer.start(profile="", library=self._library)
         self._open = True
+        try:
+            self._guard(lambda: self._writer.start(profile="", library=self._library))
+        except RecorderFailed:
+            self.close()
+            raise
         return self
 
     def __enter__(self) -> LogWriter:
@@ -164,6 +168,7 @@ class LogWriter:
                 self._writer.finish()
                 self._file.flush()
                 self.sync()
+                self._file.close()
         except OSError as error:
             raise RecorderFailed(f"{self.path}: {error}") from error
         finally:
