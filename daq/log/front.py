@@ -16,6 +16,7 @@ from mcap.records import Chunk, Footer, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from daq.log.chunks import MAXIMUM_CHUNK_BYTES, open_chunk
+from daq.log.records import CHECKSUM_OPCODE
 
 CUT = "it ends in the middle, as a crash leaves it"
 _RECORD = struct.Struct("<BQ")
@@ -24,6 +25,7 @@ _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
 _LENGTH = 8
+_CHECKSUM_BYTES = 4
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 20
 _NO_RECORD = (ValueError, OverflowError, struct.error, McapError)
@@ -37,7 +39,11 @@ def metadata_and_chunks(descriptor: int, note: Callable[[str], None]) -> Iterato
 
     Behind damage it goes on at the next chunk that is whole. Chunks are checked by who opens them.
     """
+    checksum = zlib.crc32(MCAP0_MAGIC)
     for opcode, record in _records(descriptor, note):
+        if opcode == CHECKSUM_OPCODE and int.from_bytes(record[_RECORD.size :], "little") != checksum:
+            note("the checksum of what stands before it is wrong")
+        checksum = zlib.crc32(record, checksum)
         try:
             if opcode == Opcode.METADATA:
                 yield Metadata.read(_content(record))
@@ -103,12 +109,16 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
     if len(head) < _RECORD.size:
         raise ValueError(CUT)
     opcode, length = _RECORD.unpack(head)
-    if opcode not in Opcode.__members__.values():
+    if opcode not in (*Opcode.__members__.values(), CHECKSUM_OPCODE):
         raise ValueError(f"there is no record of kind {opcode} (byte {position})")
-    if position + _RECORD.size + length > size:
-        raise ValueError(CUT)
-    if length > _LONGEST:
+    if length > _LONGEST or (opcode == CHECKSUM_OPCODE and length != _CHECKSUM_BYTES):
         raise ValueError(f"a record of {length} bytes (byte {position})")
+    if position + _RECORD.size + length > size:
+        end = os.pread(descriptor, _RECORD.size, size - _RECORD.size - _CHECKSUM_BYTES)
+        whole = end == _RECORD.pack(
+            CHECKSUM_OPCODE, _CHECKSUM_BYTES
+        )  # then no record was cut: a length is wrong
+        raise ValueError(f"a record of {length} bytes (byte {position})" if whole else CUT)
     return opcode, os.pread(descriptor, _RECORD.size + length, position)
 
 

@@ -18,7 +18,7 @@ from daq.channel import Channel
 from daq.errors import RecorderFailed
 from daq.log import codec
 from daq.log.codec import embedded_schema
-from daq.log.records import ClockRecord, Event, Gap, Impact
+from daq.log.records import CHECKSUM_OPCODE, ClockRecord, Event, Gap, Impact
 
 MAXIMUM_CHUNK_AGE_S = 0.25  # the format's: no crash costs more than what the last chunk holds
 _CHUNK_BYTES = 1 << 20
@@ -59,8 +59,12 @@ class LogWriter:
         self._writer = Writer(
             self._file, chunk_size=_NEVER_BY_ITSELF, compression=CompressionType.ZSTD, enable_data_crcs=True
         )
-        self._writer.start(profile="", library=self._library)
         self._open = True
+        try:
+            self._guard(lambda: self._writer.start(profile="", library=self._library))
+        except RecorderFailed:
+            self.close()
+            raise
         return self
 
     def __enter__(self) -> LogWriter:
@@ -164,6 +168,7 @@ class LogWriter:
                 self._writer.finish()
                 self._file.flush()
                 self.sync()
+                self._file.close()
         except OSError as error:
             raise RecorderFailed(f"{self.path}: {error}") from error
         finally:
@@ -216,7 +221,12 @@ class LogWriter:
         return self._writer._Writer__chunk_builder.record_writer  # type: ignore[attr-defined, no-any-return]
 
     def _end_chunk(self) -> None:
-        """Its bytes go to the system: they outlive this process."""
+        """Its bytes go to the system, and a checksum of all so far: they outlive this process."""
+        self._guard(self._writer.flush)
+        record: RecordBuilder = self._writer._Writer__record_builder  # type: ignore[attr-defined]
+        record.start_record(CHECKSUM_OPCODE)  # type: ignore[arg-type]
+        record.write4(self._writer._Writer__data_section_crc)  # type: ignore[attr-defined]
+        record.finish_record()
         self._guard(self._writer.flush)
         self._chunk_opened_ns = 0
 

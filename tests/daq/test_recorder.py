@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import io
+import os
 import shutil
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
@@ -22,6 +24,9 @@ from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from tests.daq.log.logs import BLOCK, START_NS, block
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
 
 
 class FullDisk:
@@ -275,3 +280,85 @@ def events_of(path: Path) -> list[str]:
             return [event.text for event in log.events()]
     except ValueError:
         return []
+
+
+class FailingDisk:
+    """Lets the `nth` of one kind of call to the file or the disk fail, and counts them."""
+
+    def __init__(self, call: str, nth: int) -> None:
+        self.call, self.nth, self.count = call, nth, 0
+
+    def __call__(self, call: str) -> None:
+        self.count += call == self.call
+        if call == self.call and self.count == self.nth:
+            raise OSError(errno.EIO, "Input/output error")
+
+    def put_below(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        opened, disk = Path.open, self
+
+        class File(io.BufferedWriter):
+            def write(self, data: Buffer) -> int:
+                disk("write")
+                return super().write(data)
+
+            def flush(self) -> None:
+                if not self.closed:
+                    disk("flush")
+                super().flush()
+
+            def close(self) -> None:
+                if not self.closed:
+                    super().close()
+                    disk("close")
+
+        def open_file(path: Path, mode: str = "r", **options: Any) -> object:
+            if mode != "xb":
+                return opened(path, mode, **options)
+            disk("open")
+            return File(io.FileIO(path, "xb"))
+
+        monkeypatch.setattr(Path, "open", open_file)
+        for call in ("fdatasync", "fsync"):  # of the file; of its folder
+            real = getattr(os, call)
+            monkeypatch.setattr(os, call, lambda number, call=call, real=real: (disk(call), real(number)))
+
+
+@pytest.mark.parametrize("call", ["open", "write", "flush", "fdatasync", "fsync", "close"])
+def test_whatever_call_fails_first_it_is_one_error_and_a_readable_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """The n-th, for n = 1, 2, ... until none is the n-th."""
+    monkeypatch.setattr(recorder_module, "_SYNC_S", 0.01)
+    for nth in range(1, 200):
+        path = tmp_path / f"{nth}.mcap"
+        with monkeypatch.context() as patch:
+            disk = FailingDisk(call, nth)
+            disk.put_below(patch)
+            handed_over, failed = record_until_it_fails(path)
+        if disk.count < nth:
+            break
+        assert failed, (call, nth)
+        if handed_over and b"scenario" in path.read_bytes():  # its first record has come to the disk
+            with LogReader(recovered(path)) as log:
+                blocks = list(log.blocks())
+            assert [each.first_sample for _, each in blocks] == [BLOCK * n for n in range(len(blocks))]
+            # what the last chunk holds, and what waits for the writer's thread, is all that may lack
+            assert len(blocks) >= handed_over - (40 if call in ("write", "flush") else 0)
+    assert 1 < nth < 199
+
+
+def record_until_it_fails(path: Path) -> tuple[int, list[str]]:
+    """How many blocks were taken, and every error that was raised."""
+    taken, failed = 0, list[str]()
+    recorder = Recorder(LogWriter(path), SystemClock())
+    try:
+        with recorder:
+            recorder.metadata("scenario", {"toml": "x = 1"})
+            recorder.declare("measured", Channel("a", "N"))
+            for number in range(40):
+                recorder.block("measured", block(number))
+                taken += 1
+                time.sleep(0.002)
+    except RecorderFailed as error:
+        failed.append(str(error))
+    return taken, failed

@@ -18,6 +18,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import recover
 from daq.log.codec import decode_block, encode_block
+from daq.log.front import CUT
 from daq.log.reader import LogReader
 from daq.log.records import Gap
 from daq.log.recover import LOST, recover_log, verify_log
@@ -121,6 +122,26 @@ def test_one_damaged_chunk_costs_only_itself(
         assert set(log.channels("measured")) == {"a", "b"}
         for _, block in log.blocks():
             assert np.array_equal(block.values, np.arange(block.first_sample, block.end_sample))
+
+
+def test_a_flip_anywhere_in_a_crashed_log_is_told(ramp: Path, tmp_path: Path) -> None:
+    """Also where no chunk's own checksum reaches: in its metadata, in the frame of its records."""
+    whole = bytearray(ramp.read_bytes()[: chunks_of(ramp)[-1][0]])  # up to the last checksum but DataEnd's
+    (tmp_path / "crashed.mcap").write_bytes(whole)
+    with LogReader(tmp_path / "crashed.mcap") as log:
+        assert log.damage == CUT
+    begin = chunks_of(ramp)[0][0]
+    rng = random.Random(5)
+    for at in (
+        *range(begin + 60),
+        *rng.sample(range(len(whole)), FLIPS),
+        *range(len(whole) - 99, len(whole)),
+    ):
+        whole[at] ^= 1 << at % 8
+        (tmp_path / "crashed.mcap").write_bytes(whole)
+        with LogReader(tmp_path / "crashed.mcap") as log:
+            assert log.damage not in ("", CUT), at
+        whole[at] ^= 1 << at % 8
 
 
 def test_every_chunk_can_be_read_alone(ramp: Path) -> None:
