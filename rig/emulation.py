@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 
@@ -136,12 +137,12 @@ def wiring_of(bench: Bench) -> CardWiring:
 def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
     """An emulated encoder on the shaft of the rig."""
     from drivers.canopen_cia406.emulator.process import start_encoder
-    from rig.twin.shaft import ShaftFactory
+    from rig.twin.shaft import LinkedShaft
 
     if rig.motor is None or bench.encoder is None:
         raise LookupError("an encoder needs a shaft")
     setup = encoder_setup(bench.encoder, seed, bench.emulation)
-    return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
+    return start_encoder(partial(LinkedShaft, rig.motor, heard.outputs, heard.initial), setup)
 
 
 _COUNTS: Final = 4096

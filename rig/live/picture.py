@@ -40,6 +40,15 @@ class OwnViews:
     plain: frozenset[str] = frozenset()
 
 
+Point = tuple[float, float, float]
+
+
+def looking(length_m: float, place: Point, target: Point, up: Point = (0.0, 0.0, 1.0)) -> rrb.EyeControls3D:
+    """An eye whose `place` and `target` are in parts of a rig's length."""
+    at, toward = (tuple(length_m * each for each in point) for point in (place, target))
+    return rrb.EyeControls3D(position=at, look_target=toward, eye_up=up)
+
+
 class Stage:
     """The recording that a view fills, and what it shows; `start_ns` is the time of sample 0, once known."""
 
