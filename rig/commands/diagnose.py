@@ -17,7 +17,6 @@ from rig.session.progress import Screen
 if TYPE_CHECKING:
     from rig.diagnosis.recordings import RecordedCampaign
     from sim_twin.diagnosis.matching import Match
-    from sim_twin.healthy import Matched
 
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
@@ -117,9 +116,10 @@ def calibrate(
     twin = read.campaign.runs[0].twin
     known = outcome.matched
     table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)
+    deviation = dict(zip(known.names, known.deviation, strict=True))
     for each in twin.model.lasting_tolerances(twin):
-        if _deviation(known, each.name) < _TOLD:
-            place = f"{known.mean_of(each.name):+.2f} +- {_deviation(known, each.name):.2f}"
+        if deviation[each.name] < _TOLD:
+            place = f"{known.mean_of(each.name):+.2f} +- {deviation[each.name]:.2f}"
             table.add_row(each.name, found(each, twin, known), place)
     screen.console.print(table)
     if outcome.suspicious:
@@ -148,7 +148,3 @@ def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: 
             "time ran out: fewer healthy rigs were simulated than planned; another machine may fit otherwise"
         )
     return outcome
-
-
-def _deviation(known: Matched, name: str) -> float:
-    return float(known.deviation[known.names.index(name)])

@@ -41,13 +41,14 @@ def half_cycle_statistics(run: RunRecord, origin: Origin) -> HalfCycleStatistics
     found = half_cycles_of(run, origin)
     if found is None or not len(found):
         return None
-    several = len(found) > 1
-    return HalfCycleStatistics(
-        count=len(found),
-        first_mean_n=float(found.first_n.mean()),
-        first_sd_n=float(np.std(found.first_n, ddof=1)) if several else math.nan,
-        max_mean_n=float(found.max_n.mean()),
-        max_sd_n=float(np.std(found.max_n, ddof=1)) if several else math.nan,
+    return HalfCycleStatistics(len(found), *mean_and_deviation(found.first_n), *mean_and_deviation(found.max_n))
+
+
+def mean_and_deviation(values: NDArray[np.floating]) -> tuple[float, float]:
+    """Mean and standard deviation: NaN without a value, and of a single one."""
+    return (
+        float(values.mean()) if len(values) else math.nan,
+        float(np.std(values, ddof=1)) if len(values) > 1 else math.nan,
     )
 
 

@@ -12,7 +12,7 @@ from rig.pages.plots import Plots
 from rig.pages.words import difference, number
 from rig.report.crank_figures import GroupImpacts, impacts_by_group
 from rig.report.record import ORIGINS, RunRecord
-from rig.report.summary import half_cycles_of
+from rig.report.summary import half_cycles_of, mean_and_deviation
 
 _ROW_PX = 230
 _COLUMNS = 2
@@ -63,10 +63,9 @@ def parts(run: RunRecord) -> list[Part]:
                     span + number(most, each.unit),
                     str(len(each.peak)),
                     number(each.a_revolution),
-                    number(each.mean, each.unit),
-                    number(each.deviation, each.unit),
+                    *(number(value, each.unit) for value in each.spread),
                     number(float(each.peak.max()) if len(each.peak) else None, each.unit),
-                    "" if against is None else difference(each.mean, against.mean),
+                    "" if against is None else difference(each.spread[0], against.spread[0]),
                 ]
             )
     headings = (
@@ -144,8 +143,7 @@ def peaks(run: RunRecord) -> list[Part]:
         _draw(plots, column, name, peaks)
         measured = peaks.get("measured")
         for whose, values in peaks.items():
-            deviation = float(np.std(values, ddof=1)) if len(values) > 1 else None
-            numbers = (float(values.mean()), deviation, float(values.min()), float(values.max()))
+            numbers = (*mean_and_deviation(values), float(values.min()), float(values.max()))
             against = ""
             if measured is not None and whose != "measured":
                 against = difference(numbers[0], float(measured.mean()))

@@ -106,7 +106,7 @@ def _impact_numbers(run: RunRecord) -> list[BigNumber]:
     for group, by_whose in impacts_by_group(run).items():
         if any(len(each.peak) for each in by_whose.values()):
             unit = next(iter(by_whose.values())).unit
-            peaks = {whose: (each.mean, each.deviation) for whose, each in by_whose.items()}
+            peaks = {whose: each.spread for whose, each in by_whose.items()}
             numbers.append(_peaks(f"Peak of an impact, {group}", unit, peaks))
     return numbers
 
