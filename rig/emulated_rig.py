@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final
 
 from daq.clock import SystemClock
@@ -20,7 +21,6 @@ from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.twin import AnyTwin
@@ -53,7 +53,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
-    rig_of = loaded(actuator_of(RIGS[scenario.rig].actuator).rig)
+    rig_of = resolve_name(actuator_of(RIGS[scenario.rig].actuator).rig)
     rig: EmulatedRig = rig_of(scenario, bench, twin, seed, run_seed)
     return rig
 

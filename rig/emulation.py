@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 
 from drivers.canopen_cia406.settings import EncoderSettings
@@ -18,7 +19,6 @@ from rig.files.bench import Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 
@@ -84,7 +84,7 @@ def emulated_bench(scenario: Scenario, bench: Bench) -> Iterator[Emulated]:
             for table in shown:
                 way = ways.get(table)
                 heard = Heard(way.receiver, None) if way else Heard(None, rig.scenario_output)
-                started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
+                started[table] = resolve_name(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
                 running.callback(started[table].close)
         yield Emulated(started, seed, bool(hearing) and not hears)
 
@@ -195,7 +195,7 @@ def bench_reaching(bench: Bench, addresses: Mapping[str, str]) -> str:
         table, here = tables[name], addresses.get(name)
         if here is not None:
             # the place before the settings, where a reader looks for it
-            place = loaded(INSTRUMENTS[name].settings).place(here)
+            place = resolve_name(INSTRUMENTS[name].settings).place(here)
             kept = {key: value for key, value in table.items() if key != "emulated"}
             head: dict[str, Any] = {key: kept.pop(key) for key in _FIRST if key in kept}
             table = {**head, **place, **{key: value for key, value in kept.items() if key not in place}}

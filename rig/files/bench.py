@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 from daq.quantity import Key, Quantity, Text, Whole
@@ -14,7 +15,6 @@ from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
 from rig.instruments import INSTRUMENTS
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
@@ -136,9 +136,9 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
     instruments: dict[str, Any] = {}  # the settings of each; None where some of them are wrong
     for name in (name for name in _known(kind) if name in table):
-        read, settings = INSTRUMENTS[name].reader, loaded(INSTRUMENTS[name].settings)
+        read, settings = INSTRUMENTS[name].reader, resolve_name(INSTRUMENTS[name].settings)
         instruments[name] = (
-            loaded(read)(table[name], name, faults)
+            resolve_name(read)(table[name], name, faults)
             if read
             else read_table(settings, table[name], name, faults)
         )

@@ -6,18 +6,15 @@ import functools
 from collections.abc import Iterable
 
 from daq.plugins import OpenTable
-from rig.loaded_table import LoadedTable
 from rig.rigs.kind import RigKind
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, RigChannel, Role
 
-RIGS = OpenTable(
-    LoadedTable[RigKind](
-        {
-            "impact_beam": "rig.rigs.impact_beam:KIND",
-            "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
-            "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
-        }
-    ),
+RIGS = OpenTable[RigKind](
+    {
+        "impact_beam": "rig.rigs.impact_beam:KIND",
+        "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
+        "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
+    },
     "rattle.rigs",
     RigKind,
 )
