@@ -39,11 +39,10 @@ def diagnose(
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     screen = Screen(Console(stderr=machine))
-    written = diagnose_runs(runs, model, out, seed, budget, screen)
+    findings, files = diagnose_runs(runs, model, out, seed, budget, screen)
     if machine:
-        typer.echo(written.diagnosis.read_text(encoding="utf-8"), nl=False)
+        typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
         return
-    findings = written.findings
     lines = {"nothing is missing": findings.none, "something unknown": findings.unknown}
     for each in findings.judged[:_LISTED]:
         where = f" on {each.cause.channel}" if each.cause.channel else ""
@@ -57,11 +56,8 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
-    screen.say(f"diagnosis  {written.diagnosis}")
-    screen.say(f"effects    {written.effects}")
-    screen.say(f"report     {written.report}")
-    if written.next_experiment is not None:
-        screen.say(f"next run   {written.next_experiment}")
+    for what, file in files.items():
+        screen.say(f"{what:<10} {file}")
 
 
 def gap(

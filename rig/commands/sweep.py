@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from rig.files.bench import Bench
     from rig.files.scenario import Scenario
     from rig.session.centring import CentringPlan, Middle
-    from rig.sweep.execute import Centre, SweepRequest
+    from rig.sweep.execute import SweepRequest
     from rig.sweep.state import CentreState
 
 
@@ -142,7 +143,7 @@ def sweep(
     with held(folder):
         now = begun(request)  # read anew: another sweep may have been at work here until just now
         try:
-            Sweeping(request, now, screen, SystemClock(), centre=_centring(folder)).all()
+            Sweeping(request, now, screen, SystemClock(), centre=partial(_centred, folder)).all()
         finally:
             state = load_state(folder) or now
             rows = [headings_of(swept), *rows_of(swept, state)]
@@ -158,22 +159,19 @@ def sweep(
         raise RattleError(f"{named} of {count} not as asked for; see above")
 
 
-def _centring(folder: Path) -> Centre:
+def _centred(folder: Path, scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.session.centring import plan_of
     from rig.session.centring_run import find_centre
     from rig.sweep.state import CentreState
 
-    def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
-        plan = plan_of(scenario, bench)
-        middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
-        for line in (*found_lines(middle, plan), f"log        {log}"):
-            screen.say(line)
-        seen_from = str(log.relative_to(folder))
-        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), seen_from)
-
-    return centre
+    plan = plan_of(scenario, bench)
+    middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
+    for line in (*found_lines(middle, plan), f"log        {log}"):
+        screen.say(line)
+    seen_from = str(log.relative_to(folder))
+    return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), seen_from)
 
 
 def _dry_check(request: SweepRequest, screen: Screen) -> None:

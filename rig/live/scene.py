@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from daq.block import NS_PER_S, SampleBlock, sample_time_ns
+from daq.block import SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Event
 from daq.signals.envelope import envelope
@@ -147,8 +147,7 @@ class Scene:
                 case Block(origin, samples):
                     key = origin, samples.channel
                     if key not in self._traces:
-                        path = paths.trace(origin, samples.channel)
-                        self._traces[key] = Trace(self._recording, path, self._layout.points_per_s)
+                        self._traces[key] = Trace(self._stage, paths.trace(origin, samples.channel))
                     self._traces[key].add(samples)
                     if samples.channel in self._spectra:
                         self._renew_spectrum(origin, samples)
@@ -190,11 +189,10 @@ class Scene:
 class Trace:
     """Keeps the envelope of the newest blocks of one channel until a batch of them is full."""
 
-    def __init__(self, recording: rr.RecordingStream, path: str, points_per_s: float) -> None:
-        self._recording = recording
-        self._path = path
-        self._points_per_s = points_per_s
-        self._times: list[NDArray[np.timedelta64]] = []
+    def __init__(self, stage: Stage, path: str) -> None:
+        self._stage, self._path = stage, path
+        self._points_per_s = stage.shown.points_per_s
+        self._times: list[NDArray[np.float64]] = []
         self._values: list[NDArray[np.floating]] = []
         self._waiting_s = 0.0
 
@@ -202,8 +200,7 @@ class Trace:
         """Take a block, and send the batch if that fills it."""
         seconds = len(block) / block.sample_rate
         chosen = envelope(block.values, max(round(self._points_per_s * seconds), 4))
-        times_ns = (block.first_sample + chosen.indices) * (NS_PER_S / block.sample_rate)
-        self._times.append(times_ns.round().astype("m8[ns]"))
+        self._times.append((block.first_sample + chosen.indices) / block.sample_rate)
         self._values.append(chosen.values)
         self._waiting_s += seconds
         if self._waiting_s >= _BATCH_S:
@@ -212,9 +209,6 @@ class Trace:
     def flush(self) -> None:
         if not self._values:
             return
-        self._recording.send_columns(
-            self._path,
-            [rr.TimeColumn(paths.TIMELINE, duration=np.concatenate(self._times))],
-            rr.Scalars.columns(scalars=np.concatenate(self._values)),
-        )
+        values = rr.Scalars.columns(scalars=np.concatenate(self._values))
+        self._stage.columns(self._path, np.concatenate(self._times), values)
         self._times, self._values, self._waiting_s = [], [], 0.0

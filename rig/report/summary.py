@@ -41,7 +41,8 @@ def half_cycle_statistics(run: RunRecord, origin: Origin) -> HalfCycleStatistics
     found = half_cycles_of(run, origin)
     if found is None or not len(found):
         return None
-    return HalfCycleStatistics(len(found), *mean_and_deviation(found.first_n), *mean_and_deviation(found.max_n))
+    first, largest = mean_and_deviation(found.first_n), mean_and_deviation(found.max_n)
+    return HalfCycleStatistics(len(found), *first, *largest)
 
 
 def mean_and_deviation(values: NDArray[np.floating]) -> tuple[float, float]:
@@ -90,12 +91,6 @@ def closeness(run: RunRecord) -> list[Closeness]:
             repaired_db = distance_db(spectrum, _banded(repaired.values, repaired))
             found.append(Closeness(name, nominal_db, repaired_db, distance_db(*halves)))
     return found
-
-
-def overall_closeness(run: RunRecord) -> Closeness | None:
-    """The closeness over all channels; None without a nominal twin."""
-    channels = closeness(run)
-    return overall(channels) if channels else None
 
 
 def overall(channels: Sequence[Closeness]) -> Closeness:

@@ -152,7 +152,9 @@ def _compute_16(effort: paper.Effort) -> paper.Outcome:
     return paper.Outcome(statements, [chart.figure("ssc-16", caption)])
 
 
-FIGURE_16 = paper.PaperFigure("ssc-16", "Contact force at a vertical sensor, 230 rpm", "4D, Fig. 16", _compute_16)
+FIGURE_16 = paper.PaperFigure(
+    "ssc-16", "Contact force at a vertical sensor, 230 rpm", "4D, Fig. 16", _compute_16
+)
 
 _FEW_RPM = (140.0, 160.0, 230.0)
 _ANGLES_DEG = (90.0, 80.0, 70.0)
