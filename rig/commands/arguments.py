@@ -52,9 +52,7 @@ RUNS = Path("runs")
 """Where logs go unless another folder is named."""
 
 
-def load_pair(
-    load: Callable[[Path], _Wanted], file: Path, bench_file: Path | None
-) -> tuple[_Wanted, Bench]:
+def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | None) -> tuple[_Wanted, Bench]:
     """Scenario or sweep, and bench (the emulated one without a file); raises one error with both's faults."""
     from rig.files.bench import embedded_bench, load_bench
     from rig.files.faults import Gathered

@@ -179,7 +179,7 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
     names = [each.get("name") for each in named if isinstance(each, dict)]
 
     def matches(kind: RigKind) -> tuple[bool, int]:
-        known = sum(isinstance(name, str) and kind.channel_unit(name) is not None for name in names)
+        known = sum(isinstance(name, str) and kind.channels.unit(name) is not None for name in names)
         return any(name in given for name in (kind.actuator, *kind.extras)), known
 
     return max(RIGS.values(), key=matches).name

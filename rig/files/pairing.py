@@ -129,7 +129,7 @@ def _rpm(speed: float) -> str:
 def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
     kind = RIGS[rig]
     for channel in bench.daq_card.channels:
-        if kind.channel_unit(channel.name) is None:
+        if kind.channels.unit(channel.name) is None:
             key = dotted("daq_card.channels", channel.name)
             yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels.told)}")
 

@@ -139,7 +139,7 @@ def _limits(table: object, kind: RigKind, faults: Faults) -> Iterator[Limit]:
         return
     for channel, entry in _by_channel(table):
         key = dotted("limits", channel)
-        unit = kind.channel_unit(channel)
+        unit = kind.channels.unit(channel)
         if unit is None:
             faults.unknown(key, entry, channel, kind.channels.told)
         else:

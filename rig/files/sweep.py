@@ -176,7 +176,7 @@ def _until(given: object, base: Mapping[str, Any], kind: RigKind, faults: Faults
     if section is None:
         return None
     channels = kind.contacts if section.channels is None else section.channels
-    units = {channel: kind.channel_unit(channel) for channel in channels}
+    units = {channel: kind.channels.unit(channel) for channel in channels}
     if not channels or None in units.values() or len(set(units.values())) > 1:
         allowed = f"channels of the {kind.name} with one unit: {', '.join(kind.channels.told)}"
         faults.add("sweep.until.channels", list(channels), allowed)

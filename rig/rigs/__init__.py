@@ -30,7 +30,7 @@ def declared(channel: str) -> RigChannel | None:
 
 def unit_of(channel: str) -> str | None:
     """Unit of a channel of any rig's card; None if no rig has it."""
-    units = (kind.channel_unit(channel) for kind in RIGS.values())
+    units = (kind.channels.unit(channel) for kind in RIGS.values())
     return next((unit for unit in units if unit is not None), None)
 
 

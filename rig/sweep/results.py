@@ -152,7 +152,7 @@ def _figure(sweep: Sweep, state: SweepState) -> Part:
         return Sentence(_NO_IMPACTS)
     swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
     contacts = RIGS[sweep.rig].contacts
-    unit = RIGS[sweep.rig].channel_unit(contacts[0]) if contacts else "m/s2"
+    unit = RIGS[sweep.rig].channels.unit(contacts[0]) if contacts else "m/s2"
     columns = (("impacts a cycle", A_CYCLE, ""), (f"mean peak of the impacts, {unit}", PEAK_MEAN, PEAK_SD))
     known, ticks = numbers_of(swept), dict[str, Any]()
     if known is None:  # values that are no numbers stand side by side

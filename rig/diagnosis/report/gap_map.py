@@ -62,7 +62,7 @@ def parts(case: Case) -> list[Part]:
 
 def _places(case: Case) -> list[Part]:
     shares = sorted(case.findings.by_location.items(), key=lambda each: -each[1])
-    if not shares or case.verdict == "none":
+    if not shares or case.findings.verdict == "none":
         return [Sentence("No place has a share: nothing is believed to be missing.")]
     rows = [Bar(location, share, probability(share)) for location, share in shares if share >= _WORTH_TELLING]
     rest = 1 - sum(row.share for row in rows)
