@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import (
     WHAT_IF_AMPLITUDE_N,
@@ -92,8 +92,7 @@ def _compute(effort: paper.Effort) -> paper.Outcome:
     ]
     chart = Plots(rows=1, columns=2, row_px=330, legend=True)
     for cell, (hz, band) in enumerate(bands.items()):
-        upward = {"rangemode": "tozero"}
-        chart.axes(cell, f"around {hz} Hz", "drive frequency, Hz", "peak force, N", y_axis=upward)
+        chart.axes(cell, f"around {hz} Hz", "drive frequency, Hz", "peak force, N", y_axis=FROM_ZERO)
         f = band.frequencies
         chart.line(cell, "ours, 15 peaks", f, band.means, paper.OURS, deviations=band.deviations)
         chart.line(cell, f"ours, mean of {2 * cycles} peaks", f, longer[hz].means, paper.SECOND_LINE)

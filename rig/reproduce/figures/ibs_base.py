@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import DRIVE_N, RATE, Forces, beam, first_peaks, forces, whole_half_cycles
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
@@ -116,10 +116,14 @@ def _compute_13(effort: paper.Effort) -> paper.Outcome:
         ),
     ]
     chart = Plots(rows=1, columns=2, row_px=300, legend=True)
-    zero = {"rangemode": "tozero"}
     for cell, frequency in enumerate((5.0, 20.0)):
         chart.axes(
-            cell, f"{frequency:g} Hz", "clearance ±, mm", "mean initial peak, N", x_axis=zero, y_axis=zero
+            cell,
+            f"{frequency:g} Hz",
+            "clearance ±, mm",
+            "mean initial peak, N",
+            x_axis=FROM_ZERO,
+            y_axis=FROM_ZERO,
         )
         for cover, style in zip(_COVERS, (paper.OURS, paper.SECOND, paper.THIRD), strict=True):
             means = [peaks[frequency, cover, g].mean for g in clearances]
@@ -181,8 +185,9 @@ def _compute_table_3(effort: paper.Effort) -> paper.Outcome:
     chart = Plots(rows=1, columns=2, row_px=280, legend=True)
     clearances = list(_TABLE_3)
     for cell, (title, ours) in enumerate((("rigid base", rigid), ("flexible base", flexible))):
-        axis = {"rangemode": "tozero"}
-        chart.axes(cell, title, "clearance ±, mm", "initial peak, N", x_axis=axis, y_axis={"range": [0, 80]})
+        chart.axes(
+            cell, title, "clearance ±, mm", "initial peak, N", x_axis=FROM_ZERO, y_axis={"range": [0, 80]}
+        )
         means, deviations = [each.mean for each in ours], [each.deviation for each in ours]
         chart.line(cell, "ours", clearances, means, paper.OURS, deviations=deviations)
         chart.line(cell, "text (model)", clearances, [_TABLE_3[g][cell] for g in clearances], paper.TEXT)

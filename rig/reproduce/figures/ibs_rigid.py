@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.signals.spectrum import autospectrum, log_bands
 from rig.pages.content import Figure
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import (
     DRIVE_N,
@@ -227,9 +227,13 @@ def _trends(steel: Curve, aluminium: Curve) -> list[paper.Statement]:
 
 def _peaks_chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, float]]) -> Figure:
     chart = Plots(rows=1, columns=1, row_px=340, legend=True)
-    zero = {"rangemode": "tozero"}
     chart.axes(
-        0, "initial peaks of half cycles", "clearance ±, mm", "peak force, N", x_axis=zero, y_axis=zero
+        0,
+        "initial peaks of half cycles",
+        "clearance ±, mm",
+        "peak force, N",
+        x_axis=FROM_ZERO,
+        y_axis=FROM_ZERO,
     )
     for (label, curve), style in zip(
         curves.items(), (paper.OURS, paper.SECOND, paper.WHAT_IF_STYLE), strict=False

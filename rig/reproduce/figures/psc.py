@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from rig.pages.content import Figure
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
@@ -135,9 +135,7 @@ def _bars(runs: Runs) -> Figure:
     for cell, name in enumerate(_CHANNELS):
         ticks = {"tickvals": [0, 1, 2], "ticktext": [_label(g) for g in _SETTINGS_MM], "range": [-0.3, 2.3]}
         title = name.replace(".acceleration", "")
-        chart.axes(
-            cell, title, "clearance c₁ and c₂", "rms, m/s²", x_axis=ticks, y_axis={"rangemode": "tozero"}
-        )
+        chart.axes(cell, title, "clearance c₁ and c₂", "rms, m/s²", x_axis=ticks, y_axis=FROM_ZERO)
         for speed, style in zip(_SPEEDS_RPM, _STYLES, strict=True):
             rms = [runs[speed, g].rms(cell) for g in _SETTINGS_MM]
             means, deviations = [each.mean for each in rms], [each.deviation for each in rms]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from rig.pages.content import Figure
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, rig_of_the_figures
@@ -261,9 +261,10 @@ def _without_friction(effort: paper.Effort, runs: Runs, smooth: Runs) -> paper.S
 def _speed_chart(runs: Runs, smooth: Runs) -> Figure:
     chart = Plots(rows=1, columns=2, row_px=320, legend=True)
     speeds = np.array(sorted(runs))
-    zero = {"rangemode": "tozero"}
-    chart.axes(0, "peak of a cycle, strongest vertical sensor", "speed, rpm", "contact force, N", y_axis=zero)
-    chart.axes(1, "impacts, busiest vertical sensor", "speed, rpm", "impacts a cycle", y_axis=zero)
+    chart.axes(
+        0, "peak of a cycle, strongest vertical sensor", "speed, rpm", "contact force, N", y_axis=FROM_ZERO
+    )
+    chart.axes(1, "impacts, busiest vertical sensor", "speed, rpm", "impacts a cycle", y_axis=FROM_ZERO)
     chart.line(0, "ours, large peak (95 %)", speeds, [_peak(runs[s], _LARGE) for s in speeds], paper.OURS)
     chart.line(0, "ours, small peak (5 %)", speeds, [_peak(runs[s], _SMALL) for s in speeds], paper.SECOND)
     chart.line(
