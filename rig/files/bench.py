@@ -147,8 +147,14 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     actuator, card = instruments[kind.actuator], instruments[_CARD]
     if "emulation" in given and actuator and card and not emulated:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
-    if kind.turns and kind.actuator in given and actuator and card:
-        _note_mixed(kind, instruments, faults)
+    if kind.turns and kind.actuator in given and actuator and card:  # what else shows its shaft
+        if card.emulated and not actuator.emulated:
+            faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=kind.actuator))
+        for name in kind.extras:
+            beside = instruments.get(name)
+            if beside is not None and beside.emulated != actuator.emulated:
+                why = _BESIDE[actuator.emulated].format(actuator=kind.actuator, name=name)
+                faults.add(f"{name}.emulated", beside.emulated, why)
     if faults or emulation is None:
         raise faults.error()
     return Bench(kind.name, instruments, emulation, source, text)
@@ -157,18 +163,6 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
 def _known(kind: RigKind) -> Iterable[str]:
     """The tables of instruments that the bench of a rig may have; the first two it must."""
     return kind.actuator, _CARD, *kind.extras, *(name for name, each in INSTRUMENTS.items() if each.logs)
-
-
-def _note_mixed(kind: RigKind, instruments: Mapping[str, Any], faults: Faults) -> None:
-    """Note what does not look at the shaft that the motor turns."""
-    rehearsed = instruments[kind.actuator].emulated
-    if instruments[_CARD].emulated and not rehearsed:
-        faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=kind.actuator))
-    for name in kind.extras:
-        beside = instruments.get(name)
-        if beside is not None and beside.emulated != rehearsed:
-            why = _BESIDE[rehearsed].format(actuator=kind.actuator, name=name)
-            faults.add(f"{name}.emulated", beside.emulated, why)
 
 
 def _inferred_rig(given: Mapping[str, Any]) -> str:
