@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.protocols.generator import DriveSettings
 from rig.files.scenario import Scenario
-from rig.twin.plant import ShakenPlant, ShakenPlantFactory
+from rig.twin.plant import ShakenPlant
 from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.impact_beam.structure import resting
 from sim_twin.rigs.impact_beam.truth import BeamTwin
@@ -107,7 +107,7 @@ def drawn_beam(
     believed = twin_of(scenario)
     if rest_offset is not None:
         believed = replace(believed, rig=replace(believed.rig, rest_offset=rest_offset))
-    plant = ShakenPlant(ShakenPlantFactory(believed, per_volt, seed, seed + 1, healthy=True))
+    plant = ShakenPlant(believed, per_volt, seed, seed + 1, healthy=True)
     beam = DrivenBeam(plant, per_volt, scenario.acquisition.sample_rate)
     beam.open()
     return beam

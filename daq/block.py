@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 NS_PER_S = 1_000_000_000
 
@@ -52,6 +54,20 @@ class SampleBlock:
     def times_s(self) -> NDArray[np.float64]:
         """Times of the samples in seconds since the start of recording, shape (n,)."""
         return (self.first_sample + np.arange(len(self.values))) / self.sample_rate
+
+
+def values_of(
+    blocks: Iterable[SampleBlock], first: int, end: int, dtype: DTypeLike = np.float64
+) -> NDArray[Any]:
+    """Samples `first` up to `end` (excluded) of blocks of one channel; NaN where none of them has it."""
+    values = np.full(max(end - first, 0), np.nan, dtype)
+    for block in blocks:
+        low, high = max(block.first_sample, first), min(block.end_sample, end)
+        if low < high:
+            values[low - first : high - first] = block.values[
+                low - block.first_sample : high - block.first_sample
+            ]
+    return values
 
 
 def as_logged(channel: str, values: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -14,11 +14,9 @@ class Clock(Protocol):
 
     def unix_ns(self) -> int:
         """Nanoseconds since the Unix epoch; may step."""
-        ...
 
     def monotonic_s(self) -> float:
         """Seconds that never step back; the same zero for all processes of the machine."""
-        ...
 
     def sleep(self, seconds: float) -> None: ...
 

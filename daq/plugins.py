@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -67,10 +68,11 @@ def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str =
 class OpenTable(Mapping[str, T], Generic[T]):
     """The entries of this project, then those that other packages add in a group, by name.
 
-    Other packages' code runs when all entries are asked for, or one that is none of this project's.
+    One of this project that is given by its place (module:name) is imported when it is asked for. Other
+    packages' code runs when all entries are asked for, or one that is none of this project's.
     """
 
-    def __init__(self, own: Mapping[str, T], group: str, kind: type[T], owner: str = "") -> None:
+    def __init__(self, own: Mapping[str, T | str], group: str, kind: type[T], owner: str = "") -> None:
         self.own, self._group, self._kind, self.owner = own, group, kind, owner
 
     @cached_property
@@ -81,7 +83,10 @@ class OpenTable(Mapping[str, T], Generic[T]):
         return offered.found
 
     def __getitem__(self, name: str) -> T:
-        return self.own[name] if name in self.own else self.added[name]
+        if name not in self.own:
+            return self.added[name]
+        own = self.own[name]
+        return cast(T, resolve_name(own) if isinstance(own, str) else own)
 
     def __contains__(self, name: object) -> bool:
         return name in self.own or name in self.added

@@ -29,19 +29,15 @@ class Emulator(Protocol):
 
     def open(self) -> Sequence[str]:
         """Begin to listen; return the ways to it, the usual one first."""
-        ...
 
     def serve(self) -> None:
         """Answer until `stop`."""
-        ...
 
     def stop(self) -> None:
         """End `serve`; called by another thread."""
-        ...
 
     def close(self) -> None:
         """Leave the ports."""
-        ...
 
 
 @dataclass(slots=True)

@@ -6,6 +6,7 @@ import json
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from pkgutil import resolve_name
 
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
@@ -14,7 +15,6 @@ from rig.emulation import NOTHING_EMULATED, Emulated, emulated_bench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.progress import Screen
@@ -34,7 +34,7 @@ def connect(
             deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
             real = INSTRUMENTS[RIGS[bench.rig].actuator].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    devices: Devices = loaded(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
+    devices: Devices = resolve_name(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
     loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
     return replace(devices, loggers=loggers), notes

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final
 
 from daq.clock import SystemClock
@@ -19,7 +21,6 @@ from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.twin import AnyTwin
@@ -52,7 +53,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
-    rig_of = loaded(actuator_of(RIGS[scenario.rig].actuator).rig)
+    rig_of = resolve_name(actuator_of(RIGS[scenario.rig].actuator).rig)
     rig: EmulatedRig = rig_of(scenario, bench, twin, seed, run_seed)
     return rig
 
@@ -60,7 +61,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
 def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig that a generator and its shaker move."""
     from drivers.scpi.emulator.process import start_function_generator
-    from rig.twin.plant import ShakenPlantFactory, resting_at
+    from rig.twin.plant import ShakenPlant, compiled, resting_at
 
     drive, per_volt = scenario.drive, bench.the(GeneratorSettings).force_per_volt
     if bench.emulation.rest_offset is not None:
@@ -72,14 +73,14 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
         offset_v=drive.offset / per_volt,
         started_s=SystemClock().monotonic_s(),
     )
-    plant = ShakenPlantFactory(twin, per_volt, seed, run_seed, bench.emulation.healthy)
+    plant = partial(compiled, ShakenPlant, twin, per_volt, seed, run_seed, bench.emulation.healthy)
     return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None)), output)
 
 
 def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig whose crank an inverter turns."""
     from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
-    from rig.twin.plant import CrankPlantFactory
+    from rig.twin.plant import CrankPlant, compiled
     from rig.twin.shaft import drawn_motor
 
     inverter, healthy = bench.the(InverterSettings), bench.emulation.healthy
@@ -88,7 +89,7 @@ def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
     output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())
     setup = matching_setup(inverter, RAMP_S)
     return EmulatedRig(
-        CrankPlantFactory(twin, motor, seed, run_seed, healthy),
+        partial(compiled, CrankPlant, twin, motor, seed, run_seed, healthy),
         lambda sinks: start_inverter(InverterWiring(Fork(tuple(sinks))), setup),
         output,
         motor,

@@ -6,7 +6,9 @@ import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from multiprocessing.connection import Connection
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 
 from drivers.canopen_cia406.settings import EncoderSettings
@@ -17,7 +19,6 @@ from rig.files.bench import Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
 
@@ -83,7 +84,7 @@ def emulated_bench(scenario: Scenario, bench: Bench) -> Iterator[Emulated]:
             for table in shown:
                 way = ways.get(table)
                 heard = Heard(way.receiver, None) if way else Heard(None, rig.scenario_output)
-                started[table] = loaded(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
+                started[table] = resolve_name(INSTRUMENTS[table].emulator)(bench, rig, seed, heard)
                 running.callback(started[table].close)
         yield Emulated(started, seed, bool(hearing) and not hears)
 
@@ -136,12 +137,12 @@ def wiring_of(bench: Bench) -> CardWiring:
 def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
     """An emulated encoder on the shaft of the rig."""
     from drivers.canopen_cia406.emulator.process import start_encoder
-    from rig.twin.shaft import ShaftFactory
+    from rig.twin.shaft import LinkedShaft
 
     if rig.motor is None or bench.encoder is None:
         raise LookupError("an encoder needs a shaft")
     setup = encoder_setup(bench.encoder, seed, bench.emulation)
-    return start_encoder(ShaftFactory(rig.motor, heard.outputs, heard.initial), setup)
+    return start_encoder(partial(LinkedShaft, rig.motor, heard.outputs, heard.initial), setup)
 
 
 _COUNTS: Final = 4096
@@ -194,7 +195,7 @@ def bench_reaching(bench: Bench, addresses: Mapping[str, str]) -> str:
         table, here = tables[name], addresses.get(name)
         if here is not None:
             # the place before the settings, where a reader looks for it
-            place = loaded(INSTRUMENTS[name].settings).place(here)
+            place = resolve_name(INSTRUMENTS[name].settings).place(here)
             kept = {key: value for key, value in table.items() if key != "emulated"}
             head: dict[str, Any] = {key: kept.pop(key) for key in _FIRST if key in kept}
             table = {**head, **place, **{key: value for key, value in kept.items() if key not in place}}

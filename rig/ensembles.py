@@ -77,7 +77,7 @@ def worker_processes(count: int) -> Iterator[Workers]:
 
 def _ready() -> bool:
     """The first task of a worker, which loads what all others take; not what other packages added."""
-    return all(kind.nominal().model is not None for kind in RIGS.own.values())
+    return all(RIGS[name].nominal().model is not None for name in RIGS.own)
 
 
 @contextmanager

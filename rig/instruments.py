@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import pi
+from pkgutil import resolve_name
 from typing import Any, Final
 
 from daq.plugins import OpenTable
-from rig.loaded_table import loaded
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Instrument:
     logs: bool = False
 
     def driver_of(self, settings: Any) -> Any:
-        return loaded(self.drivers[settings.driver])
+        return resolve_name(self.drivers[settings.driver])
 
 
 _OWN: Final = {

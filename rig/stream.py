@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import SampleBlock
+from daq.block import SampleBlock, values_of
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 if TYPE_CHECKING:
@@ -83,11 +83,4 @@ class LastSeconds:
     def between(self, first: int, end: int) -> NDArray[np.floating]:
         """Samples `first` up to `end` (excluded), shape (end - first,); NaN where none is kept."""
         wide = self._blocks[-1].values.dtype if self._blocks else np.float32
-        values = np.full(max(end - first, 0), np.nan, dtype=wide)
-        for block in self._blocks:
-            low, high = max(block.first_sample, first), min(block.end_sample, end)
-            if low < high:
-                values[low - first : high - first] = block.values[
-                    low - block.first_sample : high - block.first_sample
-                ]
-        return values
+        return values_of(self._blocks, first, end, wide)

@@ -13,10 +13,9 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import chain, takewhile
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from daq.errors import RattleError
 from daq.process import Child
@@ -43,13 +42,10 @@ class Task(Protocol):
         """Work on what is handed over, until that ends; `send` gives results."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Ready:
-    pass
+_READY: Final = "ready"
 
 
-@dataclass(frozen=True, slots=True)
-class _Done:
+class _Done(NamedTuple):
     error: str = ""
 
 
@@ -159,7 +155,7 @@ class WorkerProcess:
     def _receive(self) -> None:
         try:
             while not isinstance(message := self._child.pipe.recv(), _Done):
-                if isinstance(message, _Ready):
+                if message == _READY:
                     self._ready.set()
                 else:
                     self._deliver(message)
@@ -175,7 +171,7 @@ class WorkerProcess:
 def _work(pipe: Connection, task: Task) -> None:
     try:
         task.prepare()
-        pipe.send(_Ready())
+        pipe.send(_READY)
         items = chain.from_iterable(iter(pipe.recv, None))  # of one batch after the other, until None
         task.run(takewhile(lambda item: item is not None, items), pipe.send)
         pipe.send(_Done())

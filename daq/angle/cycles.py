@@ -48,15 +48,12 @@ class Cycles(Protocol):
 
     def add(self, first_sample: int, values: NDArray[np.floating], usable: bool) -> None:
         """Take the reference channel's next samples, shape (n,); what is between two calls is missing."""
-        ...
 
     def finish(self) -> None:
         """No more samples will come."""
-        ...
 
     def turns_at(self, sample: int) -> float:
         """Turns at a sample that has been seen: cycles counted and the phase in one; NaN if not known."""
-        ...
 
 
 class KnownBegins:

@@ -35,15 +35,12 @@ class Listener(Protocol):
 
     def frame(self, message: can.Message, arrival_s: float) -> None:
         """A frame of any node, or an error frame."""
-        ...
 
     def quiet(self, now_s: float) -> None:
         """Nothing came for a while, and nothing waits."""
-        ...
 
     def lost(self, why: str, cause: Exception | None = None) -> None:
         """No frame can come any more."""
-        ...
 
 
 _LONGEST_GREETING = 80

@@ -47,55 +47,44 @@ class AcquisitionCard(Protocol):
     @property
     def name(self) -> str:
         """What the bench calls it."""
-        ...
 
     @property
     def address(self) -> str:
         """Where it is."""
-        ...
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """The channels in the order of the rows of a reading."""
-        ...
 
     @property
     def sample_rate(self) -> float:
         """Samples a second as the device really runs, in Hz; known after `open`."""
-        ...
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the operator should know and the run may ignore, e.g. an expired calibration."""
-        ...
 
     @property
     def total_acquired(self) -> int:
         """Samples per channel that the device has taken since `start`, read or not."""
-        ...
 
     def open(self) -> None:
         """Connect, check devices and channels, arm. Raises `InstrumentAbsent`, `InstrumentRefused`."""
-        ...
 
     def close(self) -> None:
         """Give the device back. Never raises for a device that is gone."""
-        ...
 
     def arm(self) -> None:
         """Do all that a start needs but the start, so that this one is as short as it can be."""
-        ...
 
     def start(self) -> None:
         """Start the sample clock of an armed card; sample 0 is taken before this returns."""
-        ...
 
     def started_s(self) -> float | None:
         """When sample 0 was taken, by the device's own stamp, in s of the monotonic clock; after `start`.
 
         None for a device that does not tell.
         """
-        ...
 
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel.
@@ -103,11 +92,9 @@ class AcquisitionCard(Protocol):
         Raises `RecorderFailed` where samples were overwritten before they were read, `InstrumentSilent` where
         none came in time, `DeviceLost` where the device went away.
         """
-        ...
 
     def stop(self) -> None:
         """Stop the sample clock."""
-        ...
 
 
 class Plant(Protocol[Output_contra]):
@@ -116,19 +103,15 @@ class Plant(Protocol[Output_contra]):
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the rows that `advance` returns."""
-        ...
 
     def start(self, sample_rate: float) -> None:
         """Begin anew, with sample 0 next, at `sample_rate` Hz."""
-        ...
 
     def drive(self, output: Output_contra, at_sample: float) -> None:
         """Follow the actuator from the (fractional) sample `at_sample` on.
 
         What began before samples that have been made already is under way by the next.
         """
-        ...
 
     def advance(self, count: int) -> NDArray[np.float64]:
         """Return the next `count` samples, shape (channels, count), in SI units with the sensor noise in."""
-        ...

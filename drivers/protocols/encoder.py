@@ -85,46 +85,37 @@ class PositionEncoder(Instrument, Protocol):
     @property
     def counts_per_revolution(self) -> int:
         """Counts of one turn of the shaft; known after `open`."""
-        ...
 
     @property
     def total_range(self) -> int:
         """Counts after which the position starts again at 0; known after `open`."""
-        ...
 
     @property
     def period_s(self) -> float:
         """Nominal time between two positions, s."""
-        ...
 
     @property
     def emergencies(self) -> tuple[Emergency, ...]:
         """The emergencies that the encoder has not taken back; any one should stop the rig."""
-        ...
 
     @property
     def statistics(self) -> PositionStatistics:
         """What became of the frames since `start`."""
-        ...
 
     def open(self) -> None:
         """Connect, verify identity and settings, set the period; listing all differences at once.
 
         Raises `InstrumentAbsent`, `InstrumentRefused`, `InstrumentSilent`.
         """
-        ...
 
     def close(self) -> None:
         """Hang up. Never raises."""
-        ...
 
     def preset(self, counts: int) -> None:
         """Let the encoder call its present position `counts`. Raises `InstrumentRefused`."""
-        ...
 
     def start(self) -> None:
         """Let it send positions; frame 0 is the next."""
-        ...
 
     def read(self, count: int) -> PositionBlock:
         """Wait for the next `count` positions; fewer only where there will be no more.
@@ -132,15 +123,12 @@ class PositionEncoder(Instrument, Protocol):
         Raises `DeviceLost`, naming the last good position, once all that came before has been read;
         `InstrumentSilent` where the encoder lives but sends no position in time.
         """
-        ...
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call, oldest first; also after an error."""
-        ...
 
     def stop(self) -> None:
         """Let it send no more."""
-        ...
 
 
 Shaft = Callable[[float], float]

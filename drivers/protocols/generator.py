@@ -37,20 +37,15 @@ class DriveGenerator(Actuator, Protocol):
         Not triggered: `start` turns the output on. Triggered: the output is on and waits at the offset;
         `start` lets the sine begin at phase 0 with its full amplitude.
         """
-        ...
 
     def start(self) -> None:
         """Let the armed sine begin."""
-        ...
 
     def set_frequency(self, frequency_hz: float) -> None:
         """Change the frequency (Hz) of a running sine; its phase goes on."""
-        ...
 
     def set_amplitude(self, amplitude_v: float) -> None:
         """Change the peak amplitude (V) of a running sine; its phase goes on."""
-        ...
 
     def set_offset(self, offset_v: float) -> None:
         """Change the offset (V) of a running sine."""
-        ...

@@ -28,17 +28,14 @@ class Instrument(Protocol):
     @property
     def name(self) -> str:
         """What the bench calls it."""
-        ...
 
     @property
     def address(self) -> str:
         """Where it is."""
-        ...
 
     @property
     def identity(self) -> str:
         """What it says it is; empty before `open`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +60,12 @@ class Actuator(Instrument, Protocol):
 
     def open(self) -> None:
         """Connect and check the model; moves nothing. Raises `InstrumentAbsent` as well."""
-        ...
 
     def close(self) -> None:
         """Hang up. Never raises."""
-        ...
 
     def off(self) -> None:
         """Go to the safe state; no error where it is there or closed already."""
-        ...
 
 
 class ActuatorOutput(Protocol):
@@ -80,7 +74,6 @@ class ActuatorOutput(Protocol):
     @property
     def started_s(self) -> float:
         """Since when, in s of the monotonic clock (`SystemClock`), which all processes share."""
-        ...
 
 
 class Logger(Instrument, Protocol):
@@ -89,20 +82,16 @@ class Logger(Instrument, Protocol):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """What it measures, in the order of a reading; none may be called as a channel of the rig."""
-        ...
 
     @property
     def period_s(self) -> float:
         """Time between two readings, s."""
-        ...
 
     def open(self) -> None:
         """Connect and check. Raises `InstrumentAbsent`, `InstrumentRefused`, `InstrumentSilent`."""
-        ...
 
     def close(self) -> None:
         """Hang up. Never raises."""
-        ...
 
     def read(self) -> Sequence[float]:
         """What its channels show now, in their units; answers within seconds, in one thread of its own.
@@ -110,4 +99,3 @@ class Logger(Instrument, Protocol):
         Raises `InstrumentSilent` where no answer came in time: it is asked again. Any other `RattleError` is
         the last that is heard of it.
         """
-        ...

@@ -39,45 +39,36 @@ class SpeedDrive(Instrument, Protocol):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the operator should know and the run may ignore; known after `open`."""
-        ...
 
     @property
     def state(self) -> MotorState | None:
         """What it said last, at most some poll periods ago; no word goes out for it."""
-        ...
 
     @property
     def step_rpm(self) -> float:
         """The smallest step of the set speed."""
-        ...
 
     @property
     def longest_stop_s(self) -> float:
         """By when a stop has ended or raised, in s since it was asked for; known after `open`."""
-        ...
 
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
         """Return the time in s that its ramp takes from one speed to another; known after `open`."""
-        ...
 
     def open(self) -> None:
         """Connect and check its settings; moves nothing.
 
         From here on it is polled, which keeps its watchdog quiet. Raises `InstrumentAbsent` as well.
         """
-        ...
 
     def close(self) -> None:
         """Stop the motor if it may be turning, answer or not, and hang up. Never raises."""
-        ...
 
     def set_speed(self, rpm: float) -> float:
         """Set the speed in rpm; a running motor goes there on its ramp. Returns it as the drive keeps it."""
-        ...
 
     def start(self) -> None:
         """Run forward, up to the set speed on the ramp."""
-        ...
 
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
         """Stop in category 1: ramp to zero, see that it stands, then withdraw run; no error where it stands.
@@ -85,23 +76,18 @@ class SpeedDrive(Instrument, Protocol):
         The speed is taken from `measured_rpm` where that gives a finite one, else from the output frequency.
         Where the ramp overruns 1.5 times its time, run is withdrawn at once.
         """
-        ...
 
     def read(self) -> MotorState:
         """Ask it how it is."""
-        ...
 
     def check(self) -> None:
         """Raise what went wrong since it was opened; every call says that somebody looks after the motor."""
-        ...
 
     def fault_history(self) -> tuple[str, ...]:
         """What its display showed at its last faults, newest first."""
-        ...
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call, oldest first; also after an error."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +124,6 @@ class MotorLoad(Protocol):
 
     def drive(self, output: InverterOutput) -> None:
         """Take what the inverter puts out from now on."""
-        ...
 
     def current_a(self) -> float:
         """Return the motor current in A, as it is now."""
-        ...

@@ -52,26 +52,13 @@ RUNS = Path("runs")
 """Where logs go unless another folder is named."""
 
 
-def load_pair(scenario_file: Path, bench_file: Path | None) -> tuple[Scenario, Bench]:
-    """Scenario and bench (the emulated one without a file); raises one error with the faults of both."""
-    from rig.files.scenario import load_scenario
-
-    return _loaded(lambda: load_scenario(scenario_file), bench_file)
-
-
-def load_sweep_pair(sweep_file: Path, bench_file: Path | None) -> tuple[Sweep, Bench]:
-    """Sweep and bench (the emulated one without a file); raises one error with the faults of both."""
-    from rig.files.sweep import load_sweep
-
-    return _loaded(lambda: load_sweep(sweep_file), bench_file)
-
-
-def _loaded(load: Callable[[], _Wanted], bench_file: Path | None) -> tuple[_Wanted, Bench]:
+def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | None) -> tuple[_Wanted, Bench]:
+    """Scenario or sweep, and bench (the emulated one without a file); raises one error with both's faults."""
     from rig.files.bench import embedded_bench, load_bench
     from rig.files.faults import Gathered
 
     gathered = Gathered()
-    wanted, bench = gathered.of(load), None
+    wanted, bench = gathered.of(lambda: load(file)), None
     rig = None if wanted is None else wanted.rig
     if bench_file is not None:
         bench = gathered.of(lambda: load_bench(bench_file, rig))

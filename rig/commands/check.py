@@ -115,9 +115,6 @@ def _check(wanted: Scenario | Sweep, bench: Bench | None, source: str, today: da
             faults.note(problem)
         faults.raise_if_any()
         return
-    from rig.sweep.plan import check_points, check_points_anywhere
+    from rig.sweep.plan import check_points
 
-    if bench is None:
-        check_points_anywhere(wanted)
-    else:
-        check_points(wanted, bench, today)
+    check_points(wanted, bench, today)

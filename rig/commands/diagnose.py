@@ -17,7 +17,6 @@ from rig.session.progress import Screen
 if TYPE_CHECKING:
     from rig.diagnosis.recordings import RecordedCampaign
     from sim_twin.diagnosis.matching import Match
-    from sim_twin.healthy import Matched
 
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
@@ -40,11 +39,10 @@ def diagnose(
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     screen = Screen(Console(stderr=machine))
-    written = diagnose_runs(runs, model, out, seed, budget, screen)
+    findings, files = diagnose_runs(runs, model, out, seed, budget, screen)
     if machine:
-        typer.echo(written.diagnosis.read_text(encoding="utf-8"), nl=False)
+        typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
         return
-    findings = written.findings
     lines = {"nothing is missing": findings.none, "something unknown": findings.unknown}
     for each in findings.judged[:_LISTED]:
         where = f" on {each.cause.channel}" if each.cause.channel else ""
@@ -58,11 +56,8 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
-    screen.say(f"diagnosis  {written.diagnosis}")
-    screen.say(f"effects    {written.effects}")
-    screen.say(f"report     {written.report}")
-    if written.next_experiment is not None:
-        screen.say(f"next run   {written.next_experiment}")
+    for what, file in files.items():
+        screen.say(f"{what:<10} {file}")
 
 
 def gap(
@@ -117,9 +112,10 @@ def calibrate(
     twin = read.campaign.runs[0].twin
     known = outcome.matched
     table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)
+    deviation = dict(zip(known.names, known.deviation, strict=True))
     for each in twin.model.lasting_tolerances(twin):
-        if _deviation(known, each.name) < _TOLD:
-            place = f"{known.mean_of(each.name):+.2f} +- {_deviation(known, each.name):.2f}"
+        if deviation[each.name] < _TOLD:
+            place = f"{known.mean_of(each.name):+.2f} +- {deviation[each.name]:.2f}"
             table.add_row(each.name, found(each, twin, known), place)
     screen.console.print(table)
     if outcome.suspicious:
@@ -148,7 +144,3 @@ def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: 
             "time ran out: fewer healthy rigs were simulated than planned; another machine may fit otherwise"
         )
     return outcome
-
-
-def _deviation(known: Matched, name: str) -> float:
-    return float(known.deviation[known.names.index(name)])

@@ -7,7 +7,7 @@ import datetime
 import math
 from math import tau
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -15,10 +15,6 @@ from rich.console import Console
 from daq.errors import ConfigurationError, LogError, Problem
 from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load_pair, print_json
 from rig.session.progress import Screen
-
-if TYPE_CHECKING:
-    pass
-
 
 _MOST = 50
 
@@ -37,12 +33,12 @@ def dwell(
     from daq.quantity import Quantity
     from rig.app import connect
     from rig.files.pairing import check_pair
-    from rig.files.scenario import edited
+    from rig.files.scenario import edited, load_scenario
     from rig.files.table import FieldError, quantity_field
     from rig.session.dwells import DwellRequest, record_dwells
 
     screen = Screen(Console(stderr=False))
-    scenario, bench = load_pair(scenario_file, bench_file)
+    scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
     if not 1 <= len(named) <= _MOST:
         allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'

@@ -30,7 +30,7 @@ def overlay(
     model: Model = None,
 ) -> None:
     from rig.report.record import read_run
-    from rig.report.summary import overall_closeness
+    from rig.report.summary import closeness, overall
     from rig.session.overlay import overlay_run
 
     screen = Screen(Console())
@@ -47,7 +47,8 @@ def overlay(
             for origin, found in by_origin.items()
         )
         screen.say(f"impacts    {channel}: {'; '.join(each)}")
-    if effects is not None and (close := overall_closeness(overlaid)) is not None:
+    if effects is not None and (channels := closeness(overlaid)):
+        close = overall(channels)
         apart = f"the run's own halves lie {close.halves_db:.1f} dB apart"
         screen.say(f"nominal    autospectra {close.nominal_db:.1f} dB off those measured")
         screen.say(f"repaired   {close.repaired_db:.1f} dB; {apart}")

@@ -28,11 +28,12 @@ def run(
     from rig.app import connect
     from rig.files.model_file import load_model
     from rig.files.pairing import check_pair, free_bytes
+    from rig.files.scenario import load_scenario
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Console(stderr=False))
-    scenario, bench = load_pair(scenario_file, bench_file)
+    scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     fitted = None if model is None else load_model(model, scenario.rig)
     clock = SystemClock()
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(out))
@@ -57,8 +58,9 @@ _NO_PARITY: Final = (
 
 def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
     from rig.emulation import bench_reaching, emulated_bench, starting
+    from rig.files.scenario import load_scenario
 
-    scenario, bench = load_pair(scenario_file, bench_file)
+    scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     screen = Screen(Console(stderr=as_json))
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

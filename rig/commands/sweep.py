@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,24 +12,14 @@ import typer
 from rich.console import Console
 
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import (
-    RUNS,
-    BenchFile,
-    Json,
-    Live,
-    Model,
-    ScenarioFile,
-    load_pair,
-    load_sweep_pair,
-    print_json,
-)
+from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
 from rig.session.progress import Screen
 
 if TYPE_CHECKING:
     from rig.files.bench import Bench
     from rig.files.scenario import Scenario
     from rig.session.centring import CentringPlan, Middle
-    from rig.sweep.execute import Centre, SweepRequest
+    from rig.sweep.execute import SweepRequest
     from rig.sweep.state import CentreState
 
 
@@ -46,13 +37,13 @@ def centre(
     from rig.app import connect
     from rig.files.faults import read_toml, toml_of
     from rig.files.pairing import check_pair
-    from rig.files.scenario import with_values
+    from rig.files.scenario import load_scenario, with_values
     from rig.session.centring import plan_of
     from rig.session.centring_run import find_centre
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Console(stderr=as_json))
-    scenario, bench = load_pair(scenario_file, bench_file)
+    scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     written = scenario_file.with_suffix(".centred.toml") if out is None else out
     if written.exists():
         raise RattleError(f"{written} is there already; name another file with -o")
@@ -124,14 +115,14 @@ def sweep(
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
-    from rig.files.sweep import points_named
+    from rig.files.sweep import load_sweep, points_named
     from rig.sweep.execute import Sweeping, SweepRequest, begun
     from rig.sweep.plan import real_instruments
     from rig.sweep.results import TABLE, headings_of, rows_of, write_page
     from rig.sweep.state import held, load_state
 
     screen = Screen(Console(stderr=False))
-    swept, bench = load_sweep_pair(sweep_file, bench_file)
+    swept, bench = load_pair(load_sweep, sweep_file, bench_file)
     plain = re.sub(r"[^A-Za-z0-9]+", "-", swept.name).strip("-").lower()[:60] or "sweep"
     folder = RUNS / plain if out is None else out
     asked = frozenset(again or [])
@@ -152,7 +143,7 @@ def sweep(
     with held(folder):
         now = begun(request)  # read anew: another sweep may have been at work here until just now
         try:
-            Sweeping(request, now, screen, SystemClock(), centre=_centring(folder)).all()
+            Sweeping(request, now, screen, SystemClock(), centre=partial(_centred, folder)).all()
         finally:
             state = load_state(folder) or now
             rows = [headings_of(swept), *rows_of(swept, state)]
@@ -168,22 +159,19 @@ def sweep(
         raise RattleError(f"{named} of {count} not as asked for; see above")
 
 
-def _centring(folder: Path) -> Centre:
+def _centred(folder: Path, scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.session.centring import plan_of
     from rig.session.centring_run import find_centre
     from rig.sweep.state import CentreState
 
-    def centre(scenario: Scenario, bench: Bench, screen: Screen) -> CentreState:
-        plan = plan_of(scenario, bench)
-        middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
-        for line in (*found_lines(middle, plan), f"log        {log}"):
-            screen.say(line)
-        seen_from = str(log.relative_to(folder))
-        return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), seen_from)
-
-    return centre
+    plan = plan_of(scenario, bench)
+    middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), folder / "centring")
+    for line in (*found_lines(middle, plan), f"log        {log}"):
+        screen.say(line)
+    seen_from = str(log.relative_to(folder))
+    return CentreState(middle.offset, middle.uncertainty, plan.rest_offset(middle), seen_from)
 
 
 def _dry_check(request: SweepRequest, screen: Screen) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.angle.cycles import Cycles, MarkerCycles
-from daq.block import BLIND, SampleBlock, sample_time_ns
+from daq.block import BLIND, SampleBlock, sample_time_ns, values_of
 from daq.log.reader import CRANK_SPEED, Origin, derived_name
 from daq.log.records import Impact
 from daq.signals.impact_events import BounceGrouper, ImpactDetector, ImpactEvents
@@ -189,10 +189,7 @@ class OriginDeriver:
         """Samples of a channel up to `settle_s`, NaN where they are missing."""
         end = round(self._settle_s * self._waiting[0].sample_rate)
         blocks = [block for block in self._waiting if block.channel == name and block.first_sample < end]
-        values = np.full(min(max((block.end_sample for block in blocks), default=0), end), np.nan)
-        for block in blocks:
-            values[block.first_sample : block.end_sample] = block.values[: end - block.first_sample]
-        return values
+        return values_of(blocks, 0, min(max((block.end_sample for block in blocks), default=0), end))
 
     def _derive(self, block: SampleBlock, publish: Consumer) -> None:
         name = block.channel

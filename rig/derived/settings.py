@@ -12,7 +12,7 @@ the number of bursts a revolution hardly depends on either (docs/derived.md).
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import tau
 from typing import Any
@@ -26,7 +26,7 @@ from daq.errors import LogError
 from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
-from rig.twin.alignment import reference_among
+from rig.twin.alignment import Reference, reference_among
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
@@ -129,30 +129,21 @@ _LEAST_TURN = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """What the scenario says of the cycles: how many a second, and how the drive is found in its channel.
+    """What the scenario says of the cycles: the drive, and how it is found in its channel."""
 
-    `align(values, sample rate)` gives frequency (Hz) and phase (rad), None where no drive shows.
-    """
-
-    cycle_hz: float
-    align: Callable[[NDArray[Any], float], tuple[float, float] | None]
+    drive: Any
+    reference: Reference
 
     @property
     def settle_s(self) -> float:
         """How much of a record everything is settled on."""
-        return max(_LEAST_S, _CYCLES / self.cycle_hz)
+        return max(_LEAST_S, _CYCLES / float(self.drive.cycle_hz))
 
 
 def nominal_of(scenario: Scenario) -> Nominal:
     """What a scenario says."""
-    table, drive = RIGS[scenario.rig].channels, scenario.drive
-    reference = reference_among(table, (table.drive,))
-
-    def align(values: NDArray[Any], sample_rate: float) -> tuple[float, float] | None:
-        found = reference.align(values, sample_rate, 0, drive)
-        return (found.frequency, found.phase) if found.trusted else None
-
-    return Nominal(drive.cycle_hz, align)
+    table = RIGS[scenario.rig].channels
+    return Nominal(scenario.drive, reference_among(table, (table.drive,)))
 
 
 def reference_of(channels: tuple[str, ...]) -> str | None:
@@ -167,7 +158,8 @@ def first_look(
 ) -> tuple[float | None, float]:
     """Rate of the cycles in Hz, None if nothing counts them, and the drive's phase in rad (0 of a crank)."""
     if role_of(reference) is Role.DRIVE:
-        return nominal.align(values, sample_rate) or (None, 0.0)
+        found = nominal.reference.align(values, sample_rate, 0, nominal.drive)
+        return (found.frequency, found.phase) if found.trusted else (None, 0.0)
     if role_of(reference) is Role.ANGLE:
         known = np.flatnonzero(np.isfinite(values))
         turned = (float(values[known[-1]]) - float(values[known[0]])) / tau if len(known) > 1 else 0.0
@@ -176,7 +168,7 @@ def first_look(
     elif len(marks := MarkTracker().track(values)[0]) > 1:
         turns = int(marks.turn[-1] - marks.turn[0])
         return float(turns * sample_rate / (marks.position[-1] - marks.position[0])), 0.0
-    return nominal.cycle_hz, 0.0
+    return float(nominal.drive.cycle_hz), 0.0
 
 
 def cycles_of(reference: str, settings: Settings, sample_rate: float) -> Cycles | None:

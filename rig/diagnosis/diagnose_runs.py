@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -44,23 +44,13 @@ _UNKNOWN_ENOUGH = 0.2
 _OfCampaign: TypeAlias = Callable[[Campaign], Execute]
 
 
-@dataclass(frozen=True, slots=True)
-class DiagnosisFiles:
-    """The files of a diagnosis, and what it found."""
-
-    findings: Findings
-    diagnosis: Path
-    effects: Path
-    report: Path
-    next_experiment: Path | None
-
-
 def diagnose_runs(
     runs: Sequence[Path], model: Path | None, out: Path, seed: int, budget_s: float, screen: Screen
-) -> DiagnosisFiles:
+) -> tuple[Findings, dict[str, Path]]:
     """Diagnose a campaign, with a calibration's `model` of its rig where there is one.
 
-    Raises ConfigurationError or LogError for runs that cannot be used.
+    Returns what it found and the files that say so, by what they are. Raises ConfigurationError or LogError
+    for runs that cannot be used.
     """
     began = time.monotonic()
     with screen.busy("reading"):
@@ -102,18 +92,19 @@ def diagnose_runs(
     content = document(
         findings, catalogue, request, reach, experiment, time.monotonic() - began, remarks, forces
     )
-    write_json(out / "diagnosis.json", content)
-    write_json(out / "effects.json", effects_file(findings))
-    following = None if experiment is None else out / "next_experiment.toml"
-    if experiment is not None and following is not None:
-        following.write_text(experiment.scenario, encoding="utf-8")
-    report = out / "report.html"
+    names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
+    files = {what: out / name for what, name in names.items()}
+    write_json(files["diagnosis"], content)
+    write_json(files["effects"], effects_file(findings))
+    if experiment is not None:
+        files["next run"] = out / "next_experiment.toml"
+        files["next run"].write_text(experiment.scenario, encoding="utf-8")
     rig = data.campaign.runs[0].twin.model
     units = {name: rig.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
     pairs = zip(runs, data.scenarios, strict=True)
     facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
-    write_report(report, Case(findings, content, facts, remarks, forces, out))
-    return DiagnosisFiles(findings, out / "diagnosis.json", out / "effects.json", report, following)
+    write_report(files["report"], Case(findings, content, facts, remarks, forces, out))
+    return findings, files
 
 
 SECTIONS: Sequence[Section[Case]] = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
@@ -78,7 +78,7 @@ def document(
                 }
                 for each in forces
             ],
-            "next_experiment": None if experiment is None else experiment.as_json(),
+            "next_experiment": None if experiment is None else asdict(experiment),
             "cost": {"simulations": findings.simulations, "seconds": seconds},
             "remarks": list(remarks),
             "provenance": request.as_json(),

@@ -38,13 +38,6 @@ class Experiment:
     separates: tuple[str, str]
     expected_probability: float
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "scenario": self.scenario,
-            "separates": list(self.separates),
-            "expected_probability": self.expected_probability,
-        }
-
 
 def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: float = 1.0) -> list[Option]:
     """Other settings of the rig within what its scenario files allow, most different first.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 from daq.quantity import Key, Quantity, Text, Whole
@@ -14,7 +15,6 @@ from rig.files.faults import Faults, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
 from rig.instruments import INSTRUMENTS
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
@@ -136,9 +136,9 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
     instruments: dict[str, Any] = {}  # the settings of each; None where some of them are wrong
     for name in (name for name in _known(kind) if name in table):
-        read, settings = INSTRUMENTS[name].reader, loaded(INSTRUMENTS[name].settings)
+        read, settings = INSTRUMENTS[name].reader, resolve_name(INSTRUMENTS[name].settings)
         instruments[name] = (
-            loaded(read)(table[name], name, faults)
+            resolve_name(read)(table[name], name, faults)
             if read
             else read_table(settings, table[name], name, faults)
         )
@@ -147,8 +147,14 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     actuator, card = instruments[kind.actuator], instruments[_CARD]
     if "emulation" in given and actuator and card and not emulated:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
-    if kind.turns and kind.actuator in given and actuator and card:
-        _note_mixed(kind, instruments, faults)
+    if kind.turns and kind.actuator in given and actuator and card:  # what else shows its shaft
+        if card.emulated and not actuator.emulated:
+            faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=kind.actuator))
+        for name in kind.extras:
+            beside = instruments.get(name)
+            if beside is not None and beside.emulated != actuator.emulated:
+                why = _BESIDE[actuator.emulated].format(actuator=kind.actuator, name=name)
+                faults.add(f"{name}.emulated", beside.emulated, why)
     if faults or emulation is None:
         raise faults.error()
     return Bench(kind.name, instruments, emulation, source, text)
@@ -159,18 +165,6 @@ def _known(kind: RigKind) -> Iterable[str]:
     return kind.actuator, _CARD, *kind.extras, *(name for name, each in INSTRUMENTS.items() if each.logs)
 
 
-def _note_mixed(kind: RigKind, instruments: Mapping[str, Any], faults: Faults) -> None:
-    """Note what does not look at the shaft that the motor turns."""
-    rehearsed = instruments[kind.actuator].emulated
-    if instruments[_CARD].emulated and not rehearsed:
-        faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=kind.actuator))
-    for name in kind.extras:
-        beside = instruments.get(name)
-        if beside is not None and beside.emulated != rehearsed:
-            why = _BESIDE[rehearsed].format(actuator=kind.actuator, name=name)
-            faults.add(f"{name}.emulated", beside.emulated, why)
-
-
 def _inferred_rig(given: Mapping[str, Any]) -> str:
     """The rig that the instruments are of, by actuator, then by channels; the first where nothing tells."""
     card = given.get("daq_card")
@@ -179,7 +173,7 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
     names = [each.get("name") for each in named if isinstance(each, dict)]
 
     def matches(kind: RigKind) -> tuple[bool, int]:
-        known = sum(isinstance(name, str) and kind.channel_unit(name) is not None for name in names)
+        known = sum(isinstance(name, str) and kind.channels.unit(name) is not None for name in names)
         return any(name in given for name in (kind.actuator, *kind.extras)), known
 
     return max(RIGS.values(), key=matches).name

@@ -109,7 +109,7 @@ class _Matching:
         name = self._name(column)
         if name is None:
             return None
-        unit = self.kind.channel_unit(name) or (column.unit or "" if _is_ours(column) else "")
+        unit = self.kind.channels.unit(name) or (column.unit or "" if _is_ours(column) else "")
         factor, rate = self._factor(column, name, unit), self._rate(column)
         if not len(column.samples) and column.stretches is None:
             self.faults.add(column.name, "(empty)", "at least one sample")
@@ -123,7 +123,7 @@ class _Matching:
 
     def _name(self, column: Column) -> str | None:
         given = self.answers.rename.get(column.name, column.name)
-        if self.kind.channel_unit(given) is not None or (_is_ours(column) and given == column.name):
+        if self.kind.channels.unit(given) is not None or (_is_ours(column) and given == column.name):
             return given
         alike = [name for name in self.kind.channels if _plain(name) == _plain(given)]
         if len(alike) == 1 and given == column.name:

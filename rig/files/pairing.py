@@ -7,6 +7,7 @@ import math
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
@@ -17,7 +18,6 @@ from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.scenario import AcquisitionSection, Scenario
 from rig.instruments import actuator_of
-from rig.loaded_table import loaded
 from rig.rigs import RIGS, shaft_channel
 
 SOFT_START_FROM_S = 0.8
@@ -42,8 +42,8 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_byte
     """
     actuator = actuator_of(RIGS[scenario.rig].actuator)
     problems = [
-        *loaded(actuator.beyond)(scenario, bench),
-        *loaded(actuator.hurried)(scenario),
+        *resolve_name(actuator.beyond)(scenario, bench),
+        *resolve_name(actuator.hurried)(scenario),
         *_channels(scenario.rig, bench),
         *_shaft(bench),
         *_limits(scenario, bench),
@@ -56,7 +56,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_byte
 
 def check_scenario(scenario: Scenario, source: str) -> None:
     """Raise ConfigurationError with what forbids this scenario on whatever bench; `source` is its file."""
-    problems = list(loaded(actuator_of(RIGS[scenario.rig].actuator).hurried)(scenario))
+    problems = list(resolve_name(actuator_of(RIGS[scenario.rig].actuator).hurried)(scenario))
     if problems:
         raise ConfigurationError(source, problems)
 
@@ -129,7 +129,7 @@ def _rpm(speed: float) -> str:
 def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
     kind = RIGS[rig]
     for channel in bench.daq_card.channels:
-        if kind.channel_unit(channel.name) is None:
+        if kind.channels.unit(channel.name) is None:
             key = dotted("daq_card.channels", channel.name)
             yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels.told)}")
 

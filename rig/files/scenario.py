@@ -100,7 +100,14 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
     if kind is None:
         raise faults.error()
     limits = tuple(_limits(table.get("limits", {}), kind, faults))
-    _check_rate(table, kind, faults)
+    given = table.get("acquisition")
+    rate = sound_values(settings_of(AcquisitionSection), given).get("sample_rate")
+    frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
+    if given is not None and rate is not None and frequency is not None:
+        lowest = SAMPLES_PER_PERIOD * frequency
+        if rate < lowest:
+            allowed = f"at least {lowest:g} Hz ({SAMPLES_PER_PERIOD} times the drive's {frequency:g} Hz)"
+            faults.add_from(given, "sample_rate", "acquisition", allowed)
     if faults or name is None or acquisition is None:
         raise faults.error()
     return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table))
@@ -121,25 +128,13 @@ def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dic
     return changed
 
 
-def _check_rate(table: Mapping[str, Any], kind: RigKind, faults: Faults) -> None:
-    acquisition = table.get("acquisition")
-    rate = sound_values(settings_of(AcquisitionSection), acquisition).get("sample_rate")
-    frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
-    if acquisition is None or rate is None or frequency is None:
-        return
-    lowest = SAMPLES_PER_PERIOD * frequency
-    if rate < lowest:
-        allowed = f"at least {lowest:g} Hz ({SAMPLES_PER_PERIOD} times the drive's {frequency:g} Hz)"
-        faults.add_from(acquisition, "sample_rate", "acquisition", allowed)
-
-
 def _limits(table: object, kind: RigKind, faults: Faults) -> Iterator[Limit]:
     if not isinstance(table, dict):
         faults.add("limits", table, 'tables such as [limits."contact.force_upper"]')
         return
     for channel, entry in _by_channel(table):
         key = dotted("limits", channel)
-        unit = kind.channel_unit(channel)
+        unit = kind.channels.unit(channel)
         if unit is None:
             faults.unknown(key, entry, channel, kind.channels.told)
         else:

@@ -176,7 +176,7 @@ def _until(given: object, base: Mapping[str, Any], kind: RigKind, faults: Faults
     if section is None:
         return None
     channels = kind.contacts if section.channels is None else section.channels
-    units = {channel: kind.channel_unit(channel) for channel in channels}
+    units = {channel: kind.channels.unit(channel) for channel in channels}
     if not channels or None in units.values() or len(set(units.values())) > 1:
         allowed = f"channels of the {kind.name} with one unit: {', '.join(kind.channels.told)}"
         faults.add("sweep.until.channels", list(channels), allowed)
@@ -231,8 +231,8 @@ def _points(
         except ConfigurationError as error:
             for problem in error.problems:
                 found.setdefault(problem, []).append(number)
-    for problem, numbers in found.items():
-        faults.note(dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}"))
+    for problem in told_once(found):
+        faults.note(problem)
 
 
 def _with_paths(points: tuple[Point, ...], axes: tuple[Axis, ...]) -> tuple[Point, ...]:
@@ -248,6 +248,14 @@ def _with_paths(points: tuple[Point, ...], axes: tuple[Axis, ...]) -> tuple[Poin
         return tuple(points[place - back * stride].scenario.drive for back in range(passed, 0, -1))
 
     return tuple(dataclasses.replace(point, path=path(place)) for place, point in enumerate(points))
+
+
+def told_once(found: Mapping[Problem, list[int]]) -> list[Problem]:
+    """Faults of points by their numbers, each with these."""
+    return [
+        dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
+        for problem, numbers in found.items()
+    ]
 
 
 def points_named(numbers: list[int]) -> str:

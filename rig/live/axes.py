@@ -68,10 +68,11 @@ class Frame:
     bottom: float = 1.3
     top: float = 0.3
 
-    def bounds(self) -> rrb.VisualBounds2D:
-        return rrb.VisualBounds2D(
-            x_range=(-self.left, self.width + 0.9), y_range=(-self.top, self.height + self.bottom)
-        )
+    def view(self, origin: str, name: str) -> rrb.Spatial2DView:
+        """A view of what is drawn in it below `origin`."""
+        across, down = (-self.left, self.width + 0.9), (-self.top, self.height + self.bottom)
+        bounds = rrb.VisualBounds2D(x_range=across, y_range=down)
+        return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
 
 
 class AxesPicture:

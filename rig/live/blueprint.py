@@ -64,8 +64,7 @@ def _channels(layout: Layout, own: OwnViews) -> rrb.Container:
     for channel, unit in layout.units.items():
         if channel not in own.plain:
             squared = f"{unit}²" if unit.isalpha() else f"({unit or '-'})²"
-            name, bounds = f"{channel} [{squared}/Hz]", SPECTRUM_FRAME.bounds()
-            spectra.append(rrb.Spatial2DView(origin=paths.spectrum(channel), name=name, visual_bounds=bounds))
+            spectra.append(SPECTRUM_FRAME.view(paths.spectrum(channel), f"{channel} [{squared}/Hz]"))
     cycles = figure_views(layout)
     if len(traces) <= _FEW_CHANNELS:
         shares = [_PLAIN_SHARE if channel in own.plain else 1.0 for channel in layout.units]

@@ -38,11 +38,7 @@ _SET_COLOUR = (150, 150, 150)
 
 def impact_view(group: str, unit: str) -> rrb.Spatial2DView:
     """A view of one group of channels."""
-    return rrb.Spatial2DView(
-        origin=paths.impacts(group),
-        name=f"Impacts, {group} [{unit or '-'}]",
-        visual_bounds=_IMPACT_FRAME.bounds(),
-    )
+    return _IMPACT_FRAME.view(paths.impacts(group), f"Impacts, {group} [{unit or '-'}]")
 
 
 @dataclass(slots=True)
@@ -106,11 +102,7 @@ class ImpactPicture:
 
 def order_view(channel: str, unit: str) -> rrb.Spatial2DView:
     """A view of one channel's orders."""
-    return rrb.Spatial2DView(
-        origin=paths.orders(channel),
-        name=f"{channel} over orders [{unit or '-'}]",
-        visual_bounds=_ORDER_FRAME.bounds(),
-    )
+    return _ORDER_FRAME.view(paths.orders(channel), f"{channel} over orders [{unit or '-'}]")
 
 
 class OrderPicture:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import rerun as rr
 
 from daq.log.reader import Origin
@@ -31,26 +33,17 @@ def trace(origin: Origin, channel: str) -> str:
     return rr.new_entity_path([origin, channel])
 
 
-def peaks(origin: str) -> str:
-    """Largest force of each impact."""
-    return f"{PEAKS}/{origin}"
+def _below(what: str) -> Callable[[str], str]:
+    return lambda name: rr.new_entity_path([what, name])
 
 
-def derived(name: str) -> str:
-    """Values of a derived channel."""
-    return rr.new_entity_path(["derived", name])
-
-
-def impacts(group: str) -> str:
-    """Impacts of a group of channels over the crank angle."""
-    return rr.new_entity_path(["impacts", group])
-
-
-def orders(channel: str) -> str:
-    """Amplitudes of a channel over orders."""
-    return rr.new_entity_path(["orders", channel])
-
-
-def spectrum(channel: str) -> str:
-    """Picture of a channel's autospectrum."""
-    return rr.new_entity_path(["spectra", channel])
+peaks = _below("peaks")
+"""Largest force of each impact, by origin."""
+derived = _below("derived")
+"""Values of a derived channel."""
+impacts = _below("impacts")
+"""Impacts of a group of channels over the crank angle."""
+orders = _below("orders")
+"""Amplitudes of a channel over orders."""
+spectrum = _below("spectra")
+"""Picture of a channel's autospectrum."""

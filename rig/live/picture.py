@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
@@ -18,7 +19,6 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.reader import Origin
 from rig.live import paths
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 from rig.stream import Record
 
@@ -38,6 +38,15 @@ class OwnViews:
     side: tuple[tuple[rrb.View | rrb.Container, float], ...]
     beside: tuple[rrb.View | rrb.Container, ...] = ()
     plain: frozenset[str] = frozenset()
+
+
+Point = tuple[float, float, float]
+
+
+def looking(length_m: float, place: Point, target: Point, up: Point = (0.0, 0.0, 1.0)) -> rrb.EyeControls3D:
+    """An eye whose `place` and `target` are in parts of a rig's length."""
+    at, toward = (tuple(length_m * each for each in point) for point in (place, target))
+    return rrb.EyeControls3D(position=at, look_target=toward, eye_up=up)
 
 
 class Stage:
@@ -123,7 +132,7 @@ class Layout:
 def picture_of(twin: AnyTwin) -> Picture | None:
     """The rig of a twin in space and its own plots; None for a rig that has no picture."""
     place = RIGS[twin.rig.kind].picture
-    picture: Picture | None = loaded(place).of(twin) if place else None
+    picture: Picture | None = resolve_name(place).of(twin) if place else None
     return picture
 
 

@@ -46,6 +46,9 @@ STYLES: Final[Mapping[str, Style]] = {
 }
 """Predictions are drawn last and thin, so that what was measured shows on both sides of them."""
 
+FROM_ZERO: Final[Mapping[str, Any]] = {"rangemode": "tozero"}
+"""Of an axis that begins at 0."""
+
 _HEALTHY = "rgba(120, 130, 145, 0.25)"
 _HEAT = ("#f4f6f4", "#fdeebf", "#fdc56c", "#f08a3c", "#cc3d2c", "#6d0f33")
 _DOUBLINGS = len(_HEAT) - 1

@@ -16,6 +16,7 @@ from rig.derived.settings import RECORD, from_record
 from rig.derived.turns import Turns, turns_from
 from rig.pages.content import Sentence
 from rig.report.record import ORIGINS, RunRecord, Trace
+from rig.report.summary import mean_and_deviation
 
 _PIECE_S = 1.0
 """Turns are followed as in a run, which keeps but the last seconds of them."""
@@ -123,10 +124,10 @@ def speeds(run: RunRecord) -> dict[str, Trace]:
 def speed_figures(speed: Trace) -> SpeedFigures:
     """Figures of a speed of which at least one value is known."""
     known = speed.values[np.isfinite(speed.values)].astype(np.float64)
-    mean = float(known.mean())
+    mean, ripple = mean_and_deviation(known)
     return SpeedFigures(
         mean=mean,
-        ripple=float(np.std(known, ddof=1)) if len(known) > 1 else nan,
+        ripple=ripple,
         lowest=float(known.min()),
         highest=float(known.max()),
         revolutions=abs(mean) / 60 * len(known) / speed.sample_rate,
@@ -164,14 +165,9 @@ class GroupImpacts:
         return len(self.peak) / self.revolutions if self.revolutions > 0 else nan
 
     @property
-    def mean(self) -> float:
-        """Mean peak, NaN without an impact."""
-        return float(self.peak.mean()) if len(self.peak) else nan
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the peaks, NaN for fewer than two."""
-        return float(np.std(self.peak, ddof=1)) if len(self.peak) > 1 else nan
+    def spread(self) -> tuple[float, float]:
+        """Mean and standard deviation of the peaks, NaN without an impact or a second."""
+        return mean_and_deviation(self.peak)
 
 
 def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock
+from daq.block import Flag, SampleBlock, values_of
 from daq.channel import Channel
 from daq.log.reader import CRANK_SPEED, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
@@ -264,10 +264,8 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
 
 
 def _joined(blocks: list[SampleBlock]) -> Trace:
-    values = np.full(max(block.end_sample for block in blocks), np.nan, dtype=np.float32)
-    for block in blocks:
-        values[block.first_sample : block.end_sample] = block.values
-    return Trace(values, blocks[0].sample_rate)
+    end = max(block.end_sample for block in blocks)
+    return Trace(values_of(blocks, 0, end, np.float32), blocks[0].sample_rate)
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,13 +41,15 @@ def half_cycle_statistics(run: RunRecord, origin: Origin) -> HalfCycleStatistics
     found = half_cycles_of(run, origin)
     if found is None or not len(found):
         return None
-    several = len(found) > 1
-    return HalfCycleStatistics(
-        count=len(found),
-        first_mean_n=float(found.first_n.mean()),
-        first_sd_n=float(np.std(found.first_n, ddof=1)) if several else math.nan,
-        max_mean_n=float(found.max_n.mean()),
-        max_sd_n=float(np.std(found.max_n, ddof=1)) if several else math.nan,
+    first, largest = mean_and_deviation(found.first_n), mean_and_deviation(found.max_n)
+    return HalfCycleStatistics(len(found), *first, *largest)
+
+
+def mean_and_deviation(values: NDArray[np.floating]) -> tuple[float, float]:
+    """Mean and standard deviation: NaN without a value, and of a single one."""
+    return (
+        float(values.mean()) if len(values) else math.nan,
+        float(np.std(values, ddof=1)) if len(values) > 1 else math.nan,
     )
 
 
@@ -89,12 +91,6 @@ def closeness(run: RunRecord) -> list[Closeness]:
             repaired_db = distance_db(spectrum, _banded(repaired.values, repaired))
             found.append(Closeness(name, nominal_db, repaired_db, distance_db(*halves)))
     return found
-
-
-def overall_closeness(run: RunRecord) -> Closeness | None:
-    """The closeness over all channels; None without a nominal twin."""
-    channels = closeness(run)
-    return overall(channels) if channels else None
 
 
 def overall(channels: Sequence[Closeness]) -> Closeness:

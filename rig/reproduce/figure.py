@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ _FAINT = 1e-4
 class Claim:
     """A result between `low` and `high` agrees; `value` is the text's number, None where it gives none.
 
-    `text` is what the text says, `place` where: section, figure or table of the source.
+    `text` is what the text says, `place` where: section, figure or table of the source; empty: where the
+    figure is.
     """
 
     text: str
@@ -51,23 +52,23 @@ class Claim:
         return None if said == 0 else (ours - said) / said
 
 
-def about(value: float, text: str, place: str) -> Claim:
+def about(value: float, text: str, place: str = "") -> Claim:
     """The text gives one number."""
     ends = sorted((value * (1 - AGREEMENT), value * (1 + AGREEMENT)))
     return Claim(text, place, ends[0], ends[1], value)
 
 
-def between(low: float, high: float, text: str, place: str) -> Claim:
+def between(low: float, high: float, text: str, place: str = "") -> Claim:
     """The text gives two ends."""
     return Claim(text, place, low, high)
 
 
-def above(low: float, text: str, place: str) -> Claim:
+def above(low: float, text: str, place: str = "") -> Claim:
     """The text says: more than this."""
     return Claim(text, place, low, math.inf)
 
 
-def below(high: float, text: str, place: str) -> Claim:
+def below(high: float, text: str, place: str = "") -> Claim:
     """The text says: less than this."""
     return Claim(text, place, -math.inf, high)
 
@@ -92,10 +93,18 @@ class Sample:
         return self.deviation / float(np.sqrt(len(self.values)))
 
 
-def ratio(over: Sample, under: Sample) -> tuple[float, float]:
+class Ratio(NamedTuple):
+    """A value that is the mean of nothing that scatters, and its standard error."""
+
+    mean: float
+    error: float
+    deviation: None = None
+
+
+def ratio(over: Sample, under: Sample) -> Ratio:
     """Ratio of two means, and its standard error (first order)."""
     value = over.mean / under.mean
-    return value, abs(value) * float(np.hypot(over.error / over.mean, under.error / under.mean))
+    return Ratio(value, abs(value) * float(np.hypot(over.error / over.mean, under.error / under.mean)))
 
 
 class Verdict(Enum):
@@ -163,18 +172,16 @@ class Statement:
         return str(self.verdict.value)
 
 
-def of_sample(
-    subject: str, claim: Claim, sample: Sample, unit: str = "", remark: str = "", what_if: bool = False
+def against(
+    subject: str, claim: Claim, ours: Sample | Ratio, unit: str = "", remark: str = "", what_if: bool = False
 ) -> Statement:
-    """The mean of a sample against a claim."""
-    return Statement(subject, claim, sample.mean, unit, sample.deviation, sample.error, remark, what_if)
+    """The mean of a sample, or a ratio, against a claim."""
+    return Statement(subject, claim, ours.mean, unit, ours.deviation, ours.error, remark, what_if)
 
 
-def of_ratio(
-    subject: str, claim: Claim, ratio: tuple[float, float], remark: str = "", what_if: bool = False
-) -> Statement:
-    """A ratio and its standard error against a claim."""
-    return Statement(subject, claim, ratio[0], error=ratio[1], remark=remark, what_if=what_if)
+def so_what_if(claim: Claim, ours: Sample | Ratio, unit: str = "") -> Statement:
+    """The same of the rig as the source may have had it."""
+    return against("the same, what if", claim, ours, unit, WHAT_IF, what_if=True)
 
 
 def tally(statements: Iterable[Statement]) -> dict[Verdict, int]:

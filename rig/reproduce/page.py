@@ -110,7 +110,7 @@ def document(figures: Sequence[Reproduced], quick: bool) -> str:
                     {
                         "subject": statement.subject,
                         "text": statement.claim.text,
-                        "place": statement.claim.place,
+                        "place": statement.claim.place or each.figure.place,
                         "text_value": statement.claim.value,
                         "agrees_from": statement.claim.low if math.isfinite(statement.claim.low) else None,
                         "agrees_to": statement.claim.high if math.isfinite(statement.claim.high) else None,

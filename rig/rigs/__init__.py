@@ -6,18 +6,15 @@ import functools
 from collections.abc import Iterable
 
 from daq.plugins import OpenTable
-from rig.loaded_table import LoadedTable
 from rig.rigs.kind import RigKind
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, RigChannel, Role
 
-RIGS = OpenTable(
-    LoadedTable[RigKind](
-        {
-            "impact_beam": "rig.rigs.impact_beam:KIND",
-            "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
-            "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
-        }
-    ),
+RIGS = OpenTable[RigKind](
+    {
+        "impact_beam": "rig.rigs.impact_beam:KIND",
+        "planar_slider_crank": "rig.rigs.planar_slider_crank:KIND",
+        "spatial_slider_crank": "rig.rigs.spatial_slider_crank:KIND",
+    },
     "rattle.rigs",
     RigKind,
 )
@@ -33,7 +30,7 @@ def declared(channel: str) -> RigChannel | None:
 
 def unit_of(channel: str) -> str | None:
     """Unit of a channel of any rig's card; None if no rig has it."""
-    units = (kind.channel_unit(channel) for kind in RIGS.values())
+    units = (kind.channels.unit(channel) for kind in RIGS.values())
     return next((unit for unit in units if unit is not None), None)
 
 

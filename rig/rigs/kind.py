@@ -101,7 +101,3 @@ class RigKind:
         """The force channels on which impacts are counted: the first group of contacts."""
         groups = self.channels.heard(self.channels.with_role(Role.CONTACT))
         return next(iter(groups.values()), ())
-
-    def channel_unit(self, channel: str) -> str | None:
-        """Unit of a channel; None for one that the rig cannot have."""
-        return self.channels.unit(channel)

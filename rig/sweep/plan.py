@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +11,7 @@ from daq.errors import ConfigurationError, Problem
 from rig.files.bench import Bench
 from rig.files.faults import raised_by
 from rig.files.pairing import SOFT_START_FROM_S, bytes_of, check_pair, check_scenario, no_room
-from rig.files.sweep import Point, Sweep, points_named
+from rig.files.sweep import Point, Sweep, told_once
 from rig.files.sweep_axes import Value
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
@@ -67,42 +66,30 @@ def steps_of(sweep: Sweep) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def check_points(sweep: Sweep, bench: Bench, today: datetime.date, free_bytes: float = float("inf")) -> None:
-    """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once."""
+def check_points(
+    sweep: Sweep, bench: Bench | None, today: datetime.date, free_bytes: float = float("inf")
+) -> None:
+    """Raise ConfigurationError with all that forbids any point of the sweep on this bench, all at once.
 
-    def faults(point: Point) -> Iterator[Problem]:
-        yield from raised_by(lambda: check_pair(point.scenario, bench, today))
-        yield from _faults_anywhere(point, sweep.centre)
-        if sweep.centre:
-            yield from raised_by(lambda: centring_plan(point.scenario, bench))
-
-    problems = _by_points(sweep, faults) + _counting(sweep, bench)
-    problems += no_room(bytes_of((point.scenario.acquisition for point in sweep.points), bench), free_bytes)
-    if problems:
-        raise ConfigurationError(f"{sweep.source} on {bench.source}", problems)
-
-
-def check_points_anywhere(sweep: Sweep) -> None:
-    """Raise ConfigurationError with all that forbids any point of the sweep on whatever bench."""
-    problems = _by_points(sweep, lambda point: _faults_anywhere(point, sweep.centre))
-    if problems:
-        raise ConfigurationError(sweep.source, problems)
-
-
-def _by_points(sweep: Sweep, faults: Callable[[Point], Iterable[Problem]]) -> list[Problem]:
-    """The faults of all points; those that several points share once, with their numbers."""
+    Without a bench: what forbids it on any.
+    """
     found: dict[Problem, list[int]] = {}
     for point in sweep.points:
-        for problem in dict.fromkeys(faults(point)):
+        for problem in dict.fromkeys(_faults(point, bench, today, sweep.centre)):
             found.setdefault(problem, []).append(point.number)
-    return [
-        dataclasses.replace(problem, key=f"{points_named(numbers)}: {problem.key}")
-        for problem, numbers in found.items()
-    ]
+    problems, source = told_once(found), sweep.source
+    if bench is not None:
+        needed = bytes_of((point.scenario.acquisition for point in sweep.points), bench)
+        problems += [*_counting(sweep, bench), *no_room(needed, free_bytes)]
+        source = f"{sweep.source} on {bench.source}"
+    if problems:
+        raise ConfigurationError(source, problems)
 
 
-def _faults_anywhere(point: Point, centre: bool) -> Iterator[Problem]:
+def _faults(point: Point, bench: Bench | None, today: datetime.date, centre: bool) -> Iterator[Problem]:
     scenario = point.scenario
+    if bench is not None:
+        yield from raised_by(lambda: check_pair(scenario, bench, today))
     if point.path and not starts_softly(scenario.acquisition):
         allowed = (
             f"at least {SOFT_START_FROM_S:g} s with up_and_down: the drive comes through the values before"
@@ -111,6 +98,8 @@ def _faults_anywhere(point: Point, centre: bool) -> Iterator[Problem]:
     yield from raised_by(lambda: check_scenario(scenario, scenario.name), lambda: check_twin(scenario))
     if centre:
         yield from raised_by(lambda: check_centring(scenario))
+    if centre and bench is not None:
+        yield from raised_by(lambda: centring_plan(scenario, bench))
 
 
 def _counting(sweep: Sweep, bench: Bench) -> list[Problem]:

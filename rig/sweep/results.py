@@ -19,7 +19,7 @@ from rig.files.scenario import Scenario
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import numbers_of
 from rig.pages.content import Part, Sentence, Table, page
-from rig.pages.plots import BLUE, Plots, Style
+from rig.pages.plots import BLUE, FROM_ZERO, Plots, Style
 from rig.report.record import RunRecord, read_run
 from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
@@ -152,7 +152,7 @@ def _figure(sweep: Sweep, state: SweepState) -> Part:
         return Sentence(_NO_IMPACTS)
     swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
     contacts = RIGS[sweep.rig].contacts
-    unit = RIGS[sweep.rig].channel_unit(contacts[0]) if contacts else "m/s2"
+    unit = RIGS[sweep.rig].channels.unit(contacts[0]) if contacts else "m/s2"
     columns = (("impacts a cycle", A_CYCLE, ""), (f"mean peak of the impacts, {unit}", PEAK_MEAN, PEAK_SD))
     known, ticks = numbers_of(swept), dict[str, Any]()
     if known is None:  # values that are no numbers stand side by side
@@ -176,8 +176,7 @@ def _figure(sweep: Sweep, state: SweepState) -> Part:
         texts = [f"point {point.number}" for point in points]
         for column, (title, *names) in enumerate(columns):
             cell = len(columns) * row + column
-            upward = {"rangemode": "tozero"}
-            grid.axes(cell, f"{title}  {setting}".rstrip(), label, x_axis=ticks, y_axis=upward)
+            grid.axes(cell, f"{title}  {setting}".rstrip(), label, x_axis=ticks, y_axis=FROM_ZERO)
             values, deviations = ([each.get(name, nan) for each in figures] for name in names)
             x = np.resize(np.array(numbers, np.float64), len(points))
             grid.line(cell, "measured", x, values, style, deviations=deviations, texts=texts)

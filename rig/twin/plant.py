@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
 from drivers.protocols.speed_drive import InverterOutput
 from rig.twin.shaft import EmulatedMotor, ShaftCourse, SpeedChange
@@ -38,33 +38,17 @@ def resting_at(believed: BeamTwin, place: float | str, seed: int) -> BeamTwin:
     return replace(believed, rig=replace(believed.rig, rest_offset=really))
 
 
-@dataclass(frozen=True, slots=True)
-class ShakenPlantFactory:
-    """Makes the plant in the emulator's process.
+class _DrawnPlant:
+    """A rig as it was drawn; it begins at rest with the drive off.
 
     `believed` is the operator's twin with the hidden effects in; `healthy` draws the rig from `seed`, and
     what is set anew for each run (clearance, drive, noise) from `run_seed` as well.
-    `force_per_volt` in N/V is what generator, amplifier and shaker nominally make of a volt.
     """
 
-    believed: AnyTwin
-    force_per_volt: float
-    seed: int
-    run_seed: int
-    healthy: bool
-
-    def __call__(self) -> Plant[DriveSettings]:
-        return ShakenPlant(self).compiled()
-
-
-class _DrawnPlant:
-    """A rig as it was drawn; it begins at rest with the drive off."""
-
-    def __init__(self, believed: AnyTwin, factory: ShakenPlantFactory | CrankPlantFactory) -> None:
-        rig_draw = np.random.default_rng([factory.seed, 0])
-        self._noise = np.random.default_rng([factory.seed, 1, factory.run_seed])
-        model = believed.model
-        self._twin = model.draw_healthy(believed, rig_draw, self._noise) if factory.healthy else believed
+    def __init__(self, believed: AnyTwin, seed: int, run_seed: int, healthy: bool) -> None:
+        rig_draw = np.random.default_rng([seed, 0])
+        self._noise = np.random.default_rng([seed, 1, run_seed])
+        self._twin = believed.model.draw_healthy(believed, rig_draw, self._noise) if healthy else believed
         self._stream: TwinStream | None = None
 
     @property
@@ -73,11 +57,6 @@ class _DrawnPlant:
 
     def start(self, sample_rate: float) -> None:
         self._stream = self._twin.model.stream(self._twin, sample_rate, self._noise, drive_changes=True)
-
-    def compiled(self) -> Self:
-        self.start(51_200.0)
-        self.advance(64)
-        return self
 
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count), noise in."""
@@ -90,13 +69,29 @@ class _DrawnPlant:
         return self._stream
 
 
-class ShakenPlant(_DrawnPlant):
-    """A shaken rig that hears the generator's volts and gives what its sensors really show."""
+_Drawn = TypeVar("_Drawn", bound=_DrawnPlant)
 
-    def __init__(self, factory: ShakenPlantFactory) -> None:
-        drive = replace(factory.believed.drive, amplitude=1.0, frequency=1.0, offset=0.0)
-        super().__init__(replace(factory.believed, drive=drive), factory)
-        self._force_per_volt = factory.force_per_volt
+
+def compiled(kind: Callable[..., _Drawn], *drawn: Any) -> _Drawn:
+    """A plant in the emulator's process, so that nobody waits for the compiler later on."""
+    plant = kind(*drawn)
+    plant.start(51_200.0)
+    plant.advance(64)
+    return plant
+
+
+class ShakenPlant(_DrawnPlant):
+    """A shaken rig that hears the generator's volts and gives what its sensors really show.
+
+    `force_per_volt` in N/V is what generator, amplifier and shaker nominally make of a volt.
+    """
+
+    def __init__(
+        self, believed: AnyTwin, force_per_volt: float, seed: int, run_seed: int, healthy: bool
+    ) -> None:
+        drive = replace(believed.drive, amplitude=1.0, frequency=1.0, offset=0.0)
+        super().__init__(replace(believed, drive=drive), seed, run_seed, healthy)
+        self._force_per_volt = force_per_volt
 
     @property
     def really(self) -> AnyTwin:
@@ -118,31 +113,15 @@ _AHEAD_SAMPLES = 64
 """The twin's sensors look ahead for less: half the length of an anti-alias filter."""
 
 
-@dataclass(frozen=True, slots=True)
-class CrankPlantFactory:
-    """Makes the plant in the emulator's process.
-
-    `believed` is the operator's twin with the hidden effects in; `healthy` draws the rig from `seed`, and the
-    noise from `run_seed` as well. `motor` turns it.
-    """
-
-    believed: AnyTwin
-    motor: EmulatedMotor
-    seed: int
-    run_seed: int
-    healthy: bool
-
-    def __call__(self) -> Plant[InverterOutput]:
-        return CrankPlant(self).compiled()
-
-
 class CrankPlant(_DrawnPlant):
-    """A slider-crank of either kind that hears the inverter and gives what its sensors really show."""
+    """A slider-crank, which `motor` turns: hears the inverter and gives what its sensors really show."""
 
-    def __init__(self, factory: CrankPlantFactory) -> None:
-        super().__init__(factory.believed, factory)
-        self._standing = SpeedChange(0.0, factory.motor.start_angle, SpeedDrive(0.0))
-        self._course = ShaftCourse(factory.motor)
+    def __init__(
+        self, believed: AnyTwin, motor: EmulatedMotor, seed: int, run_seed: int, healthy: bool
+    ) -> None:
+        super().__init__(believed, seed, run_seed, healthy)
+        self._standing = SpeedChange(0.0, motor.start_angle, SpeedDrive(0.0))
+        self._course = ShaftCourse(motor)
         self._rate, self._made = 1.0, 0
         self._start_s, self._passed_s = 0.0, math.inf
 

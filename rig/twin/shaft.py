@@ -16,7 +16,6 @@ from typing import Final
 
 import numpy as np
 
-from drivers.protocols.encoder import Shaft
 from drivers.protocols.speed_drive import InverterOutput
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 
@@ -155,30 +154,19 @@ class ShaftCourse:
         return SpeedChange(time_s, self.angle(time_s), replace(self._motor.shape, speed=speed))
 
 
-@dataclass(frozen=True, slots=True)
-class ShaftFactory:
-    """Makes, in an encoder's process, the shaft that follows the outputs that come through `outputs`.
+class LinkedShaft:
+    """A shaft that asks at every look what has come through `outputs` since; any thread may look.
 
     `initial` is what is put out where nobody tells.
     """
 
-    motor: EmulatedMotor
-    outputs: Connection | None = None
-    initial: InverterOutput | None = None
-
-    def __call__(self) -> Shaft:
-        course = ShaftCourse(self.motor)
-        if self.initial is not None:
-            course.hear(self.initial)
-        return _LinkedShaft(course, self.outputs)
-
-
-class _LinkedShaft:
-    """A shaft that asks at every look what has been put out since; any thread may look."""
-
-    def __init__(self, course: ShaftCourse, outputs: Connection | None) -> None:
-        self._course, self._outputs = course, outputs
+    def __init__(
+        self, motor: EmulatedMotor, outputs: Connection | None = None, initial: InverterOutput | None = None
+    ) -> None:
+        self._course, self._outputs = ShaftCourse(motor), outputs
         self._looking = threading.Lock()
+        if initial is not None:
+            self._course.hear(initial)
 
     def __call__(self, time_s: float) -> float:
         with self._looking:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief, belief_of, contributions, unexplained
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.diagnosis.cause import Cause, Hypothesis, named, parts_of
+from sim_twin.diagnosis.cause import Hypothesis, named, parts_of
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
 from sim_twin.diagnosis.judging import (
@@ -24,7 +24,6 @@ from sim_twin.diagnosis.judging import (
     without_idle_partner,
 )
 from sim_twin.diagnosis.library import Library
-from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Execute, Subject
@@ -155,24 +154,20 @@ def _judged(
         with_it = (one for one in ranked if any(cause.name == name for cause in one.hypothesis))
         told_by = chosen if chosen is not None and is_chosen else next(with_it)
         at = next(k for k, one in enumerate(told_by.hypothesis) if one.name == name)
-        cause = told_by.hypothesis[at]
+        cause, wider = told_by.hypothesis[at], max(1.0, left or 1.0) if is_chosen else 1.0
+        of_cause = told_by.estimates()[parts_of(told_by.hypothesis)[at]]
         found[name] = Judged(
             cause,
             belief.of_effects.get(name, 0.0),
-            _estimates(told_by, cause, max(1.0, left or 1.0) if is_chosen else 1.0),
+            {
+                parameter.name: one.widened(wider, parameter.intervals[0][0], parameter.intervals[-1][1])
+                for parameter, one in zip(cause.parameters, of_cause, strict=True)
+            },
             named(told_by.hypothesis, told_by.best())[at],
             after,
             None if after is None else shrink_of(before, after),
         )
     return sorted(found.values(), key=lambda each: -each.probability)
-
-
-def _estimates(ranked: Ranked, cause: Cause, wider: float) -> dict[str, Estimate]:
-    at = parts_of(ranked.hypothesis)[ranked.hypothesis.index(cause)]
-    return {
-        parameter.name: estimate.widened(wider, parameter.intervals[0][0], parameter.intervals[-1][1])
-        for parameter, estimate in zip(cause.parameters, ranked.estimates()[at], strict=True)
-    }
 
 
 def _by_location(subject: Subject, ranked: Sequence[Ranked], attribution: Attribution) -> dict[str, float]:

@@ -15,7 +15,8 @@ import pytest
 
 from drivers.emulator_process import EmulatedInstrument
 from rig.twin.alignment import Alignment
-from rig.twin.plant import ShakenPlantFactory
+from rig.twin.plant import ShakenPlant
+from rig.twin.plant import compiled as compiled_plant
 from rig.twin.prediction import AlignedTwin
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import nominal_sensors
@@ -33,7 +34,7 @@ def compiled() -> None:
     """Fill the compiler's cache once, before anybody waits with a deadline: a minute in a fresh clone."""
     rig = nominal()
     twin = Twin(rig, SineDrive(9.0, 20.0), nominal_sensors(rig))
-    ShakenPlantFactory(twin, 3.6, seed=1, run_seed=1, healthy=True)().advance(512)
+    compiled_plant(ShakenPlant, twin, 3.6, 1, 1, True).advance(512)
     AlignedTwin(twin, Alignment(20.0, 0.0), 51_200.0, settle_s=0.0).advance(512)
 
 

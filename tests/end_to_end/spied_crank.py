@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,7 +25,7 @@ from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
 from drivers.protocols.speed_drive import InverterOutput
-from rig.twin.shaft import EmulatedMotor, ShaftCourse, ShaftFactory
+from rig.twin.shaft import EmulatedMotor, LinkedShaft, ShaftCourse
 from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.end_to_end.command import await_true
 
@@ -194,7 +195,7 @@ def spied_crank(
         inverter = start_inverter(InverterWiring(fork, None, ordered), InverterSetup(parameters))
         ordered.close()
         card = start_daq_card(Slipping(slips_after_s), wiring, shown.receiver)
-        sensor = start_encoder(ShaftFactory(MOTOR, sensed.receiver), encoder)
+        sensor = start_encoder(partial(LinkedShaft, MOTOR, sensed.receiver), encoder)
         spied.sender.close()
         spy = InverterSpy(spied.receiver)
         host, _, port = sensor.address.rpartition(":")

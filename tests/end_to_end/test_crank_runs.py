@@ -68,7 +68,7 @@ def rig_and_log(request: pytest.FixtureRequest) -> tuple[str, Path]:
 
 def test_every_channel_is_measured_and_predicted_over_the_same_samples(rig_and_log: tuple[str, Path]) -> None:
     rig, path = rig_and_log
-    wanted = {name: RIGS[rig].channel_unit(name) for name in RIGS[rig].channels}
+    wanted = {name: RIGS[rig].channels.unit(name) for name in RIGS[rig].channels}
     assert verify_log(path).ledger_missing == 0
     with LogReader(path) as log:
         found: dict[tuple[str, str], list[SampleBlock]] = {}

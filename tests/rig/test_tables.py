@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pkgutil import resolve_name
+
 import pytest
 import rerun  # noqa: F401 - it keeps what it opens when it is first imported, which is no test's leak
 
 from daq.quantity import Quantity, settings_of
 from rig.files.quantity import si_factor
 from rig.instruments import INSTRUMENTS, actuator_of
-from rig.loaded_table import loaded
 from rig.rigs import RIGS
 
 
@@ -17,7 +18,7 @@ def test_a_rig_is_what_the_table_calls_it(name: str) -> None:
     kind = RIGS[name]
     assert (kind.name, kind.nominal().model.name) == (name, name)
     assert kind.nominal().model.parameters is kind.parameters
-    assert loaded(kind.picture).rig == name
+    assert resolve_name(kind.picture).rig == name
     assert set(kind.set_up) | set(kind.by_hand) <= set(kind.model)
     assert actuator_of(kind.actuator).highest
     assert set(kind.extras) <= set(INSTRUMENTS)
@@ -34,12 +35,12 @@ def test_a_default_may_stand_in_a_file(name: str) -> None:
 @pytest.mark.parametrize("table", INSTRUMENTS)
 def test_every_place_of_an_instrument_is_there(table: str) -> None:
     instrument = INSTRUMENTS[table]
-    assert callable(loaded(instrument.settings).place)
-    assert all(callable(loaded(place)) for place in instrument.drivers.values())
+    assert callable(resolve_name(instrument.settings).place)
+    assert all(callable(resolve_name(place)) for place in instrument.drivers.values())
     if instrument.emulator:
-        assert callable(loaded(instrument.emulator))
+        assert callable(resolve_name(instrument.emulator))
     if instrument.actuator is not None:
         asked = instrument.actuator
         places = (asked.beyond, asked.hurried, asked.rig, asked.devices)
-        assert all(callable(loaded(place)) for place in places)
-        assert hasattr(loaded(instrument.settings), asked.highest)
+        assert all(callable(resolve_name(place)) for place in places)
+        assert hasattr(resolve_name(instrument.settings), asked.highest)

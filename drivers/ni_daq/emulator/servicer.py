@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -122,6 +122,15 @@ class DeviceCalls(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         if name not in self._devices:
             raise DaqmxError(DAQmxErrors.INVALID_DEVICE_ID, f"there is no device {name}")
         return name
+
+
+def _of_task(response: Any, values: Mapping[int, Callable[[Task], object]]) -> Any:
+    """A call for one of the attributes of a task."""
+
+    def call(self: CardServicer, request: Any, context: Any) -> Any:
+        return response(value=lookup(values, request.attribute_raw)(self._task(request)))
+
+    return call
 
 
 class CardServicer(DeviceCalls):
@@ -243,9 +252,10 @@ class CardServicer(DeviceCalls):
         task.buffer_size = max(int(request.samps_per_chan), 2)
         return messages.CfgSampClkTimingResponse()
 
-    def GetTimingAttributeDouble(self, request: Any, context: Any) -> Any:
-        values = {0x1344: self._task(request).sample_rate}  # samp_clk_rate
-        return messages.GetTimingAttributeDoubleResponse(value=lookup(values, request.attribute_raw))
+    GetTimingAttributeDouble = _of_task(
+        messages.GetTimingAttributeDoubleResponse,
+        {0x1344: lambda task: task.sample_rate},  # samp_clk_rate
+    )
 
     def GetTimingAttributeBool(self, request: Any, context: Any) -> Any:
         values = {STAMP_ENABLED: self._task(request).stamped} if self._wiring.stamps_start else {}
@@ -266,33 +276,22 @@ class CardServicer(DeviceCalls):
         stamp.FromNanoseconds(self._task(request).running().started_ns)
         return messages.WaitForValidTimestampResponse(timestamp=stamp)
 
-    def GetTaskAttributeString(self, request: Any, context: Any) -> Any:
-        value = lookup(TASK_STRING, request.attribute_raw)(self._task(request))
-        return messages.GetTaskAttributeStringResponse(value=value)
-
-    def GetTaskAttributeUInt32(self, request: Any, context: Any) -> Any:
-        values = {0x2181: len(self._task(request).channels)}  # number_of_channels
-        return messages.GetTaskAttributeUInt32Response(value=lookup(values, request.attribute_raw))
-
-    def GetBufferAttributeUInt32(self, request: Any, context: Any) -> Any:
-        values = {0x186C: self._task(request).buffer_size}  # input_buf_size
-        return messages.GetBufferAttributeUInt32Response(value=lookup(values, request.attribute_raw))
-
-    def GetReadAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = lookup(READ_UINT32, request.attribute_raw)(self._task(request))
-        return messages.GetReadAttributeUInt32Response(value=value)
-
-    def GetReadAttributeUInt64(self, request: Any, context: Any) -> Any:
-        values = {0x192A: self._task(request).buffer().made}  # total_samp_per_chan_acquired
-        return messages.GetReadAttributeUInt64Response(value=lookup(values, request.attribute_raw))
-
-    def GetReadAttributeBool(self, request: Any, context: Any) -> Any:
-        value = lookup(READ_BOOL, request.attribute_raw)(self._task(request))
-        return messages.GetReadAttributeBoolResponse(value=value)
-
-    def GetReadAttributeString(self, request: Any, context: Any) -> Any:
-        value = lookup(READ_STRING, request.attribute_raw)(self._task(request))
-        return messages.GetReadAttributeStringResponse(value=value)
+    GetTaskAttributeString = _of_task(messages.GetTaskAttributeStringResponse, TASK_STRING)
+    GetTaskAttributeUInt32 = _of_task(
+        messages.GetTaskAttributeUInt32Response,
+        {0x2181: lambda task: len(task.channels)},  # number_of_channels
+    )
+    GetBufferAttributeUInt32 = _of_task(
+        messages.GetBufferAttributeUInt32Response,
+        {0x186C: lambda task: task.buffer_size},  # input_buf_size
+    )
+    GetReadAttributeUInt32 = _of_task(messages.GetReadAttributeUInt32Response, READ_UINT32)
+    GetReadAttributeUInt64 = _of_task(
+        messages.GetReadAttributeUInt64Response,
+        {0x192A: lambda task: task.buffer().made},  # total_samp_per_chan_acquired
+    )
+    GetReadAttributeBool = _of_task(messages.GetReadAttributeBoolResponse, READ_BOOL)
+    GetReadAttributeString = _of_task(messages.GetReadAttributeStringResponse, READ_STRING)
 
     def TaskControl(self, request: Any, context: Any) -> Any:
         if request.action_raw != TaskMode.TASK_COMMIT.value:

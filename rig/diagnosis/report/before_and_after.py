@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.diagnosis.report.case import Array, Case, floors, unit_words, within
 from rig.pages.content import Part, Sentence
-from rig.pages.plots import BLACK, BLUE, ORANGE, Plots, Style
+from rig.pages.plots import BLACK, BLUE, FROM_ZERO, ORANGE, Plots, Style
 from rig.pages.words import estimate, listed
 from sim_twin.diagnosis.fingerprint import SLICES, Cell
 from sim_twin.diagnosis.latent_force import Curve
@@ -42,15 +42,15 @@ def parts(case: Case) -> list[Part]:
         ]
     plots = Plots(len(shown), len(_TITLES), _ROW_PX, legend=True)
     for row, (name, run) in enumerate(shown):
-        _spectrum(plots, len(_TITLES) * row, case, name, run)
-        cell = len(_TITLES) * row + 1
+        cell = len(_TITLES) * row
+        _spectrum(plots, cell, case, name, run)
         at = _cells(case, name, run, "rms")
         phases = _edges([case.cells[k] for k in at])
         rms = f"rms, {unit_words(case.unit(run, name))}"
-        x, y = {"range": [0, 1]}, {"rangemode": "tozero"}
-        plots.axes(cell, "rms over the cycle", "part of the cycle", rms, x_axis=x, y_axis=y)
-        _draw(plots, cell, case, at, phases, lambda values: np.exp(values / 2))
-        _peaks(plots, len(_TITLES) * row + 2, case, name, run)
+        whole = {"range": [0, 1]}
+        plots.axes(cell + 1, "rms over the cycle", "part of the cycle", rms, x_axis=whole, y_axis=FROM_ZERO)
+        _draw(plots, cell + 1, case, at, phases, lambda values: np.exp(values / 2))
+        _peaks(plots, cell + 2, case, name, run)
     told = []
     for name, run in shown:
         sizes = f"{floors(case.gap_of(within(name, run)))} before"
@@ -82,7 +82,7 @@ def _peaks(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
     at = _cells(case, channel, run, "peak")
     peak = f"peak, {unit_words(case.unit(run, channel))}"
     x = {"tickvals": list(range(SLICES)), "ticktext": ["weakest", "", "middle", "", "strongest"]}
-    plots.axes(cell, "peaks", "fifth of the cycles", peak, x_axis=x, y_axis={"rangemode": "tozero"})
+    plots.axes(cell, "peaks", "fifth of the cycles", peak, x_axis=x, y_axis=FROM_ZERO)
     if not at:
         return
     fifths = np.arange(SLICES, dtype=np.float64)

@@ -105,11 +105,6 @@ class Case:
     folder: Path = Path()
 
     @property
-    def verdict(self) -> str:
-        """The most probable of "none", "effect" and "unknown"."""
-        return self.findings.verdict
-
-    @property
     def judged(self) -> list[Judged]:
         """Every effect, most probable first."""
         return sorted(self.findings.judged, key=lambda each: -each.probability)

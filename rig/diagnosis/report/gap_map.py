@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,32 +29,31 @@ _VIEWS: dict[str, tuple[str, _Column]] = {
 
 def parts(case: Case) -> list[Part]:
     """Shares of the places, a map for each run, and the largest cells."""
-    maps: list[Part] = [_map(case, run) for run in case.run_numbers]
-    states = {"before": False, "after": True} if case.repaired else {"before": False}
+    states = {"before": case.cell_gaps(after=False)}
+    if case.repaired:
+        states["after"] = case.cell_gaps(after=True)
     names = {name: (lambda cell, name=name: cell.channel == name) for name in case.channels}
     caption = "Gap of each channel"
     if len(case.run_numbers) > 1:
         names |= {case.run_name(k): (lambda cell, k=k: cell.run == k) for k in case.run_numbers}
         caption += " and run"
     rows = [
-        [name, *(floors(case.gap_of(chosen, after)) for after in states.values())]
+        [name, *(floors(case.gap_of(chosen, state == "after")) for state in states)]
         for name, chosen in names.items()
     ]
-    several, repaired = len(case.run_numbers) > 1, case.repaired
-    before, after = case.cell_gaps(after=False), case.cell_gaps(after=True)
+    several = len(case.run_numbers) > 1
     largest = [
         [
             cell_words(case.cells[k]),
             *([case.run_name(case.cells[k].run)] if several else []),
-            floors(before[k]),
-            *([floors(after[k])] if repaired else []),
+            *(floors(gaps[k]) for gaps in states.values()),
         ]
-        for k in np.argsort(-before)[:_LARGEST]
+        for k in np.argsort(-states["before"])[:_LARGEST]
     ]
-    headings = ["cell", *(["run"] if several else []), "before", *(["after"] if repaired else [])]
+    headings = ["cell", *(["run"] if several else []), *states]
     return [
         Sentence(_HOW),
-        *maps,
+        *(_map(case, run, states) for run in case.run_numbers),
         *_places(case),
         Table(["channel", *states], rows, caption),
         Table(headings, largest, f"The {len(largest)} largest gaps"),
@@ -63,7 +62,7 @@ def parts(case: Case) -> list[Part]:
 
 def _places(case: Case) -> list[Part]:
     shares = sorted(case.findings.by_location.items(), key=lambda each: -each[1])
-    if not shares or case.verdict == "none":
+    if not shares or case.findings.verdict == "none":
         return [Sentence("No place has a share: nothing is believed to be missing.")]
     rows = [Bar(location, share, probability(share)) for location, share in shares if share >= _WORTH_TELLING]
     rest = 1 - sum(row.share for row in rows)
@@ -71,11 +70,8 @@ def _places(case: Case) -> list[Part]:
     return [BarTable(("location", "share"), rows, "Share of the gap that effects at a place explain")]
 
 
-def _map(case: Case, run: int) -> Figure:
+def _map(case: Case, run: int, states: Mapping[str, Array]) -> Figure:
     names = case.channels[::-1]
-    states = {"before": case.cell_gaps(after=False)}
-    if case.repaired:
-        states["after"] = case.cell_gaps(after=True)
     at = [k for k, cell in enumerate(case.cells) if cell.run == run]
     cells = [case.cells[k] for k in at]
     views = {

@@ -25,9 +25,9 @@ def parts(case: Case) -> list[Part]:
     """Two sentences, the numbers that matter, and what was lost of the recordings."""
     lost = [Sentence(remark, warning=True) for remark in case.remarks]
     found, gap = case.findings, case.findings.gap
-    sure = {"effect": found.effect, "none": found.none, "unknown": found.unknown}[case.verdict]
+    sure = {"effect": found.effect, "none": found.none, "unknown": found.unknown}[found.verdict]
     numbers = [
-        BigNumber("Verdict", case.verdict, f"probability {probability(sure)}"),
+        BigNumber("Verdict", found.verdict, f"probability {probability(sure)}"),
         BigNumber("Gap before", floors(gap.before), "nominal twin; 1.0 = healthy"),
     ]
     if case.repaired:
@@ -45,7 +45,7 @@ def parts(case: Case) -> list[Part]:
 
 def sentences(case: Case) -> tuple[str, str]:
     """What, where, how sure; then how far the gap shrinks, where the rest lies, or what could have hidden."""
-    return {"effect": _effect, "none": _none, "unknown": _unknown}[case.verdict](case)
+    return {"effect": _effect, "none": _none, "unknown": _unknown}[case.findings.verdict](case)
 
 
 def _effect(case: Case) -> tuple[str, str]:

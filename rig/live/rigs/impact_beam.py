@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.log.records import Impact
 from rig.live import paths
-from rig.live.picture import Layout, OwnViews, Stage
+from rig.live.picture import Layout, OwnViews, Stage, looking
 from rig.live.series import over_time, points_style
 from rig.stream import Record, Shape
 
@@ -51,13 +51,8 @@ class BeamPicture:
 
     def views(self, shown: Layout) -> OwnViews:
         """The beam, and where its contact forces are among the channels, their impacts."""
-        length, stop_mm = self.length_m, 1000 * self.clearance_m
-        eye = rrb.EyeControls3D(
-            position=(0.42 * length, -0.95 * length, 0.3 * length),
-            look_target=(0.52 * length, 0.0, 0.0),
-            eye_up=(0.0, 0.0, 1.0),
-        )
-        name = f"Predicted beam, stops ±{stop_mm:.3f} mm, drawn {self.magnification:.0f} x"
+        eye = looking(self.length_m, (0.42, -0.95, 0.3), (0.52, 0.0, 0.0))
+        name = f"Predicted beam, stops ±{1000 * self.clearance_m:.3f} mm, drawn {self.magnification:.0f} x"
         view = rrb.Spatial3DView(origin=paths.BEAM, name=name, line_grid=False, eye_controls=eye)
         beam: tuple[rrb.View, float] = (view, 3.0)
         if not any(side in shown.units for side in _SIDES):

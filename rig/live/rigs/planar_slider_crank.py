@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rig.live.crank_picture import CrankPicture
 from rig.live.mechanism import SQUARE, Bar, Body, Box, Joint, Pose, Solid, turned_to
+from rig.live.picture import looking
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS
 
@@ -41,12 +42,7 @@ class PlanarCrankPicture(CrankPicture):
         return cls(rig.crank_length, rig.rod_length, rig.clearance_1, rig.clearance_2, twin.drive.mean_speed)
 
     def eye(self) -> rrb.EyeControls3D:
-        length = self.rod_m
-        return rrb.EyeControls3D(
-            position=(0.45 * length, 0.2 * length, 0.85 * length),
-            look_target=(0.52 * length, 0.0, 0.0),
-            eye_up=(0.0, 1.0, 0.0),
-        )
+        return looking(self.rod_m, (0.45, 0.2, 0.85), (0.52, 0.0, 0.0), up=(0.0, 1.0, 0.0))
 
     def fixed(self) -> tuple[Solid, ...]:
         """The crank's bearing, and the guide's two rails along the stroke."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rig.live.crank_picture import CrankPicture
 from rig.live.mechanism import SQUARE, Bar, Body, Box, Joint, Pose, Solid, turned_to
+from rig.live.picture import looking
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
 
@@ -59,12 +60,7 @@ class SpatialCrankPicture(CrankPicture):
 
     def eye(self) -> rrb.EyeControls3D:
         """From the side, a little from above and from behind the crank."""
-        length = self.rod_m
-        return rrb.EyeControls3D(
-            position=(0.3 * length, -0.9 * length, 0.4 * length),
-            look_target=(0.48 * length, 0.0, 0.0),
-            eye_up=(0.0, 0.0, 1.0),
-        )
+        return looking(self.rod_m, (0.3, -0.9, 0.4), (0.48, 0.0, 0.0))
 
     def fixed(self) -> tuple[Solid, ...]:
         """The guide along the stroke, and the crank's axle."""

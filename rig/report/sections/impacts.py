@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.pages.content import Figure, Part, Sentence, Table
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import difference, number
 from rig.report.crank_figures import GroupImpacts, impacts_by_group
 from rig.report.record import ORIGINS, RunRecord
-from rig.report.summary import half_cycles_of
+from rig.report.summary import half_cycles_of, mean_and_deviation
 
 _ROW_PX = 230
 _COLUMNS = 2
@@ -63,10 +63,9 @@ def parts(run: RunRecord) -> list[Part]:
                     span + number(most, each.unit),
                     str(len(each.peak)),
                     number(each.a_revolution),
-                    number(each.mean, each.unit),
-                    number(each.deviation, each.unit),
+                    *(number(value, each.unit) for value in each.spread),
                     number(float(each.peak.max()) if len(each.peak) else None, each.unit),
-                    "" if against is None else difference(each.mean, against.mean),
+                    "" if against is None else difference(each.spread[0], against.spread[0]),
                 ]
             )
     headings = (
@@ -84,8 +83,8 @@ def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
         unit = next(iter(by_whose.values())).unit
         titles = f"peak of each impact, {unit or '-'}", f"impacts a revolution in each {_BIN_DEG}°"
         for cell, title in zip((left, right), titles, strict=True):
-            upward, title = {"rangemode": "tozero"}, f"{group}: {title}"
-            plots.axes(cell, title, "crank angle, °", x_axis=degrees, y_axis=upward, share_x_with=0)
+            title = f"{group}: {title}"
+            plots.axes(cell, title, "crank angle, °", x_axis=degrees, y_axis=FROM_ZERO, share_x_with=0)
         for whose, each in by_whose.items():
             placed = np.flatnonzero(np.isfinite(each.angle_deg))
             # at most so many, evenly chosen, that the page stays small
@@ -144,8 +143,7 @@ def peaks(run: RunRecord) -> list[Part]:
         _draw(plots, column, name, peaks)
         measured = peaks.get("measured")
         for whose, values in peaks.items():
-            deviation = float(np.std(values, ddof=1)) if len(values) > 1 else None
-            numbers = (float(values.mean()), deviation, float(values.min()), float(values.max()))
+            numbers = (*mean_and_deviation(values), float(values.min()), float(values.max()))
             against = ""
             if measured is not None and whose != "measured":
                 against = difference(numbers[0], float(measured.mean()))
@@ -161,7 +159,7 @@ def peaks(run: RunRecord) -> list[Part]:
 def _draw(plots: Plots, column: int, name: str, peaks: Peaks) -> None:
     """A histogram above the distribution function, both over one force axis."""
     upper, lower = column, column + 2
-    plots.axes(upper, f"{name}: half cycles per bin", _FORCE, y_axis={"rangemode": "tozero"})
+    plots.axes(upper, f"{name}: half cycles per bin", _FORCE, y_axis=FROM_ZERO)
     title = f"{name}: share of half cycles up to this force"
     plots.axes(lower, title, _FORCE, y_axis={"range": [0, 1.02]}, share_x_with=upper)
     together = np.concatenate(list(peaks.values()))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rig.pages.content import BigNumber, BigNumbers, Part, Sentence, Table
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import DASH, counted, difference, number, spread
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Tally
@@ -69,13 +69,8 @@ def _comparison(run: RunRecord) -> list[Part]:
     # bars from left to right, the channels from top to bottom in the order of the run
     grid = Plots(rows=1, columns=1, row_px=_ROW_PX * len(channels) + 10)
     names = {"tickvals": list(range(len(channels))), "ticktext": [each.channel for each in channels]}
-    grid.axes(
-        0,
-        "Distance to the measurement",
-        "dB",
-        x_axis={"rangemode": "tozero"},
-        y_axis={**names, "autorange": "reversed"},
-    )
+    downward = {**names, "autorange": "reversed"}
+    grid.axes(0, "Distance to the measurement", "dB", x_axis=FROM_ZERO, y_axis=downward)
     rows = np.arange(len(channels), dtype=np.float64)
     for whose, lengths in (
         ("measured", [each.halves_db for each in channels]),
@@ -106,7 +101,7 @@ def _impact_numbers(run: RunRecord) -> list[BigNumber]:
     for group, by_whose in impacts_by_group(run).items():
         if any(len(each.peak) for each in by_whose.values()):
             unit = next(iter(by_whose.values())).unit
-            peaks = {whose: (each.mean, each.deviation) for whose, each in by_whose.items()}
+            peaks = {whose: each.spread for whose, each in by_whose.items()}
             numbers.append(_peaks(f"Peak of an impact, {group}", unit, peaks))
     return numbers
 

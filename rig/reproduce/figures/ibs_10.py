@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import (
     WHAT_IF_AMPLITUDE_N,
@@ -25,7 +25,6 @@ _CAUSE_UNKNOWN = (
     "A real gap with an unknown cause: peaks do hang on the frequency and scatter, but no physically "
     "reasonable shaker or damping that was tried gives the text's 80 N."
 )
-_PLACE = "3D, Fig. 10"
 _FREQUENCIES, _PEAKS = 27, 15
 _FEW = 7
 _CLEARANCE_MM = 0.127
@@ -82,7 +81,7 @@ def _compute(effort: paper.Effort) -> paper.Outcome:
     }
     longer = {at: Band(f, [first_peaks(rig, each, cycles / each) for each in f]) for at, f in around.items()}
     modes = lowest_modes(beam().beam.elastic(), _RIGID_MODES + 1)
-    claim = paper.about(430.0, "approximately 430 Hz", _PLACE)
+    claim = paper.about(430.0, "approximately 430 Hz")
     frequency = float(modes.omega[_RIGID_MODES] / (2 * np.pi))
     statements = [
         *_at_20(bands[20], longer[20], shaken[20]),
@@ -93,8 +92,7 @@ def _compute(effort: paper.Effort) -> paper.Outcome:
     ]
     chart = Plots(rows=1, columns=2, row_px=330, legend=True)
     for cell, (hz, band) in enumerate(bands.items()):
-        upward = {"rangemode": "tozero"}
-        chart.axes(cell, f"around {hz} Hz", "drive frequency, Hz", "peak force, N", y_axis=upward)
+        chart.axes(cell, f"around {hz} Hz", "drive frequency, Hz", "peak force, N", y_axis=FROM_ZERO)
         f = band.frequencies
         chart.line(cell, "ours, 15 peaks", f, band.means, paper.OURS, deviations=band.deviations)
         chart.line(cell, f"ours, mean of {2 * cycles} peaks", f, longer[hz].means, paper.SECOND_LINE)
@@ -109,17 +107,17 @@ def _compute(effort: paper.Effort) -> paper.Outcome:
 
 def _at_20(fast: Band, longer: Band, shaken: Band) -> list[paper.Statement]:
     low, high = fast.at(_LOW_HZ), fast.at(_HIGH_HZ)
-    change = paper.about(150.0, "an increase of 150 %", _PLACE)
+    change = paper.about(150.0, "an increase of 150 %")
     return [
-        paper.of_sample(
+        paper.against(
             "mean of 15 peaks at 19.5 Hz",
-            paper.about(31.0, "approximately 31 N", _PLACE),
+            paper.about(31.0, "approximately 31 N"),
             low,
             "N",
             _more(longer, _LOW_HZ),
         ),
-        paper.of_sample(
-            "mean of 15 peaks at 21 Hz", paper.about(80.0, "80 N", _PLACE), high, "N", _more(longer, _HIGH_HZ)
+        paper.against(
+            "mean of 15 peaks at 21 Hz", paper.about(80.0, "80 N"), high, "N", _more(longer, _HIGH_HZ)
         ),
         paper.Statement(
             "change of the mean from 19.5 to 21 Hz",
@@ -138,12 +136,12 @@ def _at_20(fast: Band, longer: Band, shaken: Band) -> list[paper.Statement]:
         paper.Statement("the same, what if", change, shaken.change, "%", remark=paper.WHAT_IF, what_if=True),
         paper.Statement(
             "scatter at 19.5 Hz: deviation over mean",
-            paper.about(10.0, "about 10 % of the mean", _PLACE),
+            paper.about(10.0, "about 10 % of the mean"),
             *_scatter(low),
         ),
         paper.Statement(
             "scatter at 21 Hz: deviation over mean",
-            paper.about(33.0, "approximately 33 % of the mean", _PLACE),
+            paper.about(33.0, "approximately 33 % of the mean"),
             *_scatter(high),
             _CAUSE_UNKNOWN,
         ),
@@ -154,24 +152,24 @@ def _at_5(slow: Band, fast: Band) -> list[paper.Statement]:
     return [
         paper.Statement(
             "around 5 Hz: largest over smallest mean, less one",
-            paper.about(60.0, "around 60 %", _PLACE),
+            paper.about(60.0, "around 60 %"),
             slow.change,
             "%",
             remark="27 frequencies from 4.74 to 5.26 Hz; the text does not say how wide its band was.",
         ),
         paper.Statement(
             "change of the mean around 5 Hz over that around 20 Hz",
-            paper.below(1.0, "less variability than around 20 Hz", _PLACE),
+            paper.below(1.0, "less variability than around 20 Hz"),
             slow.change / fast.change,
         ),
         paper.Statement(
             "median deviation around 5 Hz over that around 20 Hz",
-            paper.below(1.0, "consistently smaller than around 20 Hz", _PLACE),
+            paper.below(1.0, "consistently smaller than around 20 Hz"),
             float(np.median(slow.deviations) / np.median(fast.deviations)),
         ),
         paper.Statement(
             "share of 5 Hz deviations below the median one at 20 Hz",
-            paper.above(90.0, "consistently smaller than around 20 Hz", _PLACE),
+            paper.above(90.0, "consistently smaller than around 20 Hz"),
             100 * float(np.mean(slow.deviations < np.median(fast.deviations))),
             "%",
         ),
@@ -189,4 +187,6 @@ def _scatter(ensemble: paper.Sample) -> tuple[float, str, None, float]:
     return share, "%", None, share / float(np.sqrt(2 * (len(ensemble.values) - 1)))
 
 
-FIGURE = paper.PaperFigure("ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", _PLACE, _compute)
+FIGURE = paper.PaperFigure(
+    "ibs-10", "Peak force over drive frequency, around 20 and 5 Hz", "3D, Fig. 10", _compute
+)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import DRIVE_N, RATE, Forces, beam, first_peaks, forces, whole_half_cycles
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
@@ -63,17 +63,16 @@ def remaining(run: Forces) -> paper.Sample:
 def _compute_12(effort: paper.Effort) -> paper.Outcome:
     slow = forces(on_base(effort, 0.127), SineDrive(DRIVE_N, 5.0), effort.of(20.0, 2.0))
     fast = forces(on_base(effort, 0.127), SineDrive(DRIVE_N, 20.0), effort.of(10.0, 1.0))
-    place = "3D, Fig. 12"
     statements = [
-        paper.of_sample(
+        paper.against(
             "base vibration before the next impact over the largest, 5 Hz",
-            paper.below(_DECAYED, "decays almost entirely between impacts", place),
+            paper.below(_DECAYED, "decays almost entirely between impacts"),
             remaining(slow),
             remark=f"Rms over 2.5 ms. Counted as almost entirely: below {_DECAYED:g}. {_BASE_DAMPING}",
         ),
-        paper.of_sample(
+        paper.against(
             "the same, 20 Hz",
-            paper.above(_DECAYED, "does not decay between impacts", place),
+            paper.above(_DECAYED, "does not decay between impacts"),
             remaining(fast),
             remark=_BASE_DAMPING,
         ),
@@ -95,33 +94,36 @@ def _compute_13(effort: paper.Effort) -> paper.Outcome:
         for cover in _COVERS
         for g in clearances
     }
-    place = "3D, Fig. 13"
     statements = [
         *(
-            paper.of_ratio(
+            paper.against(
                 f"{cover} cover over no cover, {frequency:g} Hz",
                 claim,
                 _mean_ratio(peaks, frequency, cover, "none", clearances),
-                _COVERS_ASSUMED,
+                remark=_COVERS_ASSUMED,
             )
             for frequency, claim in (
-                (20.0, paper.between(_SLIGHTLY[0], 1.0, "slightly reduced", place)),
-                (5.0, paper.between(1.0, _SLIGHTLY[1], "slightly increased", place)),
+                (20.0, paper.between(_SLIGHTLY[0], 1.0, "slightly reduced")),
+                (5.0, paper.between(1.0, _SLIGHTLY[1], "slightly increased")),
             )
             for cover in _COVERS[1:]
         ),
-        paper.of_ratio(
+        paper.against(
             "fibreglass over aluminium cover, both frequencies",
-            paper.between(1 - _ALIKE, 1 + _ALIKE, "no significant difference", place),
+            paper.between(1 - _ALIKE, 1 + _ALIKE, "no significant difference"),
             _middle([_mean_ratio(peaks, f, "fibreglass", "aluminium", clearances) for f in (5.0, 20.0)]),
-            "Counted as none: within 3 %.",
+            remark="Counted as none: within 3 %.",
         ),
     ]
     chart = Plots(rows=1, columns=2, row_px=300, legend=True)
-    zero = {"rangemode": "tozero"}
     for cell, frequency in enumerate((5.0, 20.0)):
         chart.axes(
-            cell, f"{frequency:g} Hz", "clearance ±, mm", "mean initial peak, N", x_axis=zero, y_axis=zero
+            cell,
+            f"{frequency:g} Hz",
+            "clearance ±, mm",
+            "mean initial peak, N",
+            x_axis=FROM_ZERO,
+            y_axis=FROM_ZERO,
         )
         for cover, style in zip(_COVERS, (paper.OURS, paper.SECOND, paper.THIRD), strict=True):
             means = [peaks[frequency, cover, g].mean for g in clearances]
@@ -137,53 +139,55 @@ def _mean_ratio(
     over: str,
     under: str,
     clearances: Sequence[float],
-) -> tuple[float, float]:
+) -> paper.Ratio:
     """Mean over the clearances of the ratio of mean peaks, and its standard error."""
     return _middle([paper.ratio(peaks[frequency, over, g], peaks[frequency, under, g]) for g in clearances])
 
 
-def _middle(ratios: list[tuple[float, float]]) -> tuple[float, float]:
-    values, errors = np.array(ratios).T
-    return float(values.mean()), float(np.sqrt(np.sum(errors**2)) / len(errors))
+def _middle(ratios: list[paper.Ratio]) -> paper.Ratio:
+    errors = np.array([each.error for each in ratios])
+    mean = float(np.mean([each.mean for each in ratios]))
+    return paper.Ratio(mean, float(np.sqrt(np.sum(errors**2)) / len(errors)))
 
 
 def _compute_table_3(effort: paper.Effort) -> paper.Outcome:
-    duration, place = effort.of(40.0, 2.0), "3D, Table 3"
+    duration = effort.of(40.0, 2.0)
     statements, rigid, flexible = [], [], []
     for g, (rigid_n, flexible_n) in _TABLE_3.items():
         rigid.append(first_peaks(beam(g), 5.0, duration))
         flexible.append(first_peaks(on_base(effort, g), 5.0, duration))
         reduction = 1 - flexible_n / rigid_n
         said = f"{rigid_n:g} N to {flexible_n:g} N: {100 * reduction:.0f} %"
-        share, error = paper.ratio(flexible[-1], rigid[-1])
+        share = paper.ratio(flexible[-1], rigid[-1])
         statements += [
-            paper.of_sample(
+            paper.against(
                 f"rigid base, ±{g:g} mm, 5 Hz",
-                paper.about(rigid_n, f"{rigid_n:g} N", place),
+                paper.about(rigid_n, f"{rigid_n:g} N"),
                 rigid[-1],
                 "N",
                 paper.LEVEL,
             ),
-            paper.of_sample(
+            paper.against(
                 f"flexible base, ±{g:g} mm, 5 Hz",
-                paper.about(flexible_n, f"{flexible_n:g} N", place),
+                paper.about(flexible_n, f"{flexible_n:g} N"),
                 flexible[-1],
                 "N",
             ),
             paper.Statement(
                 f"reduction by the flexible base, ±{g:g} mm",
-                paper.about(100 * reduction, said, place),
-                100 * (1 - share),
+                paper.about(100 * reduction, said),
+                100 * (1 - share.mean),
                 "%",
-                error=100 * error,
+                error=100 * share.error,
                 remark=_BASE,
             ),
         ]
     chart = Plots(rows=1, columns=2, row_px=280, legend=True)
     clearances = list(_TABLE_3)
     for cell, (title, ours) in enumerate((("rigid base", rigid), ("flexible base", flexible))):
-        axis = {"rangemode": "tozero"}
-        chart.axes(cell, title, "clearance ±, mm", "initial peak, N", x_axis=axis, y_axis={"range": [0, 80]})
+        chart.axes(
+            cell, title, "clearance ±, mm", "initial peak, N", x_axis=FROM_ZERO, y_axis={"range": [0, 80]}
+        )
         means, deviations = [each.mean for each in ours], [each.deviation for each in ours]
         chart.line(cell, "ours", clearances, means, paper.OURS, deviations=deviations)
         chart.line(cell, "text (model)", clearances, [_TABLE_3[g][cell] for g in clearances], paper.TEXT)

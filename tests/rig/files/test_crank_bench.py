@@ -82,7 +82,7 @@ def test_embedded_bench_of_a_crank_has_all_its_channels(rig: str) -> None:
     bench = embedded_bench(rig)
     assert bench.emulated == ("inverter", "daq_card")
     units = {channel.name: channel.unit for channel in bench.daq_card.channels}
-    assert units == {name: RIGS[rig].channel_unit(name) for name in RIGS[rig].channels}
+    assert units == {name: RIGS[rig].channels.unit(name) for name in RIGS[rig].channels}
     check_pair(parse_scenario((SCENARIOS / f"{rig}.toml").read_text()), bench, TODAY)
     assert pickle.loads(pickle.dumps(bench)) == bench  # noqa: S301
 

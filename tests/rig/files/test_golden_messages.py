@@ -21,7 +21,7 @@ from rig.files.model_file import load_model
 from rig.files.pairing import check_bench, check_pair, check_scenario
 from rig.files.scenario import load_scenario, parse_scenario
 from rig.files.sweep import load_sweep
-from rig.sweep.plan import check_points_anywhere
+from rig.sweep.plan import check_points
 from rig.twin.scenario_twin import check_twin, twin_of, with_effects
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -53,7 +53,7 @@ def _bench(path: Path, name: str) -> None:
 
 def _sweep(path: Path, _: str) -> None:
     path.with_name("beam.toml").write_text(BEAM)
-    check_points_anywhere(load_sweep(path))
+    check_points(load_sweep(path), None, TODAY)
 
 
 def _effects(path: Path, name: str) -> None:

@@ -15,7 +15,7 @@ from rig.report.sections.impacts import peaks
 from rig.report.sections.overlays import Cycle, cycle_of, mean_cycle
 from rig.report.sections.overlays import parts as overlays
 from rig.report.sections.summary import parts as summary
-from rig.report.summary import closeness, overall_closeness
+from rig.report.summary import closeness
 from tests.rig.synthetic_run import DRIVE_HZ, PEAK_N, write_log
 
 THREE = ("measured", "nominal", "repaired")
@@ -45,7 +45,7 @@ def test_closeness_is_the_ratio_of_sizes_in_decibels(run: RunRecord) -> None:
 
 def test_a_run_without_nominal_twin_has_no_closeness_and_no_repaired_twin(tmp_path: Path) -> None:
     plain = write_log(tmp_path / "run.mcap", 0.2)
-    assert overall_closeness(read_run(plain)) is None
+    assert closeness(read_run(plain)) == []
     page = render(read_run(plain))
     assert "epaired" not in page.partition("<main>")[2].partition("</main>")[0]
 

@@ -14,9 +14,9 @@ from rig.reproduce.figure import (
     Verdict,
     about,
     above,
+    against,
     below,
     between,
-    of_sample,
     ratio,
     tally,
 )
@@ -69,7 +69,7 @@ def test_mean_deviation_and_error_of_a_sample() -> None:
 def test_the_error_of_a_ratio_is_that_of_many_drawn_ratios() -> None:
     rng = np.random.default_rng(1)
     over, under = rng.normal(30.0, 3.0, 400), rng.normal(20.0, 2.0, 400)
-    value, error = ratio(Sample(over), Sample(under))
+    value, error, _ = ratio(Sample(over), Sample(under))
     drawn = rng.normal(30.0, 3.0 / 20, 20_000) / rng.normal(20.0, 2.0 / 20, 20_000)
     # The error's own scatter: deviations from 400 values are good to 3.5 %, twice.
     assert error == pytest.approx(float(drawn.std()), rel=0.15)
@@ -80,7 +80,7 @@ def test_the_error_of_a_ratio_is_that_of_many_drawn_ratios() -> None:
     ("statement", "ours", "deviation", "words"),
     [
         (
-            of_sample("s", about(34.0, TEXT, PLACE), Sample(np.array([22.0, 24.0])), "N"),
+            against("s", about(34.0, TEXT, PLACE), Sample(np.array([22.0, 24.0])), "N"),
             "23.0 ± 1.4 N", "−32\u00a0%", "differs by −32\u00a0%",
         ),
         (Statement("s", about(430.0, TEXT, PLACE), 428.9, "Hz"), "429 Hz", "−0.3\u00a0%", "agrees"),

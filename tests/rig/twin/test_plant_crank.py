@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.protocols.speed_drive import InverterOutput
 from rig.files.scenario import load_scenario
-from rig.twin.plant import CrankPlant, CrankPlantFactory
+from rig.twin.plant import CrankPlant
 from rig.twin.scenario_twin import twin_of
 from rig.twin.shaft import STEP_S, EmulatedMotor, ShaftCourse, drawn_motor
 from sim_twin.rigs.crank_drive import SpeedDrive
@@ -41,7 +41,7 @@ def plant(
     motor: EmulatedMotor = MOTOR,
     healthy: bool = True,
 ) -> CrankPlant:
-    made = CrankPlant(CrankPlantFactory(believed, motor, seed, run_seed, healthy))
+    made = CrankPlant(believed, motor, seed, run_seed, healthy)
     made.start(RATE)
     return made
 
@@ -148,6 +148,6 @@ def test_a_rig_is_drawn_again_by_its_seeds_and_another_run_has_other_noise() -> 
 
 
 def test_a_plant_that_has_not_been_started_says_so() -> None:
-    made = CrankPlant(CrankPlantFactory(PLANAR, MOTOR, 1, 2, healthy=True))
+    made = CrankPlant(PLANAR, MOTOR, 1, 2, healthy=True)
     with pytest.raises(ValueError, match="has not been started"):
         made.advance(1)

@@ -6,6 +6,7 @@ import math
 import pickle
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from multiprocessing import get_context
 
@@ -17,7 +18,7 @@ from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.protocols.speed_drive import InverterOutput
-from rig.twin.shaft import COAST_RAD_S2, STEP_S, EmulatedMotor, ShaftCourse, ShaftFactory, drawn_motor
+from rig.twin.shaft import COAST_RAD_S2, STEP_S, EmulatedMotor, LinkedShaft, ShaftCourse, drawn_motor
 from sim_twin.rigs.crank_drive import SpeedDrive
 
 SMOOTH = SpeedDrive(1.0)
@@ -119,8 +120,7 @@ def test_a_motor_is_drawn_again_by_its_seeds() -> None:
 def test_a_shaft_of_another_process_hears_what_came_and_is_the_same() -> None:
     receiver, sender = get_context("spawn").Pipe(duplex=False)
     with receiver, sender:
-        factory = ShaftFactory(MOTOR, receiver, replace(UP, started_s=BEGIN_S - 10.0))
-        shaft = factory()
+        shaft = LinkedShaft(MOTOR, receiver, replace(UP, started_s=BEGIN_S - 10.0))
         assert shaft(BEGIN_S) == course(replace(UP, started_s=BEGIN_S - 10.0)).angle(BEGIN_S)
         down = InverterOutput(True, 40.0, 0.0, 40.0, BEGIN_S + 1.0)
         sender.send(down)
@@ -128,14 +128,14 @@ def test_a_shaft_of_another_process_hears_what_came_and_is_the_same() -> None:
         assert [shaft(BEGIN_S + k) for k in range(4)] == [both.angle(BEGIN_S + k) for k in range(4)]
         sender.close()
         assert shaft(BEGIN_S + 9.0) == both.angle(BEGIN_S + 9.0)
-    assert pickle.loads(pickle.dumps(ShaftFactory(MOTOR))) == ShaftFactory(MOTOR)  # noqa: S301
+    assert pickle.loads(pickle.dumps(MOTOR)) == MOTOR  # noqa: S301
 
 
 def test_an_encoder_in_a_process_of_its_own_shows_this_shaft() -> None:
     context = get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     setup = EncoderSetup(counts_per_revolution=65536, revolutions=64, jitter_s=0.0)
-    with receiver, sender, start_encoder(ShaftFactory(MOTOR, receiver), setup) as emulated:
+    with receiver, sender, start_encoder(partial(LinkedShaft, MOTOR, receiver), setup) as emulated:
         host, _, port = emulated.address.rpartition(":")
         options = {"host": host, "port": int(port), "channel": "can0"}
         encoder = CanopenEncoder(EncoderSettings(7, "socketcand", options=options))
