@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.allowance import Allowance
 from daq.errors import LogError
 from daq.formats.contents import (
     RATE_NAMES,
@@ -113,9 +114,11 @@ def read(path: Path, scratch: Scratch) -> Contents:
     with opened(path) as file:
         loaded = np.load(file, allow_pickle=False)
         if not isinstance(loaded, np.ndarray):
+            allowance = Allowance(path, file.fileno())
             with loaded:
-                for name in loaded.files:
-                    arrays.add(name, loaded[name])
+                for name in loaded.zip.namelist():
+                    allowance.spend(held=loaded.zip.getinfo(name).file_size, records=1)
+                    arrays.add(name.removesuffix(".npy"), loaded[name])
         elif loaded.dtype.names is None:
             arrays.add("array", loaded)
         elif loaded.ndim != 1:
