@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.diagnosis.recordings import RecordedCampaign
@@ -39,7 +38,7 @@ def diagnose(
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
-    screen = Screen(Console(stderr=machine))
+    screen = Screen(Terminal(stderr=machine))
     written = diagnose_runs(runs, model, out, seed, budget, screen)
     if machine:
         typer.echo(written.diagnosis.read_text(encoding="utf-8"), nl=False)
@@ -70,7 +69,7 @@ def gap(
 ) -> None:
     from rig.diagnosis.diagnose_runs import measured_gap
 
-    screen = Screen(Console(stderr=machine))
+    screen = Screen(Terminal(stderr=machine))
     found = measured_gap(runs, model, effects, seed, screen)
     if machine:
         print_json(found)
@@ -100,7 +99,7 @@ def calibrate(
         raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
     if not out.resolve().parent.is_dir():
         raise RattleError(f"{out.parent}: no such folder; nothing was calibrated")
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     with screen.busy("reading"):
         read = recorded(runs)
     for remark in read.remarks:

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from daq.errors import ConfigurationError, LogError, Problem
 from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load_pair, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     pass
@@ -41,7 +40,7 @@ def dwell(
     from rig.files.table import FieldError, quantity_field
     from rig.session.dwells import DwellRequest, record_dwells
 
-    screen = Screen(Console(stderr=False))
+    screen = Screen(Terminal(stderr=False))
     scenario, bench = load_pair(scenario_file, bench_file)
     named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
     if not 1 <= len(named) <= _MOST:
@@ -100,6 +99,6 @@ def skew(runs: RunFiles, as_json: Json = False) -> None:
     else:
         lines.append(f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad")
         lines.append(f"{found} by itself, with the travel time of the bus's fastest frame")
-    console = Console()
+    console = Terminal()
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -8,12 +8,11 @@ from statistics import mean
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.log.reader import Origin
@@ -33,7 +32,7 @@ def overlay(
     from rig.report.summary import overall_closeness
     from rig.session.overlay import overlay_run
 
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     target = out or run.with_suffix(".overlay.mcap")
     with screen.busy("predicting"):
         overlay_run(run, target, effects, model, screen.warn)
@@ -70,9 +69,9 @@ def recover(
 
     report = recover_log(log, out)
     if report.recovered_from:
-        Console().print(f"{log}: {report.recovered_from}", markup=False, highlight=False, soft_wrap=True)
+        Terminal().print(f"{log}: {report.recovered_from}", markup=False, highlight=False, soft_wrap=True)
     if not report.whole:
-        Console().print(f"{report.lost} samples were lost, and what may have come after them")
+        Terminal().print(f"{report.lost} samples were lost, and what may have come after them")
     _show(report, as_json=False)
     if not report.whole:
         raise typer.Exit(_LOST)
@@ -87,7 +86,7 @@ def _show(report: LogReport, as_json: bool) -> None:
         table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
         for topic in report.topics:
             table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
-        console = Console()
+        console = Terminal()
         console.print(table)
         with LogReader(report.path) as log:
             for gap in log.gaps():
@@ -115,7 +114,7 @@ def replay(
     from rig.report.record import RunCollector
     from rig.session.replay import replay_log
 
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     with LogReader(run) as log:
         collector = RunCollector(log)
         replay_log(run, speed, live, screen, SystemClock(), (collector,))
