@@ -62,8 +62,8 @@ def as_logged(channel: str, values: NDArray[np.floating]) -> NDArray[np.floating
 
 
 def is_rate(sample_rate: float) -> bool:
-    """Whether anything samples at so many Hz."""
-    return 1e-9 < sample_rate < 1e12
+    """Whether times and indices at so many Hz can be reckoned."""
+    return 1e-9 < sample_rate < 1e18
 
 
 def sample_time_ns(start_ns: int, index: int, sample_rate: float) -> int:

@@ -116,9 +116,10 @@ def read(path: Path, scratch: Scratch) -> Contents:
         if not isinstance(loaded, np.ndarray):
             allowance = Allowance(path, file.fileno())
             with loaded:
-                for name in loaded.zip.namelist():
-                    allowance.spend(held=loaded.zip.getinfo(name).file_size, records=1)
-                    arrays.add(name.removesuffix(".npy"), loaded[name])
+                for each in loaded.zip.infolist():
+                    allowance.spend(held=each.file_size, records=1)
+                    with loaded.zip.open(each) as member:
+                        arrays.add(each.filename.removesuffix(".npy"), np.lib.format.read_array(member))
         elif loaded.dtype.names is None:
             arrays.add("array", loaded)
         elif loaded.ndim != 1:

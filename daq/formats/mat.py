@@ -11,7 +11,7 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -121,11 +121,11 @@ def read(path: Path, scratch: Scratch) -> Contents:
         names = [name for name, _, _ in variables]
         if _MARK in names:
             ours = [name for name, shape, kind in variables if (kind, shape) == ("struct", (1, 1))]
-            return _described(file, [name for name in ours if name != _MARK], scratch)
+            return _described(file, [name for name in ours if name != _MARK], scratch, allowance)
         arrays = Arrays(scratch)
-        for name, shape, kind in variables:
+        for number, (name, shape, kind) in enumerate(variables):
             if kind in _NUMBERS or kind == "char":
-                allowance.spend(held=_DOUBLE * math.prod(shape), records=1)
+                allowance.spend(held=_DOUBLE * math.prod(shape), records=number)
                 arrays.add(name, _load(file, name))
             else:
                 arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
@@ -155,7 +155,7 @@ def _rewound(file: Any) -> Any:
 
 
 def _load(file: BinaryIO, name: str) -> Any:
-    """One variable; raises LogError if it stands in the list but not in the file."""
+    """One variable, behind the heads of those before; raises LogError if it is not in the file."""
     found = scipy.io.loadmat(_rewound(file), variable_names=[name])
     if name not in found:
         raise LogError(f"its variable {name} cannot be read")
@@ -166,10 +166,11 @@ def _text(array: NDArray[Any]) -> str:
     return str(array.item()) if array.size else ""
 
 
-def _described(file: BinaryIO, names: Iterable[str], scratch: Scratch) -> Contents:
+def _described(file: BinaryIO, names: Sequence[str], scratch: Scratch, allowance: Allowance) -> Contents:
     text = _text(_load(file, _MARK)[0, 0][_DESCRIPTION])
     found: dict[str, Samples] = {}
-    for name in names:
+    for number, name in enumerate(names):
+        allowance.spend(records=number)
         variable = _load(file, name)
         if not {"origin", "name", "values"} <= set(variable.dtype.names or ()):
             continue  # somebody added a variable of their own

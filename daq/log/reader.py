@@ -324,7 +324,8 @@ def _join(
         end = min(end, round(end_s * rate))
     if end - first > _LONGEST_SERIES:
         raise LogError(f"{what}: {end - first} from first to last are too many for one array")
-    allowance.spend(held=max(end - first, 0) * blocks[0].values.itemsize)
+    # from sample 0 on, where a prediction begins
+    allowance.spend(held=max(end, 0) * blocks[0].values.itemsize)
     values = np.full(max(end - first, 0), np.nan, dtype=blocks[0].values.dtype)
     flags = Flag.GOOD
     for block in blocks:

@@ -133,7 +133,7 @@ def import_files(
             # what is no column comes from the first that says it
             rest = dataclasses.replace(found[0].rest, impacts=impacts)
             contents = Contents(columns, rest, [note for each in found for note in each.notes])
-        for note in (*all_formats().faults, *contents.notes):
+        for note in dict.fromkeys((*all_formats().faults, *contents.notes)):
             screen.warn(note)
         text = contents.rest.metadata.get("scenario", {}).get("toml", "")
         if given is None and not text:

@@ -68,10 +68,11 @@ def recover(
     from daq.log.recover import recover_log
 
     report = recover_log(log, out)
+    screen = Screen(Terminal())
     if report.recovered_from:
-        Terminal().print(f"{log}: {report.recovered_from}", markup=False, highlight=False, soft_wrap=True)
+        screen.say(f"{log}: {report.recovered_from}")
     if not report.whole:
-        Terminal().print(f"{report.lost} samples were lost, and what may have come after them")
+        screen.say(f"{report.lost} samples were lost, and what may have come after them")
     _show(report, as_json=False)
     if not report.whole:
         raise typer.Exit(_LOST)
@@ -86,18 +87,15 @@ def _show(report: LogReport, as_json: bool) -> None:
         table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
         for topic in report.topics:
             table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
-        console = Terminal()
-        console.print(table)
+        screen = Screen(Terminal())
+        screen.console.print(table)
         with LogReader(report.path) as log:
             for gap in log.gaps():
-                where = (
-                    f"{gap.origin} {gap.channel}".strip() + f", {gap.count} samples from {gap.first_sample}"
-                )
-                console.print(f"gap: {where}: {gap.cause}", markup=False, highlight=False)
+                whose = f"{gap.origin} {gap.channel}".strip()
+                screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
         ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
         verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
-        line = f"{report.path}: {verdict if report.complete else ended}"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        screen.say(f"{report.path}: {verdict if report.complete else ended}")
     if not report.sound:
         raise typer.Exit(_UNSOUND)
 

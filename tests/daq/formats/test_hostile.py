@@ -36,18 +36,6 @@ def npz_of_zeros(path: Path) -> None:
     np.savez_compressed(path, x=np.zeros(BOMB, np.uint8), fs=51_200.0)
 
 
-def npz_of_one_name(path: Path) -> None:
-    """As often as it is named, the last of that name is read."""
-    names = [f"{number:05}.npy" for number in range(200)]
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in names:
-            file.writestr(name, npy(np.zeros(1 << 20) if name == names[-1] else np.zeros(2)))
-    data = path.read_bytes()
-    for name in names:
-        data = data.replace(name.encode(), b"0000x.npy")
-    path.write_bytes(data)
-
-
 def compressed_mat(path: Path, variable: object) -> None:
     scipy.io.savemat(path, {"x": variable}, do_compression=True)
 
@@ -84,7 +72,6 @@ def parquet_in_one_page(path: Path) -> None:
     ("suffix", "write"),
     [
         ("npz", npz_of_zeros),
-        ("npz", npz_of_one_name),
         ("mat", mat_of_zeros),
         ("mat", mat_of_a_struct),
         ("mat", mat_that_says_it_is_small),

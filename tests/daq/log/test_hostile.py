@@ -135,6 +135,17 @@ def test_two_blocks_far_apart_make_no_series(tmp_path: Path) -> None:
         assert len(log.series("measured", "a", end_s=1.0)) == 10
 
 
+def test_a_run_that_begins_after_a_year_makes_no_series(tmp_path: Path) -> None:
+    """Who predicts it begins at sample 0, and would never come to an end."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        log.declare("measured", Channel("a", "N"))
+        late = SampleBlock("a", 1 << 40, START_NS, 51_200.0, np.ones(10, np.float32))
+        log.add_block("measured", late, START_NS)
+    with LogReader(path) as opened, pytest.raises(LogError, match=ODD):
+        opened.series("measured", "a")
+
+
 def test_two_blocks_far_apart_are_not_exported(tmp_path: Path) -> None:
     path = far_apart(tmp_path / "log.mcap")
     with (
