@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 NS_PER_S = 1_000_000_000
+LATEST = 1 << 63
+"""Time in ns and index of a sample, as they are counted anywhere, end before."""
 
 
 class Flag(IntFlag):
@@ -73,6 +75,11 @@ def values_of(
 def as_logged(channel: str, values: NDArray[np.floating]) -> NDArray[np.floating]:
     """Values as wide as a log keeps them: an unwrapped angle is too long for 32 bits."""
     return values.astype(np.float64 if channel.endswith(".angle") else np.float32, copy=False)
+
+
+def is_rate(sample_rate: float) -> bool:
+    """Whether times and indices at so many Hz can be reckoned."""
+    return 1e-9 < sample_rate < 1e18
 
 
 def sample_time_ns(start_ns: int, index: int, sample_rate: float) -> int:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from daq.errors import LogError
+
 
 @dataclass(frozen=True, slots=True)
 class Channel:
@@ -37,8 +39,12 @@ class Channel:
 
     @classmethod
     def from_metadata(cls, name: str, metadata: dict[str, str]) -> Channel:
-        """Rebuild a channel from a log's channel record; unknown keys are ignored."""
-        scale = metadata.get("scale")
+        """Rebuild a channel from a log's channel record; unknown keys are ignored. Raises LogError."""
+        text = metadata.get("scale")
+        try:
+            scale = float(text) if text else None
+        except ValueError as error:
+            raise LogError(f"the scale of {name} is {text!r}") from error
         return cls(
             name=name,
             unit=metadata.get("unit", ""),
@@ -46,6 +52,6 @@ class Channel:
             location=metadata.get("location", ""),
             sensor=metadata.get("sensor", ""),
             serial=metadata.get("serial", ""),
-            scale=float(scale) if scale else None,
+            scale=scale,
             raw_unit=metadata.get("raw_unit", ""),
         )

@@ -18,6 +18,7 @@ Each class also inherits the matching built-in, so that code that knows nothing 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -111,3 +112,12 @@ class LogError(RattleError, ValueError):
 
 class RecorderFailed(RattleError, OSError):
     """The recorder could not keep every sample; nothing was accepted after this."""
+
+
+_ACTS = re.compile(r"[^\n\t -~\xa0-\u200d\u2010-\u2027\u202f-\u2065\u206a-\ud7ff\ue000-\U0010ffff]")
+"""Control characters, what turns the direction of writing, halves of characters."""
+
+
+def harmless(text: str) -> str:
+    """A text, which may come from a file of anybody's, as a terminal shows it and does nothing of it."""
+    return _ACTS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.allowance import Allowance
 from daq.errors import LogError
 from daq.formats.contents import (
     RATE_NAMES,
@@ -113,9 +114,12 @@ def read(path: Path, scratch: Scratch) -> Contents:
     with opened(path) as file:
         loaded = np.load(file, allow_pickle=False)
         if not isinstance(loaded, np.ndarray):
+            allowance = Allowance(path, file.fileno())
             with loaded:
-                for name in loaded.files:
-                    arrays.add(name, loaded[name])
+                for each in loaded.zip.infolist():
+                    allowance.spend(held=each.file_size, records=1)
+                    with loaded.zip.open(each) as member:
+                        arrays.add(each.filename.removesuffix(".npy"), np.lib.format.read_array(member))
         elif loaded.dtype.names is None:
             arrays.add("array", loaded)
         elif loaded.ndim != 1:

@@ -18,6 +18,7 @@ from typing import BinaryIO
 import pyarrow as pa
 from pyarrow import csv as arrow
 
+from daq.allowance import MOST_COLUMNS
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, Warn, opened, time_axis
@@ -42,6 +43,7 @@ _IMPACTS_MARK = "# rattle impacts "
 _ROWS_OF_EXCEL = 1_048_576
 _HEAD_LINES = 3
 _LONGEST_LINE = 1 << 26
+_LONGEST_CELL = 1000
 _COMMENTS = ("#", '"#')
 _DELIMITERS = "\t;,"
 _NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
@@ -168,7 +170,12 @@ def _lines(file: BinaryIO) -> Iterator[tuple[str, int]]:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    if line.count(delimiter) >= MOST_COLUMNS:
+        raise LogError(f"its columns are more than the {MOST_COLUMNS} that are read")
+    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    if len(longest := max(cells, key=len, default="")) > _LONGEST_CELL:
+        raise LogError(f"a cell of {len(longest)} characters is neither name nor number")
+    return cells
 
 
 def _is_number(cell: str) -> bool:

@@ -4,8 +4,10 @@ format is to the rest of rattle."""
 from __future__ import annotations
 
 import csv
+import lzma
 import math
 import struct
+import tokenize
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,6 +20,8 @@ import numpy as np
 import pyarrow as pa
 from scipy.io.matlab import MatReadError
 
+from daq.allowance import MOST_COLUMNS
+from daq.block import is_rate
 from daq.errors import LogError, RattleError
 from daq.formats.description import Described, Description
 from daq.formats.recording import Recording, Stretch
@@ -36,6 +40,9 @@ _FOREIGN_ERRORS = (
     EOFError,
     MemoryError,
     BadZipFile,
+    SyntaxError,
+    tokenize.TokenError,
+    lzma.LZMAError,
     struct.error,
     zlib.error,
     csv.Error,
@@ -125,7 +132,7 @@ class StatedRate:
 
 
 def _check(value: float, what: str) -> None:
-    if not 1e-9 < value < 1e12 or not math.isfinite(value):
+    if not is_rate(value):
         raise LogError(f"{value:g} is no {what}")
 
 
@@ -156,6 +163,10 @@ class Contents:
     columns: tuple[Column, ...]
     rest: Recording = field(default_factory=lambda: Recording(()))
     notes: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.columns) > MOST_COLUMNS:
+            raise LogError(f"{len(self.columns)} channels are more than the {MOST_COLUMNS} that are read")
 
 
 def described_column(described: Described, samples: Samples) -> Column:

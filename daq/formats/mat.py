@@ -7,8 +7,11 @@ three hours at 51.2 kHz. The whole file may be larger. One channel at a time is 
 from __future__ import annotations
 
 import itertools
+import math
 import re
-from collections.abc import Iterable
+import struct
+import zlib
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +20,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
+from daq.allowance import Allowance
 from daq.errors import LogError, RattleError
 from daq.formats import description
 from daq.formats.arrays import Arrays, vector
@@ -29,6 +33,9 @@ _MOST_BYTES = (1 << 31) - (1 << 16)
 _LONGEST_NAME = 63
 _MARK = "rattle"
 _DESCRIPTION = "description"
+_HEAD_BYTES, _ORDER, _TAG_BYTES, _COMPRESSED = 128, 126, 8, 15
+_PIECE = 1 << 20
+_DOUBLE = 8
 _HDF5_MAGIC, _HDF5_AT = b"\x89HDF\r\n\x1a\n", 512
 _NUMBERS = (
     "double",
@@ -65,9 +72,9 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
     return (path,)
 
 
-def _append(file: Any, name: str, struct: dict[str, Any]) -> None:
+def _append(file: Any, name: str, fields: dict[str, Any]) -> None:
     """One variable more: scipy writes the head of the file only at its beginning."""
-    scipy.io.savemat(file, {name: struct}, long_field_names=True, oned_as="column")
+    scipy.io.savemat(file, {name: fields}, long_field_names=True, oned_as="column")
 
 
 def variable_names(names: Iterable[str]) -> list[str]:
@@ -107,17 +114,39 @@ def read(path: Path, scratch: Scratch) -> Contents:
         start = file.read(_HDF5_AT + len(_HDF5_MAGIC))  # MATLAB puts 512 bytes of its own before an HDF5 file
         if start.startswith(_HDF5_MAGIC) or start.endswith(_HDF5_MAGIC):
             raise LogError("a MAT file of version 7.3 is not read; save it with -v7")
+        allowance = Allowance(path, file.fileno())
+        if 0 not in start[:4]:  # version 4 compresses nothing
+            _check_unpacked(file, start[_ORDER : _ORDER + 1] == b"I", allowance)
         variables = scipy.io.whosmat(_rewound(file))
         names = [name for name, _, _ in variables]
         if _MARK in names:
-            return _described(file, [name for name in names if name != _MARK], scratch)
+            ours = [name for name, shape, kind in variables if (kind, shape) == ("struct", (1, 1))]
+            return _described(file, [name for name in ours if name != _MARK], scratch, allowance)
         arrays = Arrays(scratch)
-        for name, shape, kind in variables:
+        for number, (name, shape, kind) in enumerate(variables):
             if kind in _NUMBERS or kind == "char":
+                allowance.spend(held=_DOUBLE * math.prod(shape), records=number)
                 arrays.add(name, _load(file, name))
             else:
                 arrays.notes.append(f"left out: {name}, a {kind} of {' x '.join(map(str, shape))}")
         return arrays.contents()
+
+
+def _check_unpacked(file: BinaryIO, little_endian: bool, allowance: Allowance) -> None:
+    """Unpack every variable once, in pieces: how large a struct becomes, nothing in the file says."""
+    file.seek(_HEAD_BYTES)
+    while len(tag := file.read(_TAG_BYTES)) == _TAG_BYTES:
+        kind, length = struct.unpack("<II" if little_endian else ">II", tag)
+        following = file.tell() + length
+        unpacking = zlib.decompressobj()
+        while kind == _COMPRESSED and not unpacking.eof and file.tell() < following:
+            packed = file.read(min(_PIECE, following - file.tell()))
+            if not packed:
+                return
+            while packed:
+                allowance.spend(held=len(unpacking.decompress(packed, _PIECE)))
+                packed = unpacking.unconsumed_tail
+        file.seek(following)
 
 
 def _rewound(file: Any) -> Any:
@@ -126,7 +155,7 @@ def _rewound(file: Any) -> Any:
 
 
 def _load(file: BinaryIO, name: str) -> Any:
-    """One variable; raises LogError if it stands in the list but not in the file."""
+    """One variable, behind the heads of those before; raises LogError if it is not in the file."""
     found = scipy.io.loadmat(_rewound(file), variable_names=[name])
     if name not in found:
         raise LogError(f"its variable {name} cannot be read")
@@ -137,26 +166,26 @@ def _text(array: NDArray[Any]) -> str:
     return str(array.item()) if array.size else ""
 
 
-def _described(file: BinaryIO, names: Iterable[str], scratch: Scratch) -> Contents:
+def _described(file: BinaryIO, names: Sequence[str], scratch: Scratch, allowance: Allowance) -> Contents:
     text = _text(_load(file, _MARK)[0, 0][_DESCRIPTION])
     found: dict[str, Samples] = {}
-    for name in names:
-        struct = _load(file, name)
-        if struct.dtype.names is None or not {"origin", "name", "values"} <= set(struct.dtype.names):
+    for number, name in enumerate(names):
+        allowance.spend(records=number)
+        variable = _load(file, name)
+        if not {"origin", "name", "values"} <= set(variable.dtype.names or ()):
             continue  # somebody added a variable of their own
-        fields = struct[0, 0]
+        fields = variable[0, 0]
         track = f"{_text(fields['origin'])}/{_text(fields['name'])}"
         found[track] = scratch.keep(vector(fields["values"], name))
     contents = described_contents(description.decode(text), found)
     if TABLE not in names:
         return contents
-    struct = _load(file, TABLE)
+    table = _load(file, TABLE)
     columns = {
         name: [
-            str(cell.item()) if struct[0, 0][name].dtype == object else cell
-            for cell in struct[0, 0][name].flat
+            str(cell.item()) if table[0, 0][name].dtype == object else cell for cell in table[0, 0][name].flat
         ]
-        for name in struct.dtype.names or ()
+        for name in table.dtype.names or ()
     }
     return replace(contents, rest=replace(contents.rest, impacts=impacts_of(columns)))
 

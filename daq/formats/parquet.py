@@ -5,15 +5,17 @@ Read by pandas, polars, DuckDB, and by MATLAB's `parquetread`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from daq.allowance import Allowance
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
@@ -48,6 +50,8 @@ from daq.formats.tables import (
 _MARK = b"rattle"
 _IMPACTS_MARK = b"rattle impacts"
 _ROW_GROUP = 1 << 20
+_BATCH, _IMPACTS = 1 << 16, 1 << 8
+"""Rows that are in memory at once; of impacts, in which texts may be long, fewer."""
 _STAMP = pa.timestamp("ns", tz="UTC")
 
 
@@ -103,17 +107,25 @@ def times_ns(table: TrackTable, index: np.ndarray) -> np.ndarray:
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file, pq.ParquetFile(file) as table:
+        allowance = Allowance(path, file.fileno())
+        groups = map(table.metadata.row_group, range(table.metadata.num_row_groups))
+        allowance.spend(unpacked=sum(group.total_byte_size for group in groups))
         schema = table.schema_arrow
         metadata = schema.metadata or {}
         if (described := metadata.get(_IMPACTS_MARK)) is not None:
             rest = description.decode(described.decode()).rest
-            return Contents((), replace(rest, impacts=impacts_of(table.read().to_pydict())))
+            rows: dict[str, list[Any]] = {name: [] for name in schema.names}
+            for batch in _batches(table, schema.names, allowance, _IMPACTS):
+                allowance.spend(records=len(batch))
+                for name, cells in batch.to_pydict().items():
+                    rows[name] += cells
+            return Contents((), replace(rest, impacts=impacts_of(rows)))
         if _MARK not in metadata:
-            return _foreign(table, scratch)
+            return _foreign(table, scratch, allowance)
         own = description.decode(metadata[_MARK].decode())
         names = [name for name in schema.names if name != TIME]
         columns = TableColumns(names, scratch, may_be_empty=True)
-        _read_columns(table, names, columns)
+        _read_columns(table, names, columns, allowance)
         found = columns.samples()
         index = found.pop(SAMPLE)
         if not len(index):
@@ -124,21 +136,32 @@ def read(path: Path, scratch: Scratch) -> Contents:
         return described_table(own, found, first)
 
 
-def _read_columns(table: pq.ParquetFile, names: list[str], columns: TableColumns) -> None:
-    for batch in table.iter_batches(columns=names):
+def _batches(
+    table: pq.ParquetFile, names: list[str], allowance: Allowance, rows: int = _BATCH
+) -> Iterator[pa.RecordBatch]:
+    rows = min(rows, _ROW_GROUP // max(len(names), 1))
+    for batch in table.iter_batches(max(rows, 1), columns=names):
+        allowance.spend(unpacked=batch.nbytes)
+        yield batch
+
+
+def _read_columns(
+    table: pq.ParquetFile, names: list[str], columns: TableColumns, allowance: Allowance
+) -> None:
+    for batch in _batches(table, names, allowance):
         for name, cells in zip(batch.schema.names, batch.columns, strict=True):
             columns.add(name, cells)
 
 
-def _foreign(table: pq.ParquetFile, scratch: Scratch) -> Contents:
+def _foreign(table: pq.ParquetFile, scratch: Scratch, allowance: Allowance) -> Contents:
     fields = list(table.schema_arrow)
     time = next((field for field in fields if field.name.lower() in TIME_NAMES), None)
     are = pa.types
     numbers = (are.is_floating, are.is_integer, are.is_boolean)
     names = [each.name for each in fields if each is not time and any(kind(each.type) for kind in numbers)]
     columns = TableColumns(names, scratch, may_be_empty=False)
-    _read_columns(table, names, columns)
-    axis, start_ns = (None, None) if time is None else _times(table, time, scratch)
+    _read_columns(table, names, columns, allowance)
+    axis, start_ns = (None, None) if time is None else _times(table, time, scratch, allowance)
     units = {field.name: _unit(field) for field in fields if _unit(field)}
     left = [field.name for field in fields if field is not time and field.name not in names]
     notes = [f"left out: {name}, which holds no numbers" for name in left]
@@ -149,10 +172,12 @@ def _unit(field: pa.Field) -> str:
     return str((field.metadata or {}).get(b"unit", b"").decode())
 
 
-def _times(table: pq.ParquetFile, field: pa.Field, scratch: Scratch) -> tuple[TimeAxis, int | None]:
+def _times(
+    table: pq.ParquetFile, field: pa.Field, scratch: Scratch, allowance: Allowance
+) -> tuple[TimeAxis, int | None]:
     """The axis of a column of stamps, with the time of its first, or of a column of seconds."""
     column, start_ns = scratch.column(), None
-    for batch in table.iter_batches(columns=[field.name]):
+    for batch in _batches(table, [field.name], allowance):
         cells = batch.column(0)
         if cells.null_count:
             raise LogError("its time column has empty cells")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,7 +10,8 @@ from typing import get_args
 
 import numpy as np
 
-from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
+from daq.allowance import Allowance
+from daq.block import LATEST, NS_PER_S, Flag, SampleBlock, is_rate, sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.samples import CHUNK, MOST_SAMPLES, Samples, Scratch, ScratchColumn
@@ -20,7 +20,6 @@ from daq.log.reader import LogReader, Origin
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
-_LATEST_NS = 1 << 63
 BLOCK_S = 0.1
 _ROUNDING_NS = 1
 """Some programs round the time of a block down, some to the nearest nanosecond."""
@@ -36,7 +35,7 @@ class TimeBase:
     sample_rate: float
 
     def __post_init__(self) -> None:
-        if not 0 < self.sample_rate < math.inf:
+        if not is_rate(self.sample_rate):
             raise LogError(f"a sample rate of {self.sample_rate:g} Hz")
 
     def at(self, sample: int) -> int:
@@ -171,7 +170,7 @@ def check_stretches(name: str, stretches: Sequence[Stretch], length: int) -> Non
         if stretch.count <= 0 or stretch.first_sample < end:
             raise LogError(f"{name}: sample {stretch.first_sample} comes twice or never (next is {end})")
         end = stretch.end_sample
-        if not 0 <= stretch.time_ns <= stretch.base.at(end) < _LATEST_NS:
+        if not 0 <= stretch.time_ns <= stretch.base.at(end) < LATEST:
             raise LogError(f"{name}: no log holds a time of {stretch.time_ns} ns since 1970")
     span = end - stretches[0].first_sample if stretches else 0
     if span > MOST_SAMPLES:
@@ -182,8 +181,9 @@ def check_stretches(name: str, stretches: Sequence[Stretch], length: int) -> Non
 
 def read_log(log: LogReader, scratch: Scratch) -> Recording:
     """Take a log apart into channels; samples go to `scratch`. Raises LogError."""
+    allowance = log.allowance()
     collectors = {
-        (origin, name): _Collector(origin, channel, scratch.column())
+        (origin, name): _Collector(origin, channel, scratch.column(), allowance)
         for origin in get_args(Origin)
         for name, channel in log.channels(origin).items()
     }
@@ -202,8 +202,9 @@ def read_log(log: LogReader, scratch: Scratch) -> Recording:
 class _Collector:
     """One channel while its blocks come."""
 
-    def __init__(self, origin: Origin, channel: Channel, column: ScratchColumn) -> None:
+    def __init__(self, origin: Origin, channel: Channel, column: ScratchColumn, allowance: Allowance) -> None:
         self._origin, self._channel, self._column = origin, channel, column
+        self._allowance = allowance
         self._stretches: list[Stretch] = []
 
     def add(self, block: SampleBlock) -> None:
@@ -224,6 +225,9 @@ class _Collector:
             self._stretches[-1] = Stretch(last.first_sample, last.count + new.count, base, last.flags)
         else:
             self._stretches.append(new)
+        # some formats hold a channel as one array, with what is missing
+        since = last.end_sample if last is not None else block.first_sample
+        self._allowance.spend(held=(block.end_sample - since) * block.values.itemsize)
         self._column.add(block.values)
 
     def track(self) -> Track:

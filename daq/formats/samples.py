@@ -25,6 +25,9 @@ class _Closable(Protocol):
 Held = TypeVar("Held", bound=_Closable)
 CHUNK = 1 << 18
 """Samples that are held at once: 1 MB of float32."""
+_COLUMNS_OF_CHUNKS = 64
+_ARRAY = 1 << 6
+"""Samples of which an array takes the memory, however short it is."""
 MOST_SAMPLES = 1 << 29
 """Near three hours at 51.2 kHz; a damaged or hostile sample index must not fill the disk."""
 
@@ -140,7 +143,7 @@ class Scratch:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._size = 0
+        self._size = self._columns = 0
         self._held = ExitStack()
 
     def __enter__(self) -> Scratch:
@@ -163,20 +166,26 @@ class Scratch:
 
     def keep(self, values: NDArray[Any]) -> Spooled:
         """Append numbers of shape (n,) as float32 or float64; raises RattleError if the disk is full."""
-        kept = np.ascontiguousarray(values, precision(values.dtype))
-        spooled = Spooled(self._file.fileno(), self._size, len(kept), kept.dtype)
-        data = memoryview(kept.tobytes())
+        spooled = Spooled(self._file.fileno(), self._size, len(values), precision(values.dtype))
         try:
-            while data:
-                data = data[self._file.write(data) :]
+            for start in range(0, len(values), CHUNK):
+                data = memoryview(values[start : start + CHUNK].astype(spooled.dtype).tobytes())
+                self._size += len(data)
+                while data:
+                    data = data[self._file.write(data) :]
         except OSError as error:
             raise RattleError(f"cannot write to {self._folder}: {error.strerror}") from error
-        self._size += kept.nbytes
         return spooled
 
     def column(self) -> ScratchColumn:
         """Return a channel whose samples come little by little."""
+        self._columns += 1
         return ScratchColumn(self)
+
+    @property
+    def patience(self) -> int:
+        """Samples that a column may hold before it writes them: together 128 MB at the most."""
+        return max(_COLUMNS_OF_CHUNKS * CHUNK // max(self._columns, _COLUMNS_OF_CHUNKS), _ARRAY)
 
 
 class ScratchColumn:
@@ -197,7 +206,7 @@ class ScratchColumn:
             return
         self._waiting.append(values)
         self._waiting_count += len(values)
-        if self._waiting_count >= CHUNK:
+        if self._waiting_count + _ARRAY * len(self._waiting) >= self._scratch.patience:
             self._flush()
 
     def skip(self, count: int) -> None:

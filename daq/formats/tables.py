@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import astuple, dataclass, fields
@@ -17,6 +18,7 @@ from typing import IO, Any, get_args, get_type_hints
 import numpy as np
 import pyarrow as pa
 
+from daq.allowance import MOST_COLUMNS
 from daq.errors import LogError, RattleError
 from daq.formats.contents import Column, Contents, TimeAxis, Warn, described_contents, new_file
 from daq.formats.description import Description
@@ -62,9 +64,13 @@ def as_csv(impacts: Sequence[Impact]) -> str:
 
 def from_csv(text: str) -> list[Impact]:
     """Read what `as_csv` wrote; raises LogError where it cannot be read."""
-    names, *rows = csv.reader(io.StringIO(text))
-    if any(len(row) != len(names) for row in rows):
-        raise LogError("a row of its table of impacts is cut short")
+    lines = csv.reader(io.StringIO(text))
+    names = next(lines, [])
+    rows = []
+    for row in lines:
+        if len(row) != len(names):
+            raise LogError("a row of its table of impacts is cut short")
+        rows.append(row)
     return impacts_of({name: [row[number] for row in rows] for number, name in enumerate(names)})
 
 
@@ -149,9 +155,11 @@ class TableColumns:
     """
 
     def __init__(self, names: Sequence[str], scratch: Scratch, may_be_empty: bool) -> None:
-        twice = sorted({name for name in names if list(names).count(name) > 1})
+        if len(names) > MOST_COLUMNS:
+            raise LogError(f"{len(names)} columns are more than the {MOST_COLUMNS} that are read")
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
-            raise LogError(f"these columns come twice: {', '.join(twice)}")
+            raise LogError(f"these columns come twice: {', '.join(twice[:9])}")
         self._columns: dict[str, ScratchColumn] = {name: scratch.column() for name in names}
         self._may_be_empty = may_be_empty
 

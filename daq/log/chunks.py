@@ -8,22 +8,26 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from array import array
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from io import BytesIO
 from typing import Any, NamedTuple
 
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex
+from mcap.records import Chunk
+
+from daq.allowance import MOST_DESCRIPTION_BYTES, Allowance
 
 MAXIMUM_CHUNK_BYTES = 64 << 20
 """A quarter of a second of 1 000 channels at 51.2 kHz, measured and predicted, fits in."""
+LONGEST_RECORD_BYTES = 2 * MAXIMUM_CHUNK_BYTES
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_OTHER_RECORD = 512
+"""Bytes unpacked in the time that any record but a message takes."""
 _AHEAD = 4
 _KEPT_BYTES = 16 << 20
 """What a prediction lags behind its measurement: 2.4 s of 16 channels at 51.2 kHz. Who lags more opens them
@@ -44,42 +48,69 @@ class Place(NamedTuple):
     end: int
 
 
+class IndexedChunk(NamedTuple):
+    """Where a chunk lies in its file, and what its log's index says of it."""
+
+    start: int
+    length: int
+    size: int
+    first_ns: int
+    last_ns: int
+    channel_ids: array[int]
+
+
 @dataclass(frozen=True, slots=True)
 class OpenedChunk:
-    """A chunk's content with its channels and messages, in their order."""
+    """A chunk's content, its records whole and one after another; `declared` are those of channels."""
 
     data: bytes
-    channels: tuple[Channel, ...]
-    places: tuple[Place, ...]
+    declared: tuple[bytes, ...]
+
+    def messages(self) -> Iterator[Place]:
+        """In their order. There may be millions."""
+        for opcode, start, end in records(self.data):
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(self.data, start)
+                yield Place(channel, sequence, log_ns, publish_ns, start + _MESSAGE.size, end)
 
 
-def open_chunk(chunk: Chunk) -> OpenedChunk:
+def open_chunk(chunk: Chunk, allowance: Allowance) -> OpenedChunk:
     """Decompress and verify a chunk; raises ValueError, struct.error or ZstdError if it is damaged."""
-    data = _content(chunk)
-    channels: list[Channel] = []
-    places: list[Place] = []
+    data = _content(chunk, allowance)
+    declared: dict[bytes, None] = {}
+    described = 0
+    for opcode, start, end in records(data):
+        if opcode == Opcode.MESSAGE:
+            allowance.spend(records=1)
+            if end - start < _MESSAGE.size:
+                raise ValueError(f"a message of {end - start} bytes")
+            continue
+        allowance.spend(unpacked=_OTHER_RECORD)
+        if opcode == Opcode.CHANNEL:
+            described += end - start
+            if described > MOST_DESCRIPTION_BYTES:
+                raise ValueError("it declares channels without end")
+            declared[data[start:end]] = None
+    return OpenedChunk(data, tuple(declared))
+
+
+def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of each record's content; raises ValueError, struct.error where it is none."""
     position, end = 0, len(data)
     while position < end:
         opcode, length = _RECORD.unpack_from(data, position)
         position += _RECORD.size
         if opcode == 0 or position + length > end:
             raise ValueError(f"no record {opcode} of {length} bytes fits at byte {position}")
-        if opcode == Opcode.MESSAGE:
-            if length < _MESSAGE.size:
-                raise ValueError(f"a message of {length} bytes")
-            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
-            start = position + _MESSAGE.size
-            places.append(Place(channel, sequence, log_ns, publish_ns, start, position + length))
-        elif opcode == Opcode.CHANNEL:
-            channels.append(Channel.read(ReadDataStream(BytesIO(data[position : position + length]))))
+        yield opcode, position, position + length
         position += length
-    return OpenedChunk(data, tuple(channels), tuple(places))
 
 
-def _content(chunk: Chunk) -> bytes:
+def _content(chunk: Chunk, allowance: Allowance) -> bytes:
     size = chunk.uncompressed_size
     if size > MAXIMUM_CHUNK_BYTES:
         raise ValueError(f"it claims {size} bytes, more than {MAXIMUM_CHUNK_BYTES}")
+    allowance.spend(unpacked=size + len(chunk.data))
     if chunk.compression == "":
         data = bytes(chunk.data)
     elif chunk.compression != "zstd":
@@ -102,9 +133,9 @@ class IndexedChunks:
     Decompressing and verifying takes as long as what is done with the samples, and runs beside it.
     """
 
-    def __init__(self, descriptor: int, indexes: Sequence[ChunkIndex]) -> None:
+    def __init__(self, descriptor: int, indexes: Sequence[IndexedChunk]) -> None:
         self._descriptor = descriptor
-        self._indexes = sorted(indexes, key=lambda each: each.chunk_start_offset)
+        self._indexes = sorted(indexes)
         self._opened: OrderedDict[int, tuple[int, Future[OpenedChunk]]] = OrderedDict()
         self._executor: ThreadPoolExecutor | None = None
 
@@ -116,47 +147,58 @@ class IndexedChunks:
         self._opened.clear()
 
     def passing(
-        self, channel_ids: frozenset[int] | None, start_ns: int | None, end_ns: int | None
+        self,
+        channel_ids: frozenset[int] | None,
+        start_ns: int | None,
+        end_ns: int | None,
+        allowance: Allowance,
     ) -> Iterator[tuple[int, Future[OpenedChunk]]]:
         """Place in the file and content of chunks, in file order.
 
-        Those that may hold messages of these channels (None: of any) in a stretch of log time.
+        Those that may hold messages of these channels (None: of any) in a stretch of log time, as far as
+        `allowance` goes.
         """
         wanted = []
         for each in self._indexes:
-            early = start_ns is not None and each.message_end_time < start_ns
-            late = end_ns is not None and each.message_start_time > end_ns
+            early = start_ns is not None and each.last_ns < start_ns
+            late = end_ns is not None and each.first_ns > end_ns
             # A writer may leave out the index of messages: then any channel may be in it.
-            indexed = each.message_index_offsets
+            indexed = each.channel_ids
             if channel_ids is None or not indexed or not channel_ids.isdisjoint(indexed):
                 wanted += [] if early or late else [each]
         for number, index in enumerate(wanted):
+            ahead = 0
             for following in wanted[number : number + _AHEAD]:
-                self._open(following)
-            yield index.chunk_start_offset, self._open(index)
+                ahead += following.size
+                if following is index or ahead <= _KEPT_BYTES:
+                    self._open(following, allowance)
+            yield index.start, self._open(index, allowance)
 
-    def _open(self, index: ChunkIndex) -> Future[OpenedChunk]:
-        offset = index.chunk_start_offset
-        if offset in self._opened:
-            self._opened.move_to_end(offset)
-            return self._opened[offset][1]
+    def _open(self, index: IndexedChunk, allowance: Allowance) -> Future[OpenedChunk]:
+        if index.start in self._opened:
+            self._opened.move_to_end(index.start)
+            return self._opened[index.start][1]
         if self._executor is None:
             self._executor = ThreadPoolExecutor(1, thread_name_prefix="chunks of a log")
-        opening = self._executor.submit(_read, self._descriptor, index)
-        self._opened[offset] = index.uncompressed_size, opening
-        while len(self._opened) > _AHEAD and sum(size for size, _ in self._opened.values()) > _KEPT_BYTES:
+        opening = self._executor.submit(_read, self._descriptor, index, allowance)
+        self._opened[index.start] = index.size, opening
+        while len(self._opened) > 1 and sum(size for size, _ in self._opened.values()) > _KEPT_BYTES:
             self._opened.popitem(last=False)
         return opening
 
 
-def _read(descriptor: int, index: ChunkIndex) -> OpenedChunk:
-    record = memoryview(os.pread(descriptor, index.chunk_length, index.chunk_start_offset))
-    if len(record) < max(index.chunk_length, _HEAD.size) or record[0] != Opcode.CHUNK:
-        raise ValueError(f"there is no chunk at byte {index.chunk_start_offset}")
+def _read(descriptor: int, index: IndexedChunk, allowance: Allowance) -> OpenedChunk:
+    if index.length > LONGEST_RECORD_BYTES:
+        raise ValueError(f"its index says it is {index.length} bytes long")
+    record = memoryview(os.pread(descriptor, index.length, index.start))
+    if len(record) < max(index.length, _HEAD.size) or record[0] != Opcode.CHUNK:
+        raise ValueError(f"there is no chunk at byte {index.start}")
     # As mcap.records.Chunk.read, but without copies of the data.
     _, _, start_ns, end_ns, size, crc, letters = _HEAD.unpack_from(record)
+    if size != index.size:
+        raise ValueError(f"it claims {size} bytes and its index {index.size}")
     at = _HEAD.size + letters
     (length,) = _LENGTH.unpack_from(record, at)
     data: Any = record[at + _LENGTH.size :][:length]
     compression = bytes(record[_HEAD.size : at]).decode()
-    return open_chunk(Chunk(compression, data, end_ns, start_ns, crc, size))
+    return open_chunk(Chunk(compression, data, end_ns, start_ns, crc, size), allowance)

@@ -6,17 +6,15 @@ same wire format and moves a whole numpy array at once; only the true declaratio
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from google.protobuf.message import DecodeError
-from google.protobuf.unknown_fields import UnknownFieldSet
 from numpy.typing import NDArray
 
-from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.block import LATEST, NS_PER_S, Flag, SampleBlock, is_rate
 from daq.errors import LogError
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
@@ -173,17 +171,18 @@ def encode_block(block: SampleBlock) -> bytes:
 def decode_block(channel: str, data: bytes) -> SampleBlock:
     """Decode a block written by any program to the format; float64 values if it came as `wide`."""
     message = _parsed(FastSampleBlockMessage, data)
-    # ByteSize() counts unknown fields too, so fixed32 `values` (unpacked) would slip through.
-    if message.ByteSize() == len(data) and not len(UnknownFieldSet(message)):
-        values = _array(message.values, "<f4")
-        wide = _array(message.wide, "<f8") if message.wide else _NOT_WIDE
-    else:
+    message.DiscardUnknownFields()  # fixed32 `values` (unpacked) too
+    if message.ByteSize() != len(data):
         # Unpacked or split arrays are legal protobuf, which the `bytes` declaration cannot see.
         message = _parsed(SampleBlockMessage, data)
-        values = np.asarray(message.values, dtype=np.float32)
-        wide = np.asarray(message.wide, dtype=np.float64)
-    if not 0 < message.sample_rate < math.inf:
+        message.DiscardUnknownFields()
+        message = _parsed(FastSampleBlockMessage, message.SerializeToString())
+    values = _array(message.values, "<f4")
+    wide = _array(message.wide, "<f8") if message.wide else _NOT_WIDE
+    if not is_rate(message.sample_rate):
         raise LogError(f"a block of {channel} has a sample rate of {message.sample_rate:g} Hz")
+    if message.first_sample >= LATEST:
+        raise LogError(f"a block of {channel} begins at sample {message.first_sample}")
     return SampleBlock(
         channel=channel,
         first_sample=message.first_sample,
@@ -205,7 +204,10 @@ def encode_record(record: Event | Gap | ClockRecord | Impact) -> bytes:
 def decode_record(kind: type[_Record], data: bytes) -> _Record:
     """Decode a message of that kind, written by any program to the format."""
     message = _parsed(_MESSAGES[kind], data)
-    return kind(_time_ns(message), *(getattr(message, name) for name in _NAMES[kind]))
+    values = [getattr(message, name) for name in _NAMES[kind]]
+    if any(isinstance(value, int) and value >= LATEST for value in values):
+        raise LogError(f"a message ({kind.__name__}) counts further than any log")
+    return kind(_time_ns(message), *values)
 
 
 def _parsed(kind: Any, data: bytes) -> Any:
@@ -227,4 +229,7 @@ def _stamp(message: Any, time_ns: int) -> None:
 
 
 def _time_ns(message: Any) -> int:
-    return int(message.timestamp.seconds) * NS_PER_S + int(message.timestamp.nanos)
+    time_ns = int(message.timestamp.seconds) * NS_PER_S + int(message.timestamp.nanos)
+    if not -LATEST < time_ns < LATEST:
+        raise LogError(f"no log holds a time of {time_ns} ns since 1970")
+    return time_ns

@@ -5,22 +5,26 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from array import array
 from collections.abc import Callable, Iterator
 from io import BytesIO
+from itertools import pairwise
+from typing import NamedTuple
 
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Footer, Metadata
+from mcap.records import Chunk, Footer, Header, Metadata, MetadataIndex, Statistics
 from mcap.writer import MCAP0_MAGIC
 
-from daq.log.chunks import MAXIMUM_CHUNK_BYTES, open_chunk
+from daq.allowance import MOST_DESCRIPTION_BYTES, Allowance
+from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, IndexedChunk, open_chunk, records
 from daq.log.records import CHECKSUM_OPCODE
 
 CUT = "it ends in the middle, as a crash leaves it"
 _RECORD = struct.Struct("<BQ")
-_LONGEST = 2 * MAXIMUM_CHUNK_BYTES
 _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
@@ -32,20 +36,39 @@ _NO_RECORD = (ValueError, OverflowError, struct.error, McapError)
 """What the MCAP package raises on the content of a damaged record."""
 _FOOTER_BEFORE_CHECKSUM = struct.Struct("<BQQQ")
 _FOOTER_BYTES = _FOOTER_BEFORE_CHECKSUM.size + 4
+_INDEX = struct.Struct("<QQQQI")
+"""Of a chunk's index: first and last time, place, length, bytes of the channels' places that follow."""
+_PLACES = np.dtype([("channel", "<u2"), ("at", "<u8")])
+_INDEX_REST = struct.Struct("<QI")
+_SIZES = struct.Struct("<QQ")
 
 
-def metadata_and_chunks(descriptor: int, note: Callable[[str], None]) -> Iterator[Metadata | Chunk]:
+class Summary(NamedTuple):
+    """What a finished log says of itself; `declared` are the records of its channels."""
+
+    library: str
+    declared: list[bytes]
+    chunks: list[IndexedChunk]
+    metadata: dict[str, dict[str, str]]
+
+
+def metadata_and_chunks(
+    descriptor: int, allowance: Allowance, note: Callable[[str], None]
+) -> Iterator[Metadata | Chunk]:
     """What a log holds in file order; `note` is told what is wrong with its frame.
 
     Behind damage it goes on at the next chunk that is whole. Chunks are checked by who opens them.
     """
-    checksum = zlib.crc32(MCAP0_MAGIC)
-    for opcode, record in _records(descriptor, note):
+    checksum, described = zlib.crc32(MCAP0_MAGIC), 0
+    for opcode, record in _records(descriptor, allowance, note):
         if opcode == CHECKSUM_OPCODE and int.from_bytes(record[_RECORD.size :], "little") != checksum:
             note("the checksum of what stands before it is wrong")
         checksum = zlib.crc32(record, checksum)
         try:
             if opcode == Opcode.METADATA:
+                described += len(record)
+                if described > MOST_DESCRIPTION_BYTES:
+                    raise ValueError("metadata without end")
                 yield Metadata.read(_content(record))
             elif opcode == Opcode.CHUNK:
                 yield Chunk.read(_content(record))
@@ -53,10 +76,10 @@ def metadata_and_chunks(descriptor: int, note: Callable[[str], None]) -> Iterato
             note(f"a record of kind {opcode} is damaged ({type(error).__name__})")
 
 
-def check_data(descriptor: int, note: Callable[[str], None]) -> None:
+def check_data(descriptor: int, allowance: Allowance, note: Callable[[str], None]) -> None:
     """Tell `note` where the frame of a log, or the checksum of all before its summary, is wrong."""
     checksum, ended = zlib.crc32(MCAP0_MAGIC), False
-    for opcode, record in _records(descriptor, note):
+    for opcode, record in _records(descriptor, allowance, note):
         if opcode == Opcode.DATA_END:
             ended = True
             # its content is the checksum: 0 where its writer made none
@@ -67,7 +90,9 @@ def check_data(descriptor: int, note: Callable[[str], None]) -> None:
         note("nothing says where its data ends")
 
 
-def _records(descriptor: int, note: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
+def _records(
+    descriptor: int, allowance: Allowance, note: Callable[[str], None]
+) -> Iterator[tuple[int, bytes]]:
     size = os.fstat(descriptor).st_size
     position = len(MCAP0_MAGIC)
     if os.pread(descriptor, position, 0) != MCAP0_MAGIC:
@@ -81,7 +106,8 @@ def _records(descriptor: int, note: Callable[[str], None]) -> Iterator[tuple[int
             note(f"it cannot be read at byte {position}: {error.strerror}")
             return
         except ValueError as error:
-            opcode, (record, found) = Opcode.CHUNK, _next_whole_chunk(descriptor, position, size)
+            record, found = _next_whole_chunk(descriptor, position, size, allowance)
+            opcode = Opcode.CHUNK
             note(f"a record is damaged (byte {position})" if record else str(error))
             if not record:
                 return
@@ -91,17 +117,58 @@ def _records(descriptor: int, note: Callable[[str], None]) -> Iterator[tuple[int
 
 
 def _content(record: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(record[_RECORD.size :]))
+    stream = BytesIO(record)  # of the same memory
+    stream.seek(_RECORD.size)
+    return ReadDataStream(stream)
 
 
-def check_summary(descriptor: int) -> None:
-    """Raise ValueError if a file has no end, or a summary that is not what its writer wrote."""
+def read_summary(descriptor: int) -> Summary:
+    """Raises ValueError, struct.error or McapError where there is no end, or no summary as it was written."""
     size = os.fstat(descriptor).st_size
     position = size - len(MCAP0_MAGIC) - _FOOTER_BYTES
     opcode, record = _record_at(descriptor, max(position, 0), size)
     if opcode != Opcode.FOOTER:
         raise ValueError(CUT)
-    _check_end(descriptor, position, size, Footer.read(_content(record)))
+    data = _checked_summary(descriptor, position, size, Footer.read(_content(record)))
+    opcode, header = _record_at(descriptor, len(MCAP0_MAGIC), size)
+    if opcode != Opcode.HEADER or os.pread(descriptor, len(MCAP0_MAGIC), 0) != MCAP0_MAGIC:
+        raise ValueError("it does not begin as an MCAP file does")
+    summary, places, empty = Summary(Header.read(_content(header)).library, [], [], {}), list[int](), False
+    for opcode, start, end in records(data):
+        if opcode == Opcode.CHANNEL:
+            summary.declared.append(bytes(data[start:end]))
+        elif opcode == Opcode.CHUNK_INDEX:
+            summary.chunks.append(_indexed(data[start:end]))
+        elif opcode == Opcode.STATISTICS:
+            empty = Statistics.read(ReadDataStream(BytesIO(data[start:end]))).channel_count == 0
+        elif opcode == Opcode.METADATA_INDEX:
+            places.append(MetadataIndex.read(ReadDataStream(BytesIO(data[start:end]))).offset)
+    if any(one.start + one.length > two.start for one, two in pairwise(sorted(summary.chunks))):
+        raise ValueError("its index has chunks over one another")
+    if not summary.declared and not empty:
+        raise ValueError("its summary has no channels")
+    summary.metadata.update(_metadata_at(descriptor, places, size))
+    return summary
+
+
+def _metadata_at(descriptor: int, places: list[int], size: int) -> Iterator[tuple[str, dict[str, str]]]:
+    described = 0
+    for place in places:
+        opcode, record = _record_at(descriptor, place, size)
+        described += len(record)
+        if opcode != Opcode.METADATA or described > MOST_DESCRIPTION_BYTES:
+            raise ValueError(f"no metadata at byte {place}, or without end")
+        metadata = Metadata.read(_content(record))
+        yield metadata.name, metadata.metadata
+
+
+def _indexed(content: memoryview) -> IndexedChunk:
+    """As mcap.records.ChunkIndex.read, but two bytes for each channel."""
+    first_ns, last_ns, start, length, channels = _INDEX.unpack_from(content)
+    ids = np.frombuffer(content[_INDEX.size : _INDEX.size + channels], _PLACES)["channel"]
+    _, letters = _INDEX_REST.unpack_from(content, _INDEX.size + channels)
+    _, size = _SIZES.unpack_from(content, _INDEX.size + channels + _INDEX_REST.size + letters)
+    return IndexedChunk(start, length, size, first_ns, last_ns, array("H", ids.astype("=u2").tobytes()))
 
 
 def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
@@ -111,7 +178,7 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
     opcode, length = _RECORD.unpack(head)
     if opcode not in (*Opcode.__members__.values(), CHECKSUM_OPCODE):
         raise ValueError(f"there is no record of kind {opcode} (byte {position})")
-    if length > _LONGEST or (opcode == CHECKSUM_OPCODE and length != _CHECKSUM_BYTES):
+    if length > LONGEST_RECORD_BYTES or (opcode == CHECKSUM_OPCODE and length != _CHECKSUM_BYTES):
         raise ValueError(f"a record of {length} bytes (byte {position})")
     if position + _RECORD.size + length > size:
         end = os.pread(descriptor, _RECORD.size, size - _RECORD.size - _CHECKSUM_BYTES)
@@ -122,42 +189,44 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
     return opcode, os.pread(descriptor, _RECORD.size + length, position)
 
 
-def _check_end(descriptor: int, position: int, size: int, footer: Footer) -> None:
+def _checked_summary(descriptor: int, position: int, size: int, footer: Footer) -> memoryview:
     begin = footer.summary_start or position
-    if not position - _LONGEST <= begin <= position:
+    if not position - LONGEST_RECORD_BYTES <= begin <= position:
         raise ValueError(f"its summary begins at byte {begin}")
-    checked = _FOOTER_BEFORE_CHECKSUM.size + position - begin
-    if footer.summary_crc not in (0, zlib.crc32(os.pread(descriptor, checked, begin))):
+    checked = os.pread(descriptor, _FOOTER_BEFORE_CHECKSUM.size + position - begin, begin)
+    if footer.summary_crc not in (0, zlib.crc32(checked)):
         raise ValueError("the checksum of its summary is wrong")
     if os.pread(descriptor, len(MCAP0_MAGIC) + 1, size - len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise ValueError("it does not end as an MCAP file does")
+    return memoryview(checked)[: position - begin]
 
 
-def _next_whole_chunk(descriptor: int, position: int, size: int) -> tuple[bytes, int]:
+def _next_whole_chunk(descriptor: int, position: int, size: int, allowance: Allowance) -> tuple[bytes, int]:
     """The first chunk at or behind `position` whose checksum is right, and where; empty if there is none."""
     for start in range(position, size, _WINDOW):
         window = os.pread(descriptor, _WINDOW + len(_COMPRESSION) - 1, start)
         found = window.find(_COMPRESSION)
         while found >= 0:
             begin = start + found - _BEFORE_COMPRESSION.size
-            if begin >= position and (record := _chunk_at(descriptor, begin, size)):
+            if begin >= position and (record := _chunk_at(descriptor, begin, size, allowance)):
                 return record, begin
             found = window.find(_COMPRESSION, found + 1)
     return b"", size
 
 
-def _chunk_at(descriptor: int, begin: int, size: int) -> bytes:
+def _chunk_at(descriptor: int, begin: int, size: int, allowance: Allowance) -> bytes:
     """Its record by the lengths inside of it, since its own may be what is damaged; empty if it is none."""
     fixed = _BEFORE_COMPRESSION.size + len(_COMPRESSION)
     head = os.pread(descriptor, fixed + _LENGTH + len(_ZSTD), begin)
     length = int.from_bytes(head[fixed : fixed + _LENGTH], "little")
     if not head.endswith(_ZSTD) or length > min(MAXIMUM_CHUNK_BYTES, size - begin - fixed - _LENGTH):
         return b""
-    content = os.pread(descriptor, fixed + _LENGTH + length - _RECORD.size, begin + _RECORD.size)
-    record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
     try:
+        allowance.spend(unpacked=length)
+        content = os.pread(descriptor, fixed + _LENGTH + length - _RECORD.size, begin + _RECORD.size)
+        record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
         chunk = Chunk.read(_content(record))
-        open_chunk(chunk)
+        open_chunk(chunk, allowance)
     except (*_NO_RECORD, zstandard.ZstdError):
         return b""
     return record if chunk.uncompressed_crc else b""

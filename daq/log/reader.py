@@ -5,27 +5,30 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Literal, NamedTuple, get_args
+from typing import IO, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 import zstandard
 from google.protobuf.message import DecodeError
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
+from mcap.records import Channel as ChannelRecord
 from mcap.records import Chunk, Metadata
-from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from daq.allowance import MOST_COLUMNS, MOST_DESCRIPTION_BYTES, Allowance
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
-from daq.log.front import check_data, check_summary, metadata_and_chunks
+from daq.log.front import check_data, metadata_and_chunks, read_summary
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
+_Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
 Origin = Literal["measured", "nominal", "predicted", "derived"]
 """`nominal` is the twin without the effects that `predicted` has, only where it has any; `derived` is what
 was computed from the samples of the others while they were recorded."""
@@ -44,7 +47,7 @@ _FOREIGN_ERRORS = (
 """What the MCAP, zstd and protobuf packages raise on damaged input."""
 
 _LONGEST_SERIES = 1 << 29
-"""Near three hours at 51.2 kHz; a damaged or hostile sample index must not take all memory."""
+"""Near three hours at 51.2 kHz."""
 CYCLE_PEAK, CYCLE_RMS = "cycle_peak", "cycle_rms"
 CRANK_SPEED = "crank.speed"
 
@@ -83,7 +86,9 @@ class LogReader:
         self.metadata: dict[str, dict[str, str]] = {}
         self._topics: dict[str, dict[str, str]] = {}
         self._channel_names: dict[int, str] = {}
-        self._summary: Summary | None = None
+        self._channel_records: dict[bytes, ChannelRecord] = {}
+        self._described_bytes = 0
+        self._indexed: IndexedChunks | None = None
 
     def __enter__(self) -> LogReader:
         return self.open()
@@ -104,9 +109,9 @@ class LogReader:
         try:
             self._read_summary()
         except _FOREIGN_ERRORS:
-            self._summary = None
+            self._indexed = None
         try:
-            if self._summary is None:
+            if self._indexed is None:
                 self._scan()
         except LogError:
             self.close()
@@ -114,7 +119,7 @@ class LogReader:
         return self
 
     def close(self) -> None:
-        if self._summary is not None:
+        if self._indexed is not None:
             self._indexed.close()
         self._file.close()
 
@@ -131,6 +136,10 @@ class LogReader:
             for topic, metadata in self._topics.items()
             if topic.startswith(prefix)
         }
+
+    def allowance(self) -> Allowance:
+        """What one who keeps what he reads of this log may still take."""
+        return Allowance(self.path, self._file.fileno())
 
     def topic_metadata(self) -> dict[str, dict[str, str]]:
         """Every topic of the file with its channel metadata."""
@@ -150,14 +159,14 @@ class LogReader:
         names = dict(self._channel_names)
         for opening in self._openings(topics, start_ns, end_ns):
             try:
-                chunk = self._opened(opening)
+                chunk, channels = self._opened(opening)
             except LogError as error:
                 if not skip_damaged:
                     raise
                 self._note(str(error))
                 continue
-            names.update((channel.id, channel.topic) for channel in chunk.channels)
-            for number, sequence, log_ns, publish_ns, start, end in chunk.places:
+            names.update((channel.id, channel.topic) for channel in channels)
+            for number, sequence, log_ns, publish_ns, start, end in chunk.messages():
                 topic = names.get(number, "")
                 if topics is None or topic in topics:
                     yield LoggedMessage(topic, log_ns, publish_ns, sequence, chunk.data[start:end])
@@ -199,59 +208,73 @@ class LogReader:
         """Like `series`, for several channels (default: all) in one pass over the file."""
         names = list(self.channels(origin)) if channels is None else list(channels)
         parts: dict[str, list[SampleBlock]] = {name: [] for name in names}
+        allowance = self.allowance()
         for _, block in self.blocks(origin, names):
             begin = block.first_sample / block.sample_rate
             if (end_s is None or begin < end_s) and block.end_sample / block.sample_rate > start_s:
+                allowance.spend(held=block.values.nbytes)
                 parts[block.channel].append(block)
         return {
-            name: _join(self.path, origin, name, blocks, start_s, end_s) for name, blocks in parts.items()
+            name: _join(f"{self.path}: samples of /{origin}/{name}", blocks, start_s, end_s, allowance)
+            for name, blocks in parts.items()
         }
 
     def events(self) -> list[Event]:
         """All events in file order."""
-        return [codec.decode_record(Event, message.data) for message in self.messages({"/event"})]
+        return self._all(Event, "/event")
 
     def gaps(self) -> list[Gap]:
-        return [codec.decode_record(Gap, message.data) for message in self.messages({"/gap"})]
+        return self._all(Gap, "/gap")
 
     def clocks(self) -> list[ClockRecord]:
-        return [codec.decode_record(ClockRecord, message.data) for message in self.messages({"/clock"})]
+        return self._all(ClockRecord, "/clock")
 
     def impacts(self) -> list[Impact]:
         """The impacts that were found in the samples while they were recorded."""
-        return [codec.decode_record(Impact, message.data) for message in self.messages({"/impact"})]
+        return self._all(Impact, "/impact")
+
+    def _all(self, kind: type[_Kind], topic: str) -> list[_Kind]:
+        found, allowance = [], self.allowance()
+        for message in self.messages({topic}):
+            allowance.spend(held=len(message.data), records=1)
+            found.append(codec.decode_record(kind, message.data))
+        return found
 
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
-        check_data(self._file.fileno(), self._note)
+        check_data(self._file.fileno(), self.allowance(), self._note)
 
     def _read_summary(self) -> None:
-        check_summary(self._file.fileno())
-        reader = SeekingReader(self._file, validate_crcs=True)
-        summary = reader.get_summary()
-        if summary is None:
-            return
-        says_it_is_empty = summary.statistics is not None and summary.statistics.channel_count == 0
-        if not summary.channels and not says_it_is_empty:
-            return
-        self.library = reader.get_header().library
-        self._topics = {channel.topic: channel.metadata for channel in summary.channels.values()}
-        self._channel_names = {number: channel.topic for number, channel in summary.channels.items()}
-        self.metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-        self._indexed = IndexedChunks(self._file.fileno(), summary.chunk_indexes)
-        self._summary, self.complete = summary, True
+        summary = read_summary(self._file.fileno())
+        for record in summary.declared:
+            channel = self._channel(record)
+            self._topics[channel.topic] = channel.metadata
+            self._channel_names[channel.id] = channel.topic
+        self.library, self.metadata = summary.library, summary.metadata
+        self._indexed = IndexedChunks(self._file.fileno(), summary.chunks)
+        self.complete = True
+
+    def _channel(self, record: bytes) -> ChannelRecord:
+        """As declared; chunk by chunk the same again."""
+        if record not in self._channel_records:
+            self._described_bytes += len(record)
+            if self._described_bytes > MOST_DESCRIPTION_BYTES or len(self._channel_records) == MOST_COLUMNS:
+                raise LogError(f"{self.path}: it declares more than {MOST_COLUMNS} channels, or at length")
+            self._channel_records[record] = ChannelRecord.read(ReadDataStream(BytesIO(record)))
+        return self._channel_records[record]
 
     def _scan(self) -> None:
-        for record in metadata_and_chunks(self._file.fileno(), self._note):
+        self._topics, self._channel_names, allowance = {}, {}, self.allowance()
+        for record in metadata_and_chunks(self._file.fileno(), self.allowance(), self._note):
             if isinstance(record, Metadata):
                 self.metadata[record.name] = record.metadata
                 continue
             try:
-                chunk = self._opened(partial(open_chunk, record))
+                _, channels = self._opened(partial(open_chunk, record, allowance))
             except LogError as error:
                 self._note(str(error).removeprefix(f"{self.path}: "))
                 continue
-            for channel in chunk.channels:
+            for channel in channels:
                 self._topics.setdefault(channel.topic, channel.metadata)
                 self._channel_names[channel.id] = channel.topic
         if not self._topics and not self.metadata:
@@ -262,21 +285,25 @@ class LogReader:
         self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[Callable[[], OpenedChunk]]:
         """Chunks in file order, each to be opened by a call; without index all of them."""
-        if self._summary is None:
-            for record in metadata_and_chunks(self._file.fileno(), self._note):
+        if self._indexed is None:
+            allowance = self.allowance()
+            for record in metadata_and_chunks(self._file.fileno(), self.allowance(), self._note):
                 if isinstance(record, Chunk):
-                    yield partial(open_chunk, record)
+                    yield partial(open_chunk, record, allowance)
             return
         numbers = None
         if topics is not None:
-            found = self._summary.channels.items()
-            numbers = frozenset(number for number, channel in found if channel.topic in topics)
-        for _, opening in self._indexed.passing(numbers, start_ns, end_ns):
+            numbers = frozenset(number for number, topic in self._channel_names.items() if topic in topics)
+        for _, opening in self._indexed.passing(numbers, start_ns, end_ns, self.allowance()):
             yield opening.result
 
-    def _opened(self, opening: Callable[[], OpenedChunk]) -> OpenedChunk:
+    def _opened(self, opening: Callable[[], OpenedChunk]) -> tuple[OpenedChunk, list[ChannelRecord]]:
+        """A chunk, and the channels that it declares."""
         try:
-            return opening()
+            chunk = opening()
+            return chunk, [self._channel(record) for record in chunk.declared]
+        except LogError:
+            raise
         except _FOREIGN_ERRORS as error:
             raise LogError(f"{self.path}: a chunk is damaged ({type(error).__name__}: {error})") from error
 
@@ -286,17 +313,19 @@ class LogReader:
 
 
 def _join(
-    path: Path, origin: str, name: str, blocks: list[SampleBlock], start_s: float, end_s: float | None
+    what: str, blocks: list[SampleBlock], start_s: float, end_s: float | None, allowance: Allowance
 ) -> SampleBlock:
     if not blocks:
-        raise LogError(f"{path}: no samples of /{origin}/{name} in the asked time")
+        raise LogError(f"{what}: none in the asked time")
     rate = blocks[0].sample_rate
     first = max(min(block.first_sample for block in blocks), round(start_s * rate))
     end = max(block.end_sample for block in blocks)
     if end_s is not None:
         end = min(end, round(end_s * rate))
     if end - first > _LONGEST_SERIES:
-        raise LogError(f"{path}: /{origin}/{name} spans {end - first} samples, too many for one array")
+        raise LogError(f"{what}: {end - first} from first to last are too many for one array")
+    # from sample 0 on, where a prediction begins
+    allowance.spend(held=max(end, 0) * blocks[0].values.itemsize)
     values = np.full(max(end - first, 0), np.nan, dtype=blocks[0].values.dtype)
     flags = Flag.GOOD
     for block in blocks:
@@ -306,7 +335,9 @@ def _join(
         ]
         flags |= block.flags
     origin_ns = blocks[0].time_ns - round(blocks[0].first_sample * NS_PER_S / rate)
-    return SampleBlock(name, first, origin_ns + round(first * NS_PER_S / rate), rate, values, flags)
+    return SampleBlock(
+        blocks[0].channel, first, origin_ns + round(first * NS_PER_S / rate), rate, values, flags
+    )
 
 
 def derived_name(origin: Origin, name: str, figure: str = "") -> str:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import typer
 from typer.core import TyperCommand
 
-from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter
+from daq.errors import ConfigurationError, InterlockTripped, RattleError, UnphysicalParameter, harmless
 from daq.plugins import UNUSED
 from rig.session.signals import Stopped
 
@@ -104,10 +104,10 @@ def main() -> None:
             for fault in UNUSED:
                 print(f"! {fault}", file=sys.stderr)
     except tuple(kind for kind, _ in _CODES) as error:
-        print(f"rattle: {error or 'interrupted'}", file=sys.stderr)
+        print(harmless(f"rattle: {error or 'interrupted'}"), file=sys.stderr)
         code = next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
         words = error.format_message() if isinstance(error, typer.BadParameter) else error
-        print(f"rattle: {words}", file=sys.stderr)
+        print(harmless(f"rattle: {words}"), file=sys.stderr)
         code = WRONG_USE
     sys.exit(code)

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.diagnosis.recordings import RecordedCampaign
@@ -38,7 +37,7 @@ def diagnose(
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
-    screen = Screen(Console(stderr=machine))
+    screen = Screen(Terminal(stderr=machine))
     findings, files = diagnose_runs(runs, model, out, seed, budget, screen)
     if machine:
         typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
@@ -65,7 +64,7 @@ def gap(
 ) -> None:
     from rig.diagnosis.diagnose_runs import measured_gap
 
-    screen = Screen(Console(stderr=machine))
+    screen = Screen(Terminal(stderr=machine))
     found = measured_gap(runs, model, effects, seed, screen)
     if machine:
         print_json(found)
@@ -95,7 +94,7 @@ def calibrate(
         raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
     if not out.resolve().parent.is_dir():
         raise RattleError(f"{out.parent}: no such folder; nothing was calibrated")
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     with screen.busy("reading"):
         read = recorded(runs)
     for remark in read.remarks:

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from daq.errors import ConfigurationError, LogError, Problem
 from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load_pair, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 _MOST = 50
 
@@ -37,7 +36,7 @@ def dwell(
     from rig.files.table import FieldError, quantity_field
     from rig.session.dwells import DwellRequest, record_dwells
 
-    screen = Screen(Console(stderr=False))
+    screen = Screen(Terminal(stderr=False))
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
     if not 1 <= len(named) <= _MOST:
@@ -96,6 +95,6 @@ def skew(runs: RunFiles, as_json: Json = False) -> None:
     else:
         lines.append(f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad")
         lines.append(f"{found} by itself, with the travel time of the bus's fastest frame")
-    console = Console()
+    console = Terminal()
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from daq.errors import ConfigurationError, Problem
 from rig.commands.arguments import RunFile
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.formats.recording import Recording
@@ -37,7 +36,7 @@ def export(
     from daq.formats.samples import Scratch
     from daq.log.reader import LogReader
 
-    screen, formats = Screen(Console()), all_formats()
+    screen, formats = Screen(Terminal()), all_formats()
     for fault in formats.faults:
         screen.warn(fault)
     chosen = formats.found.get(to)
@@ -94,7 +93,7 @@ def import_(
         started_ns = int(moment.timestamp()) * 10**9 + int((match[2] or "0").ljust(9, "0"))
     answers = Answers(renamed, units, skip or (), rates, started_ns)
     target = out or files[0].with_suffix(".mcap")
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     import_files(files, scenario, target, answers, screen)
     screen.say(f"log        {target}")
 
@@ -134,7 +133,7 @@ def import_files(
             # what is no column comes from the first that says it
             rest = dataclasses.replace(found[0].rest, impacts=impacts)
             contents = Contents(columns, rest, [note for each in found for note in each.notes])
-        for note in (*all_formats().faults, *contents.notes):
+        for note in dict.fromkeys((*all_formats().faults, *contents.notes)):
             screen.warn(note)
         text = contents.rest.metadata.get("scenario", {}).get("toml", "")
         if given is None and not text:

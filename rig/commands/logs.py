@@ -8,12 +8,11 @@ from statistics import mean
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.log.reader import Origin
@@ -33,7 +32,7 @@ def overlay(
     from rig.report.summary import closeness, overall
     from rig.session.overlay import overlay_run
 
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     target = out or run.with_suffix(".overlay.mcap")
     with screen.busy("predicting"):
         overlay_run(run, target, effects, model, screen.warn)
@@ -70,10 +69,11 @@ def recover(
     from daq.log.recover import recover_log
 
     report = recover_log(log, out)
+    screen = Screen(Terminal())
     if report.recovered_from:
-        Console().print(f"{log}: {report.recovered_from}", markup=False, highlight=False, soft_wrap=True)
+        screen.say(f"{log}: {report.recovered_from}")
     if not report.whole:
-        Console().print(f"{report.lost} samples were lost, and what may have come after them")
+        screen.say(f"{report.lost} samples were lost, and what may have come after them")
     _show(report, as_json=False)
     if not report.whole:
         raise typer.Exit(_LOST)
@@ -88,18 +88,15 @@ def _show(report: LogReport, as_json: bool) -> None:
         table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
         for topic in report.topics:
             table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
-        console = Console()
-        console.print(table)
+        screen = Screen(Terminal())
+        screen.console.print(table)
         with LogReader(report.path) as log:
             for gap in log.gaps():
-                where = (
-                    f"{gap.origin} {gap.channel}".strip() + f", {gap.count} samples from {gap.first_sample}"
-                )
-                console.print(f"gap: {where}: {gap.cause}", markup=False, highlight=False)
+                whose = f"{gap.origin} {gap.channel}".strip()
+                screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
         ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
         verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
-        line = f"{report.path}: {verdict if report.complete else ended}"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        screen.say(f"{report.path}: {verdict if report.complete else ended}")
     if not report.sound:
         raise typer.Exit(_UNSOUND)
 
@@ -116,7 +113,7 @@ def replay(
     from rig.report.record import RunCollector
     from rig.session.replay import replay_log
 
-    screen = Screen(Console())
+    screen = Screen(Terminal())
     with LogReader(run) as log:
         collector = RunCollector(log)
         replay_log(run, speed, live, screen, SystemClock(), (collector,))

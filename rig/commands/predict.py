@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, ScenarioFile, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 
 def predict(
@@ -31,7 +30,7 @@ def predict(
     from rig.twin.scenario_twin import twin_of, with_effects
 
     scenario = load_scenario(scenario_file)
-    screen, wanted = Screen(Console(stderr=as_json)), scenario.acquisition
+    screen, wanted = Screen(Terminal(stderr=as_json)), scenario.acquisition
     twin = twin_of(scenario)
     fitted = None if model is None else load_model(model, scenario.rig)
     if fitted is not None:
@@ -77,7 +76,7 @@ def effects(scenario_file: ScenarioFile, machine: Json = False) -> None:
         names = [(effect.name, effect.location)] + [("", "")] * len(rows)
         for (name, where), (parameter, values) in zip(names, rows.items(), strict=False):
             table.add_row(name, where, parameter, values)
-    Screen(Console()).console.print(table)
+    Screen(Terminal()).console.print(table)
 
 
 _QUEUED = 4
@@ -115,7 +114,7 @@ def ensemble(
         raise RattleError(f"{out}: its folder does not exist; make it first, nothing was simulated")
     twin = twin_of(scenario)
     population = Population(twin if effects is None else with_effects(twin, effects), any_phase=False)
-    screen = Screen(Console(stderr=machine))
+    screen = Screen(Terminal(stderr=machine))
     if scheduler is None:
         source = ensembles.worker_processes(workers or ensembles.cores())
     else:

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from daq.errors import RattleError
 from rig.reproduce.page import FIGURES  # the help of --only names them
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 
 def reproduce(
@@ -32,7 +31,7 @@ def reproduce(
     unknown = [name for name in asked if name not in FIGURES]
     if unknown:
         raise typer.BadParameter(f"no figure {', '.join(unknown)}; there are {', '.join(FIGURES)}")
-    screen, names = Screen(Console()), [name for name in FIGURES if not asked or name in asked]
+    screen, names = Screen(Terminal()), [name for name in FIGURES if not asked or name in asked]
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.console import Console
 
 from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 from rig.session.signals import Stopped
 
 
@@ -32,7 +31,7 @@ def run(
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
 
-    screen = Screen(Console(stderr=False))
+    screen = Screen(Terminal(stderr=False))
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     fitted = None if model is None else load_model(model, scenario.rig)
     clock = SystemClock()
@@ -61,7 +60,7 @@ def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: 
     from rig.files.scenario import load_scenario
 
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
-    screen = Screen(Console(stderr=as_json))
+    screen = Screen(Terminal(stderr=as_json))
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from daq.errors import ConfigurationError, Problem, RattleError
 from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.files.bench import Bench
@@ -42,7 +41,7 @@ def centre(
     from rig.session.centring_run import find_centre
     from rig.twin.scenario_twin import check_twin
 
-    screen = Screen(Console(stderr=as_json))
+    screen = Screen(Terminal(stderr=as_json))
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     written = scenario_file.with_suffix(".centred.toml") if out is None else out
     if written.exists():
@@ -121,7 +120,7 @@ def sweep(
     from rig.sweep.results import TABLE, headings_of, rows_of, write_page
     from rig.sweep.state import held, load_state
 
-    screen = Screen(Console(stderr=False))
+    screen = Screen(Terminal(stderr=False))
     swept, bench = load_pair(load_sweep, sweep_file, bench_file)
     plain = re.sub(r"[^A-Za-z0-9]+", "-", swept.name).strip("-").lower()[:60] or "sweep"
     folder = RUNS / plain if out is None else out

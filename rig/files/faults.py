@@ -144,6 +144,8 @@ def read_text(path: str | Path) -> str:
 
 def read_toml(text: str, source: str) -> dict[str, Any]:
     """Tables of a TOML text; raises ConfigurationError with line and column."""
+    if len(text) > _LARGEST_BYTES:  # a text in a log may be of any length
+        raise ConfigurationError(source, [Problem("TOML", f"({len(text)} characters)", "at most 4 MiB")])
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

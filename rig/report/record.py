@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import tomllib
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,8 +14,10 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock, values_of
 from daq.channel import Channel
+from daq.errors import ConfigurationError
 from daq.log.reader import CRANK_SPEED, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
+from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Record, Stream
@@ -54,6 +55,8 @@ ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
 _KEPT_SAMPLES = 64_000_000
 """All traces together (256 MB). A longer run is drawn from its beginning; its numbers are of all of it."""
 
+_REACH, _HOLES = 1 << 20, 16
+"""Samples up to which a trace may begin, and how many may be missing for each that is there."""
 _KEPT_CONTACT_SAMPLES = 25_000_000
 """Each contact force: eight minutes at 51.2 kHz, for the statistics of half cycles."""
 
@@ -195,6 +198,20 @@ class RunRecord:
         return None if upper is None or lower is None else (upper, lower)
 
 
+class _Kept:
+    """Blocks of a trace from its beginning on, up to `limit` samples or a hole that is far longer."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._samples = 0
+        self.blocks: list[SampleBlock] = []
+
+    def add(self, block: SampleBlock) -> None:
+        self._samples += len(block)
+        if block.end_sample <= min(self._limit, _REACH + _HOLES * self._samples):
+            self.blocks.append(block)
+
+
 class RunCollector:
     """A run's record from a stream as it passes: a consumer of a replay, or of `read_run`.
 
@@ -207,25 +224,23 @@ class RunCollector:
         keys: list[tuple[Origin, str]] = [
             (origin, name) for origin in ORIGINS for name in self._declared[origin]
         ]
-        self._limits = {
-            key: (_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
+        self._kept = {
+            key: _Kept(_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
             for key in keys
         }
         self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
-        self._blocks: dict[tuple[Origin, str], list[SampleBlock]] = defaultdict(list)
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
-        self._speeds: dict[Origin, list[SampleBlock]] = defaultdict(list)
+        self._speeds = {origin: _Kept(_KEPT_SAMPLES) for origin in ORIGINS}
         self._impacts: list[Impact] = []
 
     def __call__(self, record: Record) -> None:
         match record:
             case Block("derived", samples) if samples.channel in self._whose_speed:
-                self._speeds[self._whose_speed[samples.channel]].append(samples)
-            case Block(origin, samples) if (origin, samples.channel) in self._limits:
+                self._speeds[self._whose_speed[samples.channel]].add(samples)
+            case Block(origin, samples) if (origin, samples.channel) in self._kept:
                 key = origin, samples.channel
                 self._tallies[key].add(samples)
-                if samples.end_sample <= self._limits[key]:
-                    self._blocks[key].append(samples)
+                self._kept[key].add(samples)
             case Impact():
                 self._impacts.append(record)
 
@@ -239,12 +254,12 @@ class RunCollector:
             scenario=reader.scenario,
             metadata=reader.metadata,
             channels=measured | self._declared["predicted"] | measured,  # the measured first, and as they are
-            traces={key: _joined(blocks) for key, blocks in self._blocks.items()},
+            traces={key: _joined(kept.blocks) for key, kept in self._kept.items() if kept.blocks},
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
             impacts=list(self._impacts),
-            speeds={origin: _joined(blocks) for origin, blocks in self._speeds.items()},
+            speeds={origin: _joined(kept.blocks) for origin, kept in self._speeds.items() if kept.blocks},
         )
 
 
@@ -282,8 +297,8 @@ class ScenarioFacts:
 def scenario_facts(toml: str) -> ScenarioFacts:
     """Read them from a scenario's TOML text, which another program may have written."""
     try:
-        scenario = tomllib.loads(toml)
-    except tomllib.TOMLDecodeError:
+        scenario = read_toml(toml, "scenario")
+    except ConfigurationError:
         return ScenarioFacts()
     drive = scenario.get("drive", {})
     drive = drive if isinstance(drive, dict) else {}
@@ -297,9 +312,7 @@ def scenario_facts(toml: str) -> ScenarioFacts:
 
 
 def _quantity(value: object, unit: str) -> float:
-    if isinstance(value, (int, float)):
-        return float(value)
     try:
-        return si_value(str(value), unit)
-    except QuantityError:
+        return float(value) if isinstance(value, int | float) else si_value(str(value), unit)
+    except (QuantityError, OverflowError):
         return 0.0

@@ -5,16 +5,24 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
-from daq.errors import RattleError
+from daq.errors import RattleError, harmless
 
 FIRST_START: Final = "compiled on a first start, which takes up to a minute"
 """Measured on two cores with nothing compiled: beam 17 s, planar crank 34 s, spatial crank 50 s, or 52 s on
 real instruments. Whatever simulates first compiles for all."""
+
+
+class Terminal(Console):
+    """Shows whatever stands in a text, in a table's cell too, and takes none of it for an order."""
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        return super().render_str(harmless(text), **{**how, "markup": False, "emoji": False})
 
 
 class Screen:
@@ -48,7 +56,7 @@ class Screen:
             self.say(f"{text} ...")
             yield
             return
-        with self.console.status(text):
+        with self.console.status(self.console.render_str(text)):
             yield
 
     @contextmanager
@@ -69,7 +77,8 @@ class Screen:
 
             yield (lambda done: None) if unit == "s" else quarters
             return
-        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+        words = TextColumn("{task.description}", markup=False)
+        columns = (words, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         with Progress(*columns, console=self.console, transient=True) as progress:
-            task = progress.add_task(text, total=total)
+            task = progress.add_task(harmless(text), total=total)
             yield lambda done: progress.update(task, completed=done)

@@ -88,6 +88,8 @@ MARKED_TURNS = 3.0
 """Turns in which a marker surely shows as many, with one lost."""
 _LEAST_TURN = 0.05
 """Revolutions that a record has to show before its speed is believed."""
+_FURTHEST_RAD = 1e12
+"""Beyond, a double holds no phase."""
 
 
 def align_angle(
@@ -95,7 +97,7 @@ def align_angle(
 ) -> Alignment:
     """Align to a crank angle (rad, unwrapped, shape (n,)) by an encoder of `counts` a revolution."""
     samples = first_sample + np.arange(len(angle))
-    known = np.isfinite(angle)
+    known = np.abs(angle) < _FURTHEST_RAD
     # a counter shows the last whole count: on average half a count less than the angle
     centred = np.asarray(angle, dtype=float)[known] + pi / counts
     if len(centred) < 2 or abs(centred[-1] - centred[0]) < _LEAST_TURN * 2 * pi:

@@ -18,7 +18,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import recover
 from daq.log.codec import decode_block, encode_block
-from daq.log.front import CUT
+from daq.log.front import CUT, read_summary
 from daq.log.reader import LogReader
 from daq.log.records import Gap
 from daq.log.recover import LOST, recover_log, verify_log
@@ -44,9 +44,8 @@ def data_end(path: Path) -> int:
 def chunks_of(path: Path) -> list[tuple[int, int]]:
     """First byte and end of each chunk."""
     with LogReader(path) as log:
-        assert log._summary is not None
-        indexes = log._summary.chunk_indexes
-    return [(each.chunk_start_offset, each.chunk_start_offset + each.chunk_length) for each in indexes]
+        indexes = read_summary(log._file.fileno()).chunks
+    return [(each.start, each.start + each.length) for each in indexes]
 
 
 @pytest.mark.parametrize("share", [0.001, *np.linspace(0.05, 0.999, CUTS)])

@@ -5,9 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tests.daq.log.logs import write_ramp
+from daq.block import SampleBlock
+from daq.channel import Channel
+from daq.log.records import Gap
+from daq.log.writer import LogWriter
+from tests.daq.log.logs import START_NS, block, write_ramp
 from tests.rig.commands.cli import Call
 
 
@@ -53,3 +58,36 @@ def test_a_missing_log_exits_1_with_one_line(call: Call, tmp_path: Path) -> None
     answer = call("verify", tmp_path / "gone.mcap")
     assert answer.code == 1
     assert answer.err == f"rattle: {tmp_path / 'gone.mcap'}: No such file or directory\n"
+
+
+def test_what_a_log_says_is_shown_and_never_obeyed(call: Call, tmp_path: Path) -> None:
+    """Markup of the terminal's package, colours, a title, the beginning of the line, writing backwards."""
+    said, shown = (
+        "[/x] [red]\x1b[31m\x1b]0;t\x07\r\x9b2J\u202e",
+        r"[/x] [red]\x1b[31m\x1b]0;t\x07\r\x9b2J\u202e",
+    )
+    with LogWriter(tmp_path / "log.mcap") as log:
+        log.add_metadata("scenario", {"toml": f"name = {json.dumps(said)}"})
+        log.declare("measured", Channel(said, said))
+        values = np.ones(10, np.float32)
+        log.add_gap(Gap(START_NS, said, 0, 5, said), START_NS)
+        log.add_block("measured", SampleBlock(said, 5, START_NS, 1000.0, values), START_NS)
+    for command in (["verify"], ["replay", "--speed", "0"]):
+        answer = call(*command, tmp_path / "log.mcap")
+        assert answer.code == 0
+        assert shown in answer.out
+        assert not set(answer.out + answer.err) & set("\x1b\x07\r\x9b\u202e")
+    answer = call("export", tmp_path / "log.mcap", "--to", said)
+    assert shown in answer.err
+
+
+def test_a_scenario_in_a_log_is_as_long_as_a_file_may_be(call: Call, tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        log.add_metadata("scenario", {"toml": f'name = "{"x" * (4 << 20)}"'})
+        log.declare("measured", Channel("a", "N"))
+        log.add_block("measured", block(0), START_NS)
+    answer = call("overlay", path)
+    assert answer.code == 2
+    assert "at most 4 MiB" in answer.err
+    assert call("replay", path, "--speed", "0").code == 0

@@ -3,15 +3,18 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from plotly.offline import get_plotlyjs
 
+from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.writer import LogWriter
 from rig.report.page import GROUP, SECTIONS, write_report
 from rig.report.record import read_run
 from tests.fake_packages import install
-from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
+from tests.hostile import bounded
+from tests.rig.synthetic_run import CHANNELS, START_NS, blocks, damaged, write_log
 
 BEAM = {
     "Summary",
@@ -149,3 +152,20 @@ def test_another_package_adds_sections_and_what_is_wrong_with_them_costs_no_othe
     assert f"{GROUP}: orders {whose}there is one of that name already" in summary
     assert f"{GROUP}: lost {whose}it does not load" in summary
     assert f"{GROUP}: bearings failed (ValueError: no such bearing)" in text
+
+
+def test_a_hole_that_no_run_has_takes_no_memory(tmp_path: Path) -> None:
+    """The index of a sample says it comes after ten hours, and the file is of a few kilobytes."""
+    path = tmp_path / "run.mcap"
+    with LogWriter(path) as log:
+        for origin, name in (("measured", "contact.force_upper"), ("derived", "crank.speed")):
+            log.declare(origin, Channel(name, "N"))
+            for first in (0, 1 << 31):
+                each = SampleBlock(name, first, START_NS + first, 51_200.0, np.ones(10, np.float32))
+                log.add_block(origin, each, START_NS)
+    with bounded(64 << 20):
+        run = read_run(path)
+    assert len(run.traces["measured", "contact.force_upper"].values) == 10
+    assert len(run.speeds["measured"].values) == 10
+    assert run.kept_s == 10 / 51_200
+    assert run.missing == (1 << 31) - 10

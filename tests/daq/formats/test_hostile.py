@@ -1,0 +1,169 @@
+"""Files that unpack to far more than they are, or that ask for far more work: refused, with little memory."""
+
+from __future__ import annotations
+
+import io
+import struct
+import time
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import scipy.io
+
+from daq.errors import LogError
+from daq.formats.recording import TimeBase
+from daq.formats.samples import Scratch
+from tests.daq.formats.files import read
+from tests.hostile import bounded
+
+ODD = "more would come of it than of any honest recording"
+BOMB = 1 << 27
+"""Bytes that a file of a thousandth of it unpacks to."""
+
+
+def npy(values: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, values)
+    return file.getvalue()
+
+
+def npz_of_zeros(path: Path) -> None:
+    np.savez_compressed(path, x=np.zeros(BOMB, np.uint8), fs=51_200.0)
+
+
+def compressed_mat(path: Path, variable: object) -> None:
+    scipy.io.savemat(path, {"x": variable}, do_compression=True)
+
+
+def mat_of_zeros(path: Path) -> None:
+    compressed_mat(path, np.zeros(BOMB // 8))
+
+
+def mat_of_a_struct(path: Path) -> None:
+    compressed_mat(path, {"values": np.zeros(BOMB // 8), "name": "a", "origin": "measured"})
+
+
+def mat_that_says_it_is_small(path: Path) -> None:
+    """Its header has one number, and its data 256 MB."""
+    compressed_mat(path, np.zeros(BOMB // 8))
+    whole = path.read_bytes()
+    (length,) = struct.unpack_from("<I", whole, 132)
+    data = zlib.decompress(whole[136 : 136 + length])
+    dimensions = struct.pack("<iiii", 5, 8, 1, BOMB // 8), struct.pack("<iiii", 5, 8, 1, 1)
+    small = zlib.compress(data.replace(dimensions[0], dimensions[1], 1))
+    path.write_bytes(whole[:128] + struct.pack("<II", 15, len(small)) + small)
+
+
+def parquet_of_zeros(path: Path) -> None:
+    pq.write_table(pa.table({"x": np.zeros(BOMB // 2)}), path, row_group_size=1 << 27)
+
+
+def parquet_in_one_page(path: Path) -> None:
+    table = pa.table({"x": np.zeros(BOMB // 2)})
+    pq.write_table(table, path, compression="zstd", use_dictionary=False, data_page_size=1 << 30)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write"),
+    [
+        ("npz", npz_of_zeros),
+        ("mat", mat_of_zeros),
+        ("mat", mat_of_a_struct),
+        ("mat", mat_that_says_it_is_small),
+        ("parquet", parquet_of_zeros),
+        ("parquet", parquet_in_one_page),
+    ],
+)
+def test_a_bomb_is_refused_before_it_is_unpacked(
+    suffix: str, write: object, tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / f"bomb.{suffix}"
+    assert callable(write)
+    write(path)
+    before, begun = pa.total_allocated_bytes(), time.monotonic()
+    with bounded(), pytest.raises(LogError, match=rf"^{path}: {ODD}"):
+        read(path, scratch)
+    assert pa.total_allocated_bytes() == before
+    assert time.monotonic() - begun < 10.0
+
+
+@pytest.mark.parametrize("columns", [3000, 100_000])
+def test_a_table_of_many_columns_takes_time_as_its_size_has_it(
+    columns: int, tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / "wide.csv"
+    names, row = ",".join(f"c{number}" for number in range(columns)), ",".join("1" * columns)
+    path.write_text(f"{names}\n" + f"{row}\n" * 3)
+    begun = time.monotonic()
+    if columns > 4096:
+        with pytest.raises(LogError, match="4096"):
+            read(path, scratch)
+    else:
+        assert len(read(path, scratch).columns) == columns
+    assert time.monotonic() - begun < 5.0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("(" * 100_000 + "\n1\n", "a cell of 100000 characters"),
+        ("a,b\n" + "1" * 100_000 + ",2\n", "a cell of 100000 characters"),
+        ("a,a\n1,2\n", "come twice: a"),
+    ],
+)
+def test_a_table_with_odd_cells_is_refused_at_once(
+    text: str, words: str, tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / "odd.csv"
+    path.write_text(text)
+    begun = time.monotonic()
+    with pytest.raises(LogError, match=words):
+        read(path, scratch)
+    assert time.monotonic() - begun < 5.0
+
+
+def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch: Scratch) -> None:
+    path = tmp_path / "run.impacts.csv"
+    description = '{"rattle":1,"tracks":[],"metadata":{},"events":[],"gaps":null,"clocks":[]}'
+    path.write_text(f"# rattle impacts {description}\ntime_ns\n" + "\n" * 5_000_000)
+    with bounded(64 << 20), pytest.raises(LogError, match="cut short"):
+        read(path, scratch)
+
+
+def test_damaged_lzma_is_a_log_error(tmp_path: Path, scratch: Scratch) -> None:
+    path = tmp_path / "x.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as file:
+        file.writestr("x.npy", npy(np.random.default_rng(1).normal(size=1000)))
+    data = bytearray(path.read_bytes())
+    data[60:64] = b"\xff" * 4
+    path.write_bytes(data)
+    with pytest.raises(LogError, match=r"x\.npz"):
+        read(path, scratch)
+
+
+def test_numbers_in_scratch_are_those_that_were_kept(scratch: Scratch) -> None:
+    """In pieces, of any step and byte order."""
+    values = np.arange(1_000_000, dtype=">f8")
+    assert np.array_equal(scratch.keep(values[::2]).read(0, 500_000), values[::2])
+    assert np.array_equal(scratch.keep(values).read(999_990, 1_000_000), values[-10:])
+
+
+def test_short_columns_wait_no_longer_the_more_there_are(scratch: Scratch) -> None:
+    columns = [scratch.column() for _ in range(4000)]
+    with bounded(200 << 20):
+        for _ in range(10):
+            for column in columns:
+                column.add(np.ones(1000))
+    assert all(len(column) == 10_000 for column in columns)
+    assert np.array_equal(columns[7].samples().read(9990, 10_000), np.ones(10))
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e-310, 1e300, float("nan")])
+def test_what_is_no_rate_is_no_time_base(rate: float) -> None:
+    with pytest.raises(LogError, match="a sample rate of"):
+        TimeBase(0, 0, rate)
