@@ -37,17 +37,6 @@ _HEAD = struct.Struct("<BQQQQII")
 _LENGTH = struct.Struct("<Q")
 
 
-class Place(NamedTuple):
-    """A message in an opened chunk: its channel, and where its data lies."""
-
-    channel_id: int
-    sequence: int
-    log_ns: int
-    publish_ns: int
-    start: int
-    end: int
-
-
 class IndexedChunk(NamedTuple):
     """Where a chunk lies in its file, and what its log's index says of it."""
 
@@ -66,12 +55,11 @@ class OpenedChunk:
     data: bytes
     declared: tuple[bytes, ...]
 
-    def messages(self) -> Iterator[Place]:
-        """In their order. There may be millions."""
+    def messages(self) -> Iterator[tuple[int, ...]]:
+        """Channel, sequence, log time, publish time, start and end of each; there may be millions."""
         for opcode, start, end in records(self.data):
             if opcode == Opcode.MESSAGE:
-                channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(self.data, start)
-                yield Place(channel, sequence, log_ns, publish_ns, start + _MESSAGE.size, end)
+                yield *_MESSAGE.unpack_from(self.data, start), start + _MESSAGE.size, end
 
 
 def open_chunk(chunk: Chunk, allowance: Allowance) -> OpenedChunk:
@@ -147,24 +135,18 @@ class IndexedChunks:
         self._opened.clear()
 
     def passing(
-        self,
-        channel_ids: frozenset[int] | None,
-        start_ns: int | None,
-        end_ns: int | None,
-        allowance: Allowance,
+        self, ids: frozenset[int] | None, start_ns: int | None, end_ns: int | None, allowance: Allowance
     ) -> Iterator[tuple[int, Future[OpenedChunk]]]:
         """Place in the file and content of chunks, in file order.
 
-        Those that may hold messages of these channels (None: of any) in a stretch of log time, as far as
-        `allowance` goes.
+        Those that may hold messages of channels `ids` (None: of any) in a stretch of log time.
         """
         wanted = []
         for each in self._indexes:
             early = start_ns is not None and each.last_ns < start_ns
             late = end_ns is not None and each.first_ns > end_ns
             # A writer may leave out the index of messages: then any channel may be in it.
-            indexed = each.channel_ids
-            if channel_ids is None or not indexed or not channel_ids.isdisjoint(indexed):
+            if ids is None or not each.channel_ids or not ids.isdisjoint(each.channel_ids):
                 wanted += [] if early or late else [each]
         for number, index in enumerate(wanted):
             ahead = 0

@@ -95,6 +95,6 @@ def skew(runs: RunFiles, as_json: Json = False) -> None:
     else:
         lines.append(f"mounted at {found.angle_rad:.5f} +- {found.angle_uncertainty_rad:.5f} rad")
         lines.append(f"{found} by itself, with the travel time of the bus's fastest frame")
-    console = Terminal()
+    screen = Screen(Terminal())
     for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        screen.say(line)

@@ -198,20 +198,6 @@ class RunRecord:
         return None if upper is None or lower is None else (upper, lower)
 
 
-class _Kept:
-    """Blocks of a trace from its beginning on, up to `limit` samples or a hole that is far longer."""
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._samples = 0
-        self.blocks: list[SampleBlock] = []
-
-    def add(self, block: SampleBlock) -> None:
-        self._samples += len(block)
-        if block.end_sample <= min(self._limit, _REACH + _HOLES * self._samples):
-            self.blocks.append(block)
-
-
 class RunCollector:
     """A run's record from a stream as it passes: a consumer of a replay, or of `read_run`.
 
@@ -224,23 +210,24 @@ class RunCollector:
         keys: list[tuple[Origin, str]] = [
             (origin, name) for origin in ORIGINS for name in self._declared[origin]
         ]
-        self._kept = {
-            key: _Kept(_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
+        self._limits = {
+            key: (_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
             for key in keys
         }
         self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
+        self._blocks: dict[tuple[Origin, str], list[SampleBlock]] = defaultdict(list)
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
-        self._speeds = {origin: _Kept(_KEPT_SAMPLES) for origin in ORIGINS}
+        self._speeds: dict[Origin, list[SampleBlock]] = defaultdict(list)
         self._impacts: list[Impact] = []
 
     def __call__(self, record: Record) -> None:
         match record:
             case Block("derived", samples) if samples.channel in self._whose_speed:
-                self._speeds[self._whose_speed[samples.channel]].add(samples)
-            case Block(origin, samples) if (origin, samples.channel) in self._kept:
+                _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
+            case Block(origin, samples) if (origin, samples.channel) in self._limits:
                 key = origin, samples.channel
                 self._tallies[key].add(samples)
-                self._kept[key].add(samples)
+                _keep(self._blocks[key], samples, self._limits[key])
             case Impact():
                 self._impacts.append(record)
 
@@ -254,12 +241,12 @@ class RunCollector:
             scenario=reader.scenario,
             metadata=reader.metadata,
             channels=measured | self._declared["predicted"] | measured,  # the measured first, and as they are
-            traces={key: _joined(kept.blocks) for key, kept in self._kept.items() if kept.blocks},
+            traces={key: _joined(blocks) for key, blocks in self._blocks.items() if blocks},
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
             impacts=list(self._impacts),
-            speeds={origin: _joined(kept.blocks) for origin, kept in self._speeds.items() if kept.blocks},
+            speeds={origin: _joined(blocks) for origin, blocks in self._speeds.items() if blocks},
         )
 
 
@@ -276,6 +263,12 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
         for impact in reader.impacts():
             stream(impact)
         return collector.record()
+
+
+def _keep(blocks: list[SampleBlock], block: SampleBlock, limit: int) -> None:
+    """Up to `limit` samples, and to no hole that is far longer than what is before it."""
+    if block.end_sample <= min(limit, _REACH + _HOLES * len(block) * len(blocks)):
+        blocks.append(block)
 
 
 def _joined(blocks: list[SampleBlock]) -> Trace:
