@@ -23,6 +23,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+DAMAGED = (ValueError, LookupError, ArithmeticError, RuntimeError, EOFError, OSError, MemoryError)
+"""What Python raises where a file is not what it should be; who reads one adds his packages' own."""
+
 
 class RattleError(Exception):
     """Anything that rattle raises on purpose."""

@@ -4,15 +4,15 @@ format is to the rest of rattle."""
 from __future__ import annotations
 
 import csv
-import lzma
 import math
 import struct
-import tokenize
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from lzma import LZMAError
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, BinaryIO
 from zipfile import BadZipFile
 
@@ -22,33 +22,14 @@ from scipy.io.matlab import MatReadError
 
 from daq.allowance import MOST_COLUMNS
 from daq.block import is_rate
-from daq.errors import LogError, RattleError
+from daq.errors import DAMAGED, LogError, RattleError
 from daq.formats.description import Described, Description
 from daq.formats.recording import Recording, Stretch
 from daq.formats.samples import CHUNK, Pieces, Samples, Scratch
 from daq.log.reader import Origin
 
-_FOREIGN_ERRORS = (
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    AssertionError,
-    ArithmeticError,
-    RuntimeError,
-    OSError,
-    EOFError,
-    MemoryError,
-    BadZipFile,
-    SyntaxError,
-    tokenize.TokenError,
-    lzma.LZMAError,
-    struct.error,
-    zlib.error,
-    csv.Error,
-    pa.ArrowException,
-    MatReadError,
-)
+_OWN_ERRORS = (TypeError, AttributeError, AssertionError, SyntaxError, struct.error, *DAMAGED)
+_FOREIGN_ERRORS = (BadZipFile, TokenError, LZMAError, zlib.error, csv.Error, pa.ArrowException, MatReadError)
 """What the TDMS, MAT, Parquet, CSV and NumPy packages raise on damaged input."""
 Warn = Callable[[str], None]
 _LARGEST_DEVIATION = 0.1
@@ -69,7 +50,7 @@ def readable(path: Path) -> Iterator[None]:
         raise LogError(str(error) if named else f"{path}: {error}") from error
     except FileNotFoundError as error:
         raise LogError(f"{path}: {error.strerror}") from error
-    except _FOREIGN_ERRORS as error:
+    except (*_OWN_ERRORS, *_FOREIGN_ERRORS) as error:
         if isinstance(error, RattleError):
             raise
         reason = " ".join(str(error).split())[:200]

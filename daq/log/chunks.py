@@ -19,7 +19,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from daq.allowance import MOST_DESCRIPTION_BYTES, Allowance
+from daq.allowance import MOST_COLUMNS, Allowance
 
 MAXIMUM_CHUNK_BYTES = 64 << 20
 """A quarter of a second of 1 000 channels at 51.2 kHz, measured and predicted, fits in."""
@@ -66,7 +66,6 @@ def open_chunk(chunk: Chunk, allowance: Allowance) -> OpenedChunk:
     """Decompress and verify a chunk; raises ValueError, struct.error or ZstdError if it is damaged."""
     data = _content(chunk, allowance)
     declared: dict[bytes, None] = {}
-    described = 0
     for opcode, start, end in records(data):
         if opcode == Opcode.MESSAGE:
             allowance.spend(records=1)
@@ -75,10 +74,9 @@ def open_chunk(chunk: Chunk, allowance: Allowance) -> OpenedChunk:
             continue
         allowance.spend(unpacked=_OTHER_RECORD)
         if opcode == Opcode.CHANNEL:
-            described += end - start
-            if described > MOST_DESCRIPTION_BYTES:
-                raise ValueError("it declares channels without end")
             declared[data[start:end]] = None
+            if len(declared) > MOST_COLUMNS:
+                raise ValueError(f"it declares more than {MOST_COLUMNS} channels")
     return OpenedChunk(data, tuple(declared))
 
 

@@ -22,7 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 from daq.allowance import MOST_COLUMNS, MOST_DESCRIPTION_BYTES, Allowance
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
-from daq.errors import LogError
+from daq.errors import DAMAGED, LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
 from daq.log.front import check_data, metadata_and_chunks, read_summary
@@ -32,18 +32,7 @@ _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
 Origin = Literal["measured", "nominal", "predicted", "derived"]
 """`nominal` is the twin without the effects that `predicted` has, only where it has any; `derived` is what
 was computed from the samples of the others while they were recorded."""
-_FOREIGN_ERRORS = (
-    McapError,
-    DecodeError,
-    zstandard.ZstdError,
-    struct.error,
-    ValueError,
-    KeyError,
-    OverflowError,
-    MemoryError,
-    OSError,
-    EOFError,
-)
+_FOREIGN_ERRORS = (McapError, DecodeError, zstandard.ZstdError, struct.error, *DAMAGED)
 """What the MCAP, zstd and protobuf packages raise on damaged input."""
 
 _LONGEST_SERIES = 1 << 29

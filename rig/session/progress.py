@@ -56,7 +56,7 @@ class Screen:
             self.say(f"{text} ...")
             yield
             return
-        with self.console.status(self.console.render_str(text)):
+        with self.console.status(text):
             yield
 
     @contextmanager
@@ -77,8 +77,7 @@ class Screen:
 
             yield (lambda done: None) if unit == "s" else quarters
             return
-        words = TextColumn("{task.description}", markup=False)
-        columns = (words, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         with Progress(*columns, console=self.console, transient=True) as progress:
-            task = progress.add_task(harmless(text), total=total)
+            task = progress.add_task(text, total=total)
             yield lambda done: progress.update(task, completed=done)

@@ -26,7 +26,7 @@ from tests.daq.log.logs import BLOCK, RATE, START_NS, block, host_ns, write_ramp
 
 @given(
     values=hnp.arrays(st.sampled_from([np.dtype("<f4"), np.dtype("<f8")]), st.integers(0, 300)),
-    first=st.integers(0, 2**63 - 1),
+    first=st.integers(0, 2**63 - 1),  # as a signed integer counts
     time_ns=st.integers(0, 2**62),
     flags=st.integers(0, 31),
 )
