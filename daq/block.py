@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any
 
@@ -52,6 +53,13 @@ class SampleBlock:
     def end_sample(self) -> int:
         """Index of the first sample after this block."""
         return self.first_sample + len(self.values)
+
+    def before(self, time_ns: int | None) -> SampleBlock:
+        """Its samples before that time; None: all of them."""
+        if time_ns is None:
+            return self
+        count = math.ceil((time_ns - self.time_ns) * self.sample_rate / NS_PER_S)
+        return self if count >= len(self) else replace(self, values=self.values[: max(count, 0)])
 
     def times_s(self) -> NDArray[np.float64]:
         """Times of the samples in seconds since the start of recording, shape (n,)."""

@@ -20,13 +20,13 @@ from mcap.records import Chunk, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from daq.allowance import MOST_COLUMNS, MOST_DESCRIPTION_BYTES, Allowance
-from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.errors import DAMAGED, LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
 from daq.log.front import check_data, metadata_and_chunks, read_summary
-from daq.log.records import ClockRecord, Event, Gap, Impact
+from daq.log.records import STOPPING, ClockRecord, Event, Gap, Impact
 
 _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
 Origin = Literal["measured", "nominal", "predicted", "derived"]
@@ -211,6 +211,20 @@ class LogReader:
     def events(self) -> list[Event]:
         """All events in file order."""
         return self._all(Event, "/event")
+
+    @property
+    def stopped_ns(self) -> int | None:
+        """When a run was stopped before its time: from then on its record shows the way to rest."""
+        return next((event.time_ns for event in self.events() if event.code == STOPPING), None)
+
+    @property
+    def steady_s(self) -> float | None:
+        """The same in s since sample 0 of what was measured; None where all of it is as it was meant."""
+        stopped_ns, first = self.stopped_ns, next(self.blocks("measured"), None)
+        if stopped_ns is None or first is None:
+            return None
+        start_ns = sample_time_ns(first[1].time_ns, -first[1].first_sample, first[1].sample_rate)
+        return max((stopped_ns - start_ns) / NS_PER_S, 0.0)
 
     def gaps(self) -> list[Gap]:
         return self._all(Gap, "/gap")

@@ -204,11 +204,13 @@ def _read(path: Path) -> _Run:
             unit = model.channel_unit(name)
             if channels[name].unit != unit:
                 raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
-        lost = lost_of(log, log.table("measured", wanted))
+        lost = lost_of(log, log.table("measured", wanted, end_s=log.steady_s))
         unfinished = []
+        if log.steady_s is not None:
+            unfinished.append(f"stopped before its time, after {log.steady_s:.3g} s; the rest is not used")
         if not log.complete:
             reason = f" ({log.damage})" if log.damage else ""
-            unfinished = [f"the log was never finished, or cut{reason}; its whole blocks are used"]
+            unfinished += [f"the log was never finished, or cut{reason}; its whole blocks are used"]
     table, sound, losses = usable(path, lost, model.reference)
     step, records, kept = _resampled(path, table, sound, twin)
     rate = table[model.reference].sample_rate / step

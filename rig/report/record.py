@@ -119,7 +119,10 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived."""
+    """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived.
+
+    Traces, numbers, impacts and speeds are of its first `steady_s` where it was stopped before its time.
+    """
 
     path: Path
     complete: bool
@@ -132,6 +135,7 @@ class RunRecord:
     tallies: dict[tuple[Origin, str], Tally]
     events: list[Event]
     gaps: list[Gap]
+    steady_s: float | None
     impacts: list[Impact]
     speeds: dict[Origin, Trace]
 
@@ -205,7 +209,7 @@ class RunCollector:
     """
 
     def __init__(self, reader: LogReader) -> None:
-        self._reader = reader
+        self._reader, self._stopped_ns = reader, reader.stopped_ns
         self._declared = {origin: reader.channels(origin) for origin in ORIGINS}
         keys: list[tuple[Origin, str]] = [
             (origin, name) for origin in ORIGINS for name in self._declared[origin]
@@ -221,11 +225,14 @@ class RunCollector:
         self._impacts: list[Impact] = []
 
     def __call__(self, record: Record) -> None:
+        stopped_ns = self._stopped_ns
         match record:
+            case Block() | Impact() if stopped_ns is not None and _begins_ns(record) >= stopped_ns:
+                return
             case Block("derived", samples) if samples.channel in self._whose_speed:
                 _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
             case Block(origin, samples) if (origin, samples.channel) in self._limits:
-                key = origin, samples.channel
+                key, samples = (origin, samples.channel), samples.before(stopped_ns)
                 self._tallies[key].add(samples)
                 _keep(self._blocks[key], samples, self._limits[key])
             case Impact():
@@ -245,6 +252,7 @@ class RunCollector:
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
+            steady_s=reader.steady_s,
             impacts=list(self._impacts),
             speeds={origin: _joined(blocks) for origin, blocks in self._speeds.items() if blocks},
         )
@@ -263,6 +271,10 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
         for impact in reader.impacts():
             stream(impact)
         return collector.record()
+
+
+def _begins_ns(record: Block | Impact) -> int:
+    return record.time_ns if isinstance(record, Impact) else record.samples.time_ns
 
 
 def _keep(blocks: list[SampleBlock], block: SampleBlock, limit: int) -> None:

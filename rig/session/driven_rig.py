@@ -9,6 +9,7 @@ from typing import Any
 
 from daq.clock import Clock
 from daq.errors import RattleError, RecorderFailed
+from daq.log.records import STOPPING
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
@@ -240,7 +241,7 @@ class DrivenRig:
                     self.on_stopping()
                     text += ": what is recorded from here on has no prediction"
                 with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
-                    self.logbook.tell("warning", "drive.stopping", text)
+                    self.logbook.tell("warning", STOPPING, text)
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.off)
 

@@ -91,12 +91,16 @@ def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
 
 
 def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Alignment:
-    """Phase and mean frequency that the log's reference channel shows (within its first `until_s`)."""
+    """Phase and mean frequency that the log's reference channel shows (within its first `until_s`).
+
+    What came after a stop before its time shows neither.
+    """
     measured = log.channels("measured")
     reference = reference_among(twin.model.channels, measured)
     if reference.channel not in measured:
         return untouched(twin.drive)
     if until_s is not None:
         until_s = max(until_s, reference.cycles / twin.drive.cycle_hz)
-    seen = log.series("measured", reference.channel, end_s=until_s)
+    ends = [end_s for end_s in (until_s, log.steady_s) if end_s is not None]
+    seen = log.series("measured", reference.channel, end_s=min(ends, default=None))
     return reference.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)
