@@ -40,7 +40,7 @@ class Measured:
 
 ALL = {
     "crash images": Measured(
-        "A power loss leaves a log that can be read; at most 1.5 s before the last sync are lost, and all that "
+        "A power loss leaves a log that can be read; at most 1.5 s before the last sync are lost, and what "
         "is missing in between is in the gap ledger.",
         ("benchmarks.crash_images", "5000"),
         ("benchmarks.crash_images", "100"),
@@ -61,7 +61,7 @@ ALL = {
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "20"),
     ),
     "Modbus": Measured(
-        "A line to the inverter that loses or corrupts answers: no wrong value, the speed held or a safe stop.",
+        "A line to the inverter that loses or corrupts answers: no wrong value, speed held or a safe stop.",
         ("benchmarks.modbus_noise",),
         ("benchmarks.modbus_noise",),
     ),
