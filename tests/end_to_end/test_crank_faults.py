@@ -112,6 +112,7 @@ def test_a_shaft_that_slips_is_an_interlock(tmp_path: Path) -> None:
         assert [code for code in codes if code.startswith("speed.")] == ["speed.off", "speed.abort"]
 
 
+@pytest.mark.long
 def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> None:
     # Positions come from before the motor starts; it is up to speed after two seconds and trims for some.
     setup = EncoderSetup(faults=(EncoderFault("emergency", 4000, 0x5000),))
@@ -128,6 +129,7 @@ def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> No
         assert "inverter.off" in codes
 
 
+@pytest.mark.long
 def test_an_encoder_that_stands_while_the_shaft_turns_is_an_interlock(tmp_path: Path) -> None:
     setup = EncoderSetup(faults=(EncoderFault("stuck", 4000),))
     with (

@@ -62,6 +62,7 @@ def test_a_card_that_is_lost_ends_the_run(
         assert log.complete
 
 
+@pytest.mark.long
 def test_a_generator_that_falls_silent_in_the_ramp_ends_the_run(
     bench: SpiedBench, tmp_path: Path, freeze: Freeze
 ) -> None:

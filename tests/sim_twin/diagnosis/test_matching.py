@@ -60,6 +60,7 @@ def matched_to_recording(effects: tuple[dict[str, Any], ...] = ()) -> Match:
     return match_among(rigs(), Moments(campaign().layout), blocks)
 
 
+@pytest.mark.long
 def test_the_rig_of_another_program_is_found() -> None:
     from benchmarks.blind.beam.rig import jittered
     from benchmarks.blind.beam.rig import nominal as nominal_truth

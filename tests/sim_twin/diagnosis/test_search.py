@@ -60,6 +60,7 @@ def test_a_single_effect_is_found_with_its_size_and_closes_the_gap(name: str, si
     assert max(findings.by_location, key=lambda each: findings.by_location[each]) == "here"
 
 
+@pytest.mark.long
 def test_an_effect_of_a_sensor_is_found_on_its_channel() -> None:
     _, ranked = search(recording(one("gain", 2.0), OF_RECORDINGS), 0).run()
     assert ranked[0].hypothesis == (GAIN,)
@@ -159,6 +160,7 @@ def test_intervals_of_95_percent_hold_the_truth() -> None:
     assert np.median(widths) < 3 * 4 * 0.07 * np.sqrt(3)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_answer_and_another_the_same_verdict() -> None:
     measured = recording(one("left", 2.0), OF_RECORDINGS)
     first, again, other = (diagnose(TOY, measured, EFFORT, TOY.observe, seed) for seed in (0, 0, 9))

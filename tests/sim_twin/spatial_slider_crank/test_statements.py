@@ -76,6 +76,7 @@ def test_without_impacts_peaks_repeat() -> None:
     assert peaks.mean() > 1.0
 
 
+@pytest.mark.long
 def test_without_friction_most_starts_give_no_impacts_at_150_rpm() -> None:
     # At 150 rpm 0.5 to 2.8 a turn from all of six starts, and none from any without friction. Further from
     # the onset both strike (at 152 rpm 15 to 24 a turn, and 0.5 to 4): hence the share of starts.
