@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from sim_twin.effects import BaseMass
 from sim_twin.rigs.impact_beam.lanes import BeamLanes
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam, SineDrive, nominal
+from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.twin import Twin
 from tests.sim_twin.reference import Rig, simulate, with_regularised_friction
 from tests.sim_twin.solver import RATE, solve

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from daq.signals.impacts import half_cycles
+from sim_twin.effects import BaseMass
 from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
 from sim_twin.rigs.impact_beam.lanes import BeamLanes, lane_of
-from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal
+from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.status import Status
 from sim_twin.twin import Twin
 from tests.sim_twin.solver import RATE
