@@ -180,7 +180,3 @@ class Simulation:
     def state(self) -> NDArray[np.float64]:
         """The present state x = [q, q'], a copy of shape (states,)."""
         return self._x.copy()
-
-    @state.setter
-    def state(self, x: NDArray[np.float64]) -> None:
-        self._x = np.array(x, dtype=float)
