@@ -24,9 +24,10 @@ import numpy as np
 
 from benchmarks.exudyn_beam import METHODS, Turned, first_peak, load_exudyn, run_exudyn, turned_beam
 from sim_twin.effects import Effect
+from sim_twin.lanes.lanes import Lanes
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.effects import EFFECTS
-from sim_twin.rigs.impact_beam.lanes import BeamLanes
+from sim_twin.rigs.impact_beam.lanes import beam_lanes
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.switched.simulation import Simulation
@@ -82,7 +83,7 @@ def single(row: tuple[float, float, float], rate: float = RATE) -> Simulation:
     return simulation
 
 
-def ensemble(effect: Effect | None = None) -> BeamLanes:
+def ensemble(effect: Effect | None = None) -> Lanes:
     """Twins that differ in clearance, stiffness and phase, with `effect` in the middle of its range."""
     rng = np.random.default_rng(7)
     rig, drive = rig_of(TIMED)
@@ -95,7 +96,7 @@ def ensemble(effect: Effect | None = None) -> BeamLanes:
         )
         twin = Twin(own, drive)
         twins.append(twin if effect is None else effect.change(twin, middle(effect)))
-    return BeamLanes(twins, RATE, list(rng.uniform(0, 2 * np.pi, _TWINS)))
+    return beam_lanes(twins, RATE, list(rng.uniform(0, 2 * np.pi, _TWINS)))
 
 
 def middle(effect: Effect) -> dict[str, float]:
@@ -123,7 +124,7 @@ def compare_first_peaks(exu: ModuleType) -> None:
     print(f"first peak, N; Exudyn with {ACCURATE[0]}, {ACCURATE[1]:g} us")
     for row in REFERENCE:
         ours = first_peak(single(row, 16 * RATE).advance(round(_ENDS_BY * 16 * RATE)).outputs[0])
-        lanes = BeamLanes([Twin(*rig_of(row))], RATE).advance(round(_ENDS_BY * RATE))
+        lanes = beam_lanes([Twin(*rig_of(row))], RATE).advance(round(_ENDS_BY * RATE))
         _, force = run_exudyn(exu, turned_beam(*rig_of(row)), ACCURATE, _ENDS_BY, watched=True)
         theirs = first_peak(force)
         print(

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from daq.signals.impacts import half_cycles
+from sim_twin.effects import BaseMass
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam, SineDrive, nominal
+from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL, nominal_sensors
 from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin

@@ -96,8 +96,9 @@ PAIRS = [
 
 def structures() -> dict[str, list[float]]:
     """Compliance, natural frequencies, and modes at drive, tip, pivot and sensors of beams and bases."""
+    from sim_twin.effects import BaseMass
     from sim_twin.rigs.impact_beam.base.model import flexible_base
-    from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, BaseMass, nominal
+    from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, nominal
     from sim_twin.rigs.impact_beam.structure import resting, structure_of
 
     steel, shaker = nominal(), {"shaker_mass": 0.02, "shaker_stiffness": 3e3, "shaker_damping": 20.0}

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.plugins import OpenTable
+from daq.quantity import Bound
+from sim_twin.ranges import require_bounds
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin, changed
 
@@ -144,20 +146,21 @@ class Scaled:
 
 @dataclass(frozen=True, slots=True)
 class SetTo:
-    """Sets fields of the twin's `part`, its rig or its drive, each to a parameter: by field, its name."""
+    """Sets numbers of a twin, each at its place `rig.field` or `drive.field`, to a parameter."""
 
-    part: str
-    fields: Mapping[str, str]
+    parameters: Mapping[str, Parameter]
 
     def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
-        numbers = {field: float(values[name]) for field, name in self.fields.items()}
-        return replace(twin, **{self.part: replace(getattr(twin, self.part), **numbers)})
+        for place, parameter in self.parameters.items():
+            part, field = place.split(".")
+            number = float(values[parameter.name])
+            twin = replace(twin, **{part: replace(getattr(twin, part), **{field: number})})
+        return twin
 
 
-def set_to(name: str, location: str, parameter: Parameter, place: str) -> Effect:
-    """An effect that sets the number at `place`, `rig.field` or `drive.field`, to its one parameter."""
-    part, field = place.split(".")
-    return Effect(name, location, (parameter,), SetTo(part, {field: parameter.name}))
+def set_to(name: str, location: str, parameters: Mapping[str, Parameter]) -> Effect:
+    """An effect that sets numbers of a twin to its parameters, by their places: see `SetTo`."""
+    return Effect(name, location, tuple(parameters.values()), SetTo(parameters))
 
 
 def scaled(name: str, location: str, intervals: Intervals, *places: str) -> Effect:
@@ -165,8 +168,20 @@ def scaled(name: str, location: str, intervals: Intervals, *places: str) -> Effe
     return Effect(name, location, (Parameter("scale", "", intervals),), Scaled(places))
 
 
-def base_flexibility(mass: Callable[..., Any]) -> Effect:
-    """What the rig stands on gives: a `mass` on spring and damper, made of Hz, kg and damping ratio."""
+@dataclass(frozen=True, slots=True)
+class BaseMass:
+    """What the rig stands on, as a mass on spring and damper: `frequency` Hz, `mass` kg, `damping_ratio`."""
+
+    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
+    mass: Annotated[float, Bound("kg", 0.0, above=True)]
+    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
+
+    def __post_init__(self) -> None:
+        require_bounds("BaseMass", self)
+
+
+def base_flexibility() -> Effect:
+    """What the rig stands on gives."""
     return Effect(
         "base_flexibility",
         "base",
@@ -175,7 +190,7 @@ def base_flexibility(mass: Callable[..., Any]) -> Effect:
             Parameter("mass_kg", "kg", ((0.5, 8.0),)),
             Parameter("damping_ratio", "", ((0.003, 0.05),)),
         ),
-        PutIn("base", mass, ("frequency_hz", "mass_kg", "damping_ratio")),
+        PutIn("base", BaseMass, ("frequency_hz", "mass_kg", "damping_ratio")),
     )
 
 

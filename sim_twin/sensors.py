@@ -11,12 +11,13 @@ filter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.ranges import require
+from daq.quantity import Bound
+from sim_twin.ranges import require_bounds
 
 Array = NDArray[np.float64]
 OVERSAMPLED_RATE = 204_800.0
@@ -31,21 +32,15 @@ class SensorChain:
     `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none.
     """
 
-    noise: float = 0.0
-    full_scale: float = 500.0
-    gain: float = 1.0
-    skew: float = 0.0
-    droop_corner: float | None = None
-    bandwidth_corner: float | None = None
+    noise: Annotated[float, Bound("", 0.0)] = 0.0
+    full_scale: Annotated[float, Bound("", 0.0, above=True)] = 500.0
+    gain: Annotated[float, Bound("", -1e9, 1e9)] = 1.0
+    skew: Annotated[float, Bound("s", -1.0, 1.0)] = 0.0
+    droop_corner: Annotated[float | None, Bound("Hz", 0.0, above=True)] = None
+    bandwidth_corner: Annotated[float | None, Bound("Hz", 0.0, above=True)] = None
 
     def __post_init__(self) -> None:
-        require("SensorChain", "noise", self.noise, 0.0)
-        require("SensorChain", "full_scale", self.full_scale, 0.0, above=True)
-        require("SensorChain", "gain", self.gain, -1e9, 1e9)
-        require("SensorChain", "skew", self.skew, -1.0, 1.0, "s")
-        for name in ("droop_corner", "bandwidth_corner"):
-            if getattr(self, name) is not None:
-                require("SensorChain", name, getattr(self, name), 0.0, unit="Hz", above=True)
+        require_bounds("SensorChain", self)
 
 
 @dataclass(frozen=True, slots=True)

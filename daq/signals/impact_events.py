@@ -16,7 +16,6 @@ START, END, INDEX, PEAK, SUM = range(5)
 _OPEN, _COUNT = 5, 6
 LONGEST_S = 1.0
 """A contact that lasts longer is no impact; it also bounds what has to wait for its end."""
-_NO_INDEX, _NO_NUMBER = np.empty(0, np.intp), np.empty(0)
 
 
 class ContactScanner:
@@ -136,9 +135,6 @@ class ImpactEvents:
         return len(self.index)
 
 
-_NONE = ImpactEvents(*(_NO_INDEX,) * 3, *(_NO_NUMBER,) * 4, _NO_INDEX)
-
-
 def impact_events(impacts: Impacts, sample_rate: float, within_s: float) -> ImpactEvents:
     """Events of `impacts`: what begins within `within_s` of the end of the last one is a bounce of it."""
     begins = _begins(impacts, sample_rate, within_s)
@@ -175,16 +171,11 @@ class BounceGrouper:
 
     def add(self, impacts: Impacts, settled: int) -> ImpactEvents:
         """Take what `ImpactDetector.add` returned and its `settled` then; return the events that are over."""
-        if not len(impacts) and not len(self._waiting):
-            return _NONE
         waiting = joined((self._waiting, impacts))
         begins = _begins(waiting, self._sample_rate, self._within_s)
         over = len(waiting)
         if over and settled - int(waiting.end[-1]) <= self._within_s * self._sample_rate:
             over = int(begins[-1])
-            if not over:
-                self._waiting = waiting
-                return _NONE
         self._waiting = chosen(waiting, slice(over, None))
         return impact_events(chosen(waiting, slice(over)), self._sample_rate, self._within_s)
 

@@ -223,8 +223,6 @@ def autospectrum(
 def longest_finite(values: NDArray[np.floating]) -> NDArray[np.floating]:
     """Longest run of `values`, shape (n,), without NaN or infinity."""
     bad = np.flatnonzero(~np.isfinite(values))
-    if not len(bad):
-        return values
     edges = np.concatenate(([-1], bad, [len(values)]))
     longest = int(np.argmax(np.diff(edges)))
     return values[edges[longest] + 1 : edges[longest + 1]]

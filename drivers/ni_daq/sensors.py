@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from daq.angle.unwrap import Unwrapper
 from daq.channel import Channel
 from daq.plugins import OpenTable
 from daq.quantity import Quantity
@@ -36,20 +37,13 @@ class UnwrappedCount:
 
     def __init__(self, modulus: int = COUNTER_STATES, lowest: int = -COUNTER_STATES // 2) -> None:
         self._modulus, self._lowest = modulus, lowest
-        self._last: tuple[int, int] | None = None
+        self._unwrapper = Unwrapper(modulus)
 
     def __call__(self, raw: NDArray[np.uint32]) -> NDArray[np.int64]:
         """Return the counts of the next block, shape (n,)."""
         register = raw.view(np.int32).astype(np.int64)
-        if not len(register):
-            return register
-        first = int(register[0])
-        before, count = self._last or (first, (first - self._lowest) % self._modulus + self._lowest)
-        half = self._modulus // 2
-        steps = (np.diff(register, prepend=before) + half) % self._modulus - half
-        counts = count + np.cumsum(steps)
-        self._last = int(register[-1]), int(counts[-1])
-        return counts
+        above = (register - self._lowest) % self._modulus
+        return self._unwrapper.unwrap(above).counts + self._lowest
 
 
 def angle(counts: UnwrappedCount, rad_per_count: float) -> Decoder:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ipaddress
 import socket
-from collections import namedtuple
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -99,16 +98,6 @@ SLOW_CALLS = {  # these reserve and program the chassis, or talk to a sensor ove
 }
 
 
-class _CallDetails(
-    namedtuple(
-        "_CallDetails",
-        ("method", "timeout", "metadata", "credentials", "wait_for_ready", "compression"),
-    ),
-    grpc.ClientCallDetails,
-):
-    """The details of a call, as gRPC wants them from an interceptor."""
-
-
 class Deadline(grpc.UnaryUnaryClientInterceptor):
     """Gives every call a deadline; nidaqmx sets none and waits for ever on a server that hangs."""
 
@@ -117,15 +106,7 @@ class Deadline(grpc.UnaryUnaryClientInterceptor):
         name = str(details.method).rpartition("/")[2]
         wait_s = getattr(request, "timeout", None)
         deadline_s = SLOW_CALLS.get(name, CALL_DEADLINE_S) if wait_s is None else wait_s + ANSWER_MARGIN_S
-        timed = _CallDetails(
-            details.method,
-            deadline_s,
-            details.metadata,
-            details.credentials,
-            details.wait_for_ready,
-            getattr(details, "compression", None),
-        )
-        return continuation(timed, request)
+        return continuation(details._replace(timeout=deadline_s), request)
 
 
 def split_address(address: str) -> tuple[str, int]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, pi
 from typing import TypeAlias
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.fingerprint import Columns, Layout, joined
+from sim_twin.diagnosis.fingerprint import Columns, Layout
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
@@ -25,6 +26,8 @@ Array = NDArray[np.floating]
 Samples = NDArray[np.float32]
 Records: TypeAlias = dict[str, Array]
 """One run's channels at the setting's rate, each (n,)."""
+Showing: TypeAlias = Callable[[tuple[Named, ...]], Records]
+"""A simulated run's records, with what is wrong with its sensors besides."""
 _GUARD_S = 4e-3
 """Cut from both ends of a simulated record: a skew shifts its end into its start."""
 _SETTLE_S, _SETTLE_CYCLES = 0.5, 2.0
@@ -62,9 +65,10 @@ class RunSetting:
     def _guard(self) -> int:
         return round(_GUARD_S * self.columns.rate)
 
-    def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples:
-        """Fingerprints of simulated records, shape (blocks, numbers)."""
-        return self.blocks_of(self.inner(records))[:blocks]
+    def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples | None:
+        """Fingerprints of simulated records, shape (blocks, numbers); None where they tell no such."""
+        found = self.blocks_of(self.inner(records))[:blocks]
+        return found if len(found) == blocks and np.isfinite(found).all() else None
 
     def inner(self, records: Mapping[str, Array]) -> Records:
         """Simulated records without their ends."""
@@ -103,7 +107,7 @@ class Campaign:
     @property
     def layout(self) -> Layout:
         """What the numbers of a fingerprint are."""
-        return joined(tuple(Layout(run.columns.cells(k)) for k, run in enumerate(self.runs)))
+        return Layout(tuple(cell for k, run in enumerate(self.runs) for cell in run.columns.cells(k)))
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -130,37 +134,24 @@ class Campaign:
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate some draws side by side."""
-        found: list[list[list[Samples | None]]] = []
-        for k, setting in enumerate(self.runs):
-            variants, clean = self._simulated(k, setting, draws)
-            found.append(
-                [
-                    [
-                        None if one is None else _observed(setting, k, variant, draw, one, extra)
-                        for extra in draw.sensing
-                    ]
-                    for draw, variant, one in zip(draws, variants, clean, strict=True)
-                ]
-            )
+        found = [
+            [
+                [show and setting.blocks_of_simulated(show(extra), draw.blocks) for extra in draw.sensing]
+                for draw, show in zip(draws, self._simulated(k, setting, draws), strict=True)
+            ]
+            for k, setting in enumerate(self.runs)
+        ]
         return [_joined([run[number] for run in found]) for number in range(len(draws))]
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""
-        found: list[list[Records | None]] = []
-        for k, setting in enumerate(self.runs):
-            variants, clean = self._simulated(k, setting, draws)
-            found.append(
-                [
-                    None if one is None else setting.inner(_shown(setting, k, variant, draw, one, ()))
-                    for draw, variant, one in zip(draws, variants, clean, strict=True)
-                ]
-            )
-        return found
+        return [
+            [show and setting.inner(show(())) for show in self._simulated(k, setting, draws)]
+            for k, setting in enumerate(self.runs)
+        ]
 
-    def _simulated(
-        self, number: int, setting: RunSetting, draws: Sequence[Draw]
-    ) -> tuple[list[Variant], list[NDArray[np.float64] | None]]:
-        """The rigs of some draws, and the clean signals of each; None for one that failed."""
+    def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[Showing | None]:
+        """Each of some draws; None for one that failed."""
         variants, model = [], setting.twin.model
         for draw in draws:
             # the same rig in every run, set up anew in each
@@ -170,16 +161,9 @@ class Campaign:
             variants.append(Variant(twin, float(run_rng.uniform(0, 2 * pi))))
         count = setting.samples(max(draw.blocks for draw in draws))
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
-        return variants, [None if one is None or not np.isfinite(one).all() else one for one in clean]
-
-
-def _observed(
-    setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
-    extra: tuple[Named, ...],
-) -> Samples | None:  # fmt: skip
-    shown = _shown(setting, number, variant, draw, clean, extra)
-    blocks = setting.blocks_of_simulated(shown, draw.blocks)
-    return blocks if len(blocks) == draw.blocks and np.isfinite(blocks).all() else None
+        for draw, variant, one in zip(draws, variants, clean, strict=True):
+            known = one is not None and np.isfinite(one).all()
+            yield partial(_shown, setting, number, variant, draw, one) if known else None
 
 
 def _shown(

@@ -59,11 +59,6 @@ class Layout:
         return int(self.starts[-1])
 
 
-def joined(layouts: tuple[Layout, ...]) -> Layout:
-    """The layout of several runs, one after the other."""
-    return Layout(tuple(cell for layout in layouts for cell in layout.cells))
-
-
 @dataclass(frozen=True)
 class Columns:
     """How records of `channels` with cycles of `frequency` Hz at `rate` Hz become numbers.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim_twin.lanes import kernel
 from sim_twin.status import Status
-from sim_twin.switched.tables import complex_modes
+from sim_twin.switched.tables import complex_modes, held
 from sim_twin.vector import LANES, aligned
 
 Array = NDArray[np.float64]
@@ -100,11 +100,11 @@ def coefficients(lane: Lane, step: float) -> Coefficients:
     # The kernel sums real parts to the gap, so what is not seen there needs some part of it all the same.
     least = _LEAST_PART * np.abs(slots.gap).max()
     seen = np.where(np.abs(slots.gap) > least, slots.gap, least)
-    half, held = np.exp(slots.rate * step / 2), _held(slots.rate, step)
+    half, whole = np.exp(slots.rate * step / 2), held(slots.rate, step)
     start = _pairs(seen * slots.start)
-    columns = [np.exp(slots.rate * step), seen * half * held * slots.by_force, slots.rate.conj()]
+    columns = [np.exp(slots.rate * step), seen * half * whole * slots.by_force, slots.rate.conj()]
     if lane.friction > 0:
-        columns += [seen * half * held * slots.by_torque, (slots.spin * half / seen).conj()]
+        columns += [seen * half * whole * slots.by_torque, (slots.spin * half / seen).conj()]
     slot = np.hstack([_pairs(column) for column in columns])
     rate = slot[:, [kernel.RATE_RE, kernel.RATE_IM]]
     scalar = np.zeros(kernel.SCALARS)
@@ -114,7 +114,7 @@ def coefficients(lane: Lane, step: float) -> Coefficients:
     row = _pairs((slots.acceleration / seen).conj())
     row_gain = np.zeros((0, 2))
     if lane.accelerations is not None:
-        by = np.stack([slots.by_force, slots.by_torque]) * _held(slots.rate, step / 2)
+        by = np.stack([slots.by_force, slots.by_torque]) * held(slots.rate, step / 2)
         direct = np.stack([lane.contact, lane.rotation]) @ lane.accelerations.T
         row_gain = np.asarray((slots.acceleration @ by.T).real - direct.T)
     return Coefficients(slot, row, row_gain, _numbers(lane, slots, rest, step), start, scalar)
@@ -150,20 +150,13 @@ def _slots(lane: Lane) -> tuple[_Slots, float]:
     return slots, float(lane.contact @ rest)
 
 
-def _held(rate: Complex, span: float) -> Complex:
-    """Integral of exp(rate t) over `span`."""
-    x = rate * span
-    small = np.abs(x) < 1e-6
-    return np.asarray(np.where(small, 1 + x / 2, np.expm1(x) / np.where(small, 1, x)) * span)
-
-
 def _pairs(values: Complex) -> Array:
     return np.stack([values.real, values.imag], axis=-1)
 
 
 def _numbers(lane: Lane, slots: _Slots, rest: float, step: float) -> Array:
     stops, number = lane.stops, np.zeros(kernel.NUMBERS)
-    middle, whole = _held(slots.rate, step / 2), _held(slots.rate, step)
+    middle, whole = held(slots.rate, step / 2), held(slots.rate, step)
     give = -float(np.sum(slots.gap * slots.by_force * middle).real)
     give_rate = -float(np.sum(slots.gap * slots.rate * slots.by_force * middle).real)
     hertzian = stops.hertz is not None

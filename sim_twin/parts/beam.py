@@ -12,18 +12,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi, sqrt
+from typing import Annotated
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
+from daq.quantity import Bound
 from sim_twin.parts.modal import Elastic
-from sim_twin.ranges import require
+from sim_twin.ranges import require, require_bounds
 
 Array = NDArray[np.float64]
 MOST_BENDING_MODES = 12
 """In each plane; the next would bend within one diameter of a rod 30 diameters long."""
-_UNITS = {"E": "Pa", "rho": "kg/m3", "length": "m", "width": "m", "thickness": "m"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +34,15 @@ class Beam:
     `E` in Pa, `rho` in kg/m3, `length` L, `width` b and `thickness` h in m; `elements` of equal length.
     """
 
-    E: float
-    rho: float
-    length: float
-    width: float
-    thickness: float
-    elements: int
+    E: Annotated[float, Bound("Pa", 0.0, above=True)]
+    rho: Annotated[float, Bound("kg/m3", 0.0, above=True)]
+    length: Annotated[float, Bound("m", 0.0, above=True)]
+    width: Annotated[float, Bound("m", 0.0, above=True)]
+    thickness: Annotated[float, Bound("m", 0.0, above=True)]
+    elements: Annotated[int, Bound("", 1)]
 
     def __post_init__(self) -> None:
-        for name, unit in _UNITS.items():
-            require("beam", name, getattr(self, name), 0.0, unit=unit, above=True)
-        require("beam", "elements", self.elements, 1)
+        require_bounds("beam", self)
 
     @property
     def bending_stiffness(self) -> float:
@@ -114,14 +113,13 @@ _MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13,
 class Rod:
     """`E` in Pa, `rho` in kg/m3, `diameter` and `length` in m."""
 
-    E: float = 207e9
-    rho: float = 7800.0
-    diameter: float = 6.4e-3
-    length: float = 0.19
+    E: Annotated[float, Bound("Pa", 0.0, above=True)] = 207e9
+    rho: Annotated[float, Bound("kg/m3", 0.0, above=True)] = 7800.0
+    diameter: Annotated[float, Bound("m", 0.0, above=True)] = 6.4e-3
+    length: Annotated[float, Bound("m", 0.0, above=True)] = 0.19
 
     def __post_init__(self) -> None:
-        for name, unit in (("E", "Pa"), ("rho", "kg/m3"), ("diameter", "m"), ("length", "m")):
-            require("rod", name, getattr(self, name), 0.0, unit=unit, above=True)
+        require_bounds("rod", self)
 
     @property
     def mass(self) -> float:

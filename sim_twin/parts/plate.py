@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.quantity import Bound
 from sim_twin.parts.beam import hermite_rows
 from sim_twin.parts.modal import Elastic
-from sim_twin.ranges import require
+from sim_twin.ranges import require_bounds
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,16 +28,13 @@ _FOOT_POINTS = 4
 class Sheet:
     """What a plate is made of: `E` in Pa, `rho` in kg/m3, Poisson's ratio `nu`, `thickness` in m."""
 
-    E: float
-    rho: float
-    nu: float
-    thickness: float
+    E: Annotated[float, Bound("Pa", 0.0, above=True)]
+    rho: Annotated[float, Bound("kg/m3", 0.0, above=True)]
+    nu: Annotated[float, Bound("", 0.0, 0.5)]
+    thickness: Annotated[float, Bound("m", 0.0, above=True)]
 
     def __post_init__(self) -> None:
-        require("sheet", "E", self.E, 0.0, unit="Pa", above=True)
-        require("sheet", "rho", self.rho, 0.0, unit="kg/m3", above=True)
-        require("sheet", "nu", self.nu, 0.0, 0.5)
-        require("sheet", "thickness", self.thickness, 0.0, unit="m", above=True)
+        require_bounds("sheet", self)
 
     @property
     def bending_stiffness(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.quantity import Bound, Quantity
-from sim_twin.effects import Effect, Parameter, SetTo
+from sim_twin.effects import Effect, Parameter, set_to
 from sim_twin.ranges import require_bounds
 
 _MARK = np.deg2rad(5.0)
@@ -103,14 +103,9 @@ def fluctuation_coordinates(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def speed_fluctuation(any_phase: float = 2 * pi) -> Effect:
     """The effect of a motor that does not keep its speed, with a phase up to `any_phase` rad either way."""
-    return Effect(
-        "speed_fluctuation",
-        "drive",
-        (
-            Parameter("amplitude", "", ((0.005, 0.05),)),
-            Parameter("order", "", ((1.0, 4.0),), whole=True),
-            Parameter("phase_rad", "rad", ((-any_phase, any_phase),)),
-        ),
-        SetTo("drive", {"fluctuation": "amplitude", "order": "order", "phase": "phase_rad"}),
-        coordinates=fluctuation_coordinates,
-    )
+    numbers = {
+        "drive.fluctuation": Parameter("amplitude", "", ((0.005, 0.05),)),
+        "drive.order": Parameter("order", "", ((1.0, 4.0),), whole=True),
+        "drive.phase": Parameter("phase_rad", "rad", ((-any_phase, any_phase),)),
+    }
+    return replace(set_to("speed_fluctuation", "drive", numbers), coordinates=fluctuation_coordinates)

@@ -20,13 +20,6 @@ _MOST_SWITCHES_A_STEP = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Excitation:
-    """One input u = Re(U exp(i `order` omega t)); order 0 is a constant. U may change during a run."""
-
-    order: int
-
-
-@dataclass(frozen=True, slots=True)
 class Row:
     """A scalar of the motion: position . x + rate . x' + drive . u + residual R + constant.
 
@@ -99,10 +92,13 @@ class Constraint:
 
 @dataclass(frozen=True, slots=True)
 class SwitchedSystem:
-    """Regimes of one state vector of size `states`, driven by `excitations`, giving `outputs` rows."""
+    """Regimes of one state vector of size `states`, driven by inputs of some `orders`, giving `outputs` rows.
+
+    Input k is Re(U_k exp(i `orders`[k] omega t)); order 0 is a constant. U may change during a run.
+    """
 
     states: int
-    excitations: tuple[Excitation, ...]
+    orders: tuple[int, ...]
     regimes: tuple[Regime, ...]
     outputs: int
     rest_regime: int = 0
@@ -132,7 +128,7 @@ class Simulation:
         self._samples = 0
         self._x = np.zeros(system.states)
         self._regime = system.rest_regime
-        self._amplitudes = np.zeros(len(system.excitations), dtype=complex)
+        self._amplitudes = np.zeros(len(system.orders), dtype=complex)
         self._omega, self._phase, self._reference = 1.0, 0.0, 0.0
         self._tables: Tables | None = None
 
@@ -165,8 +161,7 @@ class Simulation:
         room = 64 + int(count * _MOST_SWITCHES_A_STEP)
         times, regimes = np.zeros(room), np.zeros(room, dtype=np.int64)
         angle = self._omega * (self.time - self._reference) + self._phase
-        orders = np.array([excitation.order for excitation in self.system.excitations])
-        u = np.asarray(self._amplitudes * np.exp(1j * orders * angle))
+        u = np.asarray(self._amplitudes * np.exp(1j * np.array(self.system.orders) * angle))
         start = self.time
         self._regime, switches = run(
             self._tables, self._x, self._regime, u.real.copy(), u.imag.copy(), out, times, regimes
@@ -185,7 +180,3 @@ class Simulation:
     def state(self) -> NDArray[np.float64]:
         """The present state x = [q, q'], a copy of shape (states,)."""
         return self._x.copy()
-
-    @state.setter
-    def state(self, x: NDArray[np.float64]) -> None:
-        self._x = np.array(x, dtype=float)

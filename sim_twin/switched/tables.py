@@ -102,7 +102,7 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
     """Tabulate `system` for drive frequency `omega` (rad/s) and an output step of `fine_step` (s)."""
     modes = [_own_modes(regime, system, omega) for regime in system.regimes]
     widest = max(each.used for each in modes)
-    drives = len(system.excitations)
+    drives = len(system.orders)
     slots = -(-(widest + drives) // _PADDING) * _PADDING
     padded = [_pad(each, widest, drives, slots) for each in modes]
     short, fine = np.arange((1 << DIGIT) + 1), 1 << FINE_LEVEL
@@ -159,7 +159,7 @@ def _opposite(regime: Regime, rows: Complex, numbers: Real) -> tuple[float, floa
 
 def _own_modes(regime: Regime, system: SwitchedSystem, omega: float) -> _RegimeModes:
     lam, V, left = complex_modes(regime.A)
-    orders = [excitation.order for excitation in system.excitations]
+    orders = system.orders
     identity = np.eye(len(regime.A))
     P = np.array(
         [np.linalg.solve(1j * k * omega * identity - regime.A, regime.B[:, i]) for i, k in enumerate(orders)]
@@ -227,10 +227,14 @@ def _row(row: Row, modes: _RegimeModes, first_drive: int) -> tuple[Complex, floa
 def _push(regime: Regime, modes: _RegimeModes, dt: Real) -> Complex:
     if regime.residual is None:
         return np.zeros((len(dt), len(modes.lam)), dtype=complex)
-    x = np.outer(dt, modes.lam)
+    return held(modes.lam, dt[:, None]) * (modes.to_slot @ regime.residual.direction)
+
+
+def held(rate: Complex, span: float | Real) -> Complex:
+    """Integral of exp(rate t) over `span`."""
+    x = rate * span
     small = np.abs(x) < 1e-6
-    growth = np.where(small, 1 + x / 2, np.expm1(x) / np.where(small, 1, x)) * dt[:, None]
-    return np.asarray(growth * (modes.to_slot @ regime.residual.direction))
+    return np.asarray(np.where(small, 1 + x / 2, np.expm1(x) / np.where(small, 1, x)) * span)
 
 
 def _residual_gain(row: Row, regime: Regime) -> float:

@@ -20,7 +20,7 @@ from daq.errors import (
     InstrumentRefused,
     InstrumentSilent,
 )
-from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup, FaultKind, random_faults
+from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup, FaultKind
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.link import SocketcandBus
 from drivers.protocols.encoder import PositionBlock, PositionStatistics
@@ -78,6 +78,17 @@ def test_a_second_of_positions_at_1_khz() -> None:
     apart = (block.counts - turns * COUNTS + COUNTS / 2) % COUNTS - COUNTS / 2
     assert np.max(np.abs(apart)) < 3.0
     assert np.all(np.diff(block.arrival_s) >= 0.0)
+
+
+def random_faults(frames: int, rate: float, seed: int) -> tuple[EncoderFault, ...]:
+    """Faults for a share `rate` of the first frames, 8 apart so that each can be told from the next."""
+    kinds: tuple[FaultKind, ...] = ("duplicate", "reorder", "missing", "wrong_length")
+    generator = np.random.default_rng(seed)
+    faults: list[EncoderFault] = []
+    for at_frame in np.flatnonzero(generator.random(frames) < rate):
+        if at_frame >= (faults[-1].at_frame if faults else 0) + 8:
+            faults.append(EncoderFault(kinds[int(generator.integers(len(kinds)))], int(at_frame)))
+    return tuple(faults)
 
 
 def test_random_faults_are_all_found_and_nothing_else() -> None:

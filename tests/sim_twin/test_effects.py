@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim_twin.effects import ParameterValues
+from sim_twin.effects import BaseMass, ParameterValues
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.effects import EFFECTS as IMPACT_BEAM
-from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal
+from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import Twin

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, BaseMass, ImpactBeam, SineDrive, nominal
+from sim_twin.effects import BaseMass
+from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, ImpactBeam, SineDrive, nominal
 from tests.sim_twin.reference import ALUMINIUM, Rig, simulate, with_regularised_friction
 from tests.sim_twin.solver import solve
 

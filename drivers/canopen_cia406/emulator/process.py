@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
-
-import numpy as np
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
@@ -35,7 +33,6 @@ FaultKind = Literal[
     "restart",  # boot-up message, then pre-operational
     "clock_jump",  # value: by how many seconds the interface's clock is set
 ]
-FRAME_FAULTS: tuple[FaultKind, ...] = ("duplicate", "reorder", "missing", "wrong_length")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,22 +84,6 @@ class EncoderSetup:
     def total_range(self) -> int:
         """Counts until the position starts again at 0."""
         return self.counts_per_revolution * self.revolutions
-
-
-def random_faults(
-    frames: int, rate: float, seed: int, kinds: Sequence[FaultKind] = FRAME_FAULTS
-) -> tuple[EncoderFault, ...]:
-    """Draw faults for a share `rate` of the first `frames` frames, none at the first.
-
-    They are at least 8 frames apart, so that each can be told from the next.
-    """
-    generator = np.random.default_rng(seed)
-    at_frames = np.flatnonzero(generator.random(frames) < rate)
-    faults: list[EncoderFault] = []
-    for at_frame in at_frames:
-        if at_frame >= (faults[-1].at_frame if faults else 0) + 8:
-            faults.append(EncoderFault(kinds[int(generator.integers(len(kinds)))], int(at_frame)))
-    return tuple(faults)
 
 
 def start_encoder(

@@ -13,7 +13,6 @@ from sim_twin.rigs.impact_beam.structure import Structure, structure_of
 from sim_twin.switched.simulation import (
     Constraint,
     Event,
-    Excitation,
     Output,
     Regime,
     Residual,
@@ -39,7 +38,7 @@ def assemble(rig: ImpactBeam, drive_orders: tuple[int, ...] = (1,)) -> SwitchedS
     )
     return SwitchedSystem(
         states=2 * len(structure.K),
-        excitations=tuple(Excitation(order) for order in drive_orders),
+        orders=drive_orders,
         regimes=regimes,
         outputs=3 + len(structure.stations) + len(structure.cover),
         rest_regime=3 * pivots.index(pivots[-1]),

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from sim_twin.effects import (
     Effect,
     Parameter,
-    SetTo,
     base_flexibility,
     catalogue_of,
     scaled,
@@ -20,10 +18,7 @@ from sim_twin.effects import (
 )
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.channels import COVER, DRIVE, LOWER, UPPER, YOKE
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
-
-if TYPE_CHECKING:
-    from sim_twin.rigs.impact_beam.truth import BeamTwin
+from sim_twin.rigs.impact_beam.model import ImpactBeam
 
 _LEAST_DISTORTION = 0.04
 _FORCES = (UPPER.name, LOWER.name, YOKE.name)
@@ -31,8 +26,11 @@ _ACCELERATIONS = tuple(each.name for each in COVER)
 _SENSED = (DRIVE.name, *_FORCES, *_ACCELERATIONS)
 
 
-def _not_if_clamped(twin: BeamTwin) -> str:
-    return "the beam is clamped" if twin.rig.clamped else ""
+def _of_a_pin(name: str, place: str, parameter: Parameter) -> Effect:
+    return replace(
+        set_to(name, "pivot", {place: parameter}),
+        refusal=lambda twin: "the beam is clamped" if twin.rig.clamped else "",
+    )
 
 
 EFFECTS = catalogue_of(
@@ -51,45 +49,36 @@ EFFECTS = catalogue_of(
         set_to(
             "hertzian_contact",
             "contact joint",
-            Parameter("stiffness_n_per_m15", "N/m^1.5", ((3e9, 3e10),)),
-            "rig.hertz",
+            {"rig.hertz": Parameter("stiffness_n_per_m15", "N/m^1.5", ((3e9, 3e10),))},
         ),
         replace(
-            base_flexibility(BaseMass),
+            base_flexibility(),
             refusal=lambda twin: (
                 "its base is flexible already" if isinstance(twin.rig.base, FlexibleBase) else ""
             ),
         ),
-        Effect(
-            "pivot_friction",
-            "pivot",
-            (Parameter("torque_nm", "N m", ((0.02, 0.3),)),),
-            SetTo("rig", {"pivot_friction": "torque_nm"}),
-            refusal=_not_if_clamped,
-        ),
-        Effect(
+        _of_a_pin("pivot_friction", "rig.pivot_friction", Parameter("torque_nm", "N m", ((0.02, 0.3),))),
+        _of_a_pin(
             "pivot_compliance",
-            "pivot",
-            (Parameter("stiffness_n_per_m", "N/m", ((1e5, 5e7),)),),
-            SetTo("rig", {"pivot_stiffness": "stiffness_n_per_m"}),
-            refusal=_not_if_clamped,
+            "rig.pivot_stiffness",
+            Parameter("stiffness_n_per_m", "N/m", ((1e5, 5e7),)),
         ),
         scaled("structural_damping", "beam", ((2.0, 8.0),), "rig.modal_damping"),
-        set_to("shaker_mass", "drive", Parameter("mass_kg", "kg", ((0.02, 0.3),)), "rig.shaker_mass"),
-        Effect(
+        set_to("shaker_mass", "drive", {"rig.shaker_mass": Parameter("mass_kg", "kg", ((0.02, 0.3),))}),
+        set_to(
             "shaker_suspension",
             "drive",
-            (
-                Parameter("stiffness_n_per_m", "N/m", ((1e3, 3e4),)),
-                Parameter("damping_ns_per_m", "N s/m", ((2.0, 40.0),)),
-            ),
-            SetTo("rig", {"shaker_stiffness": "stiffness_n_per_m", "shaker_damping": "damping_ns_per_m"}),
+            {
+                "rig.shaker_stiffness": Parameter("stiffness_n_per_m", "N/m", ((1e3, 3e4),)),
+                "rig.shaker_damping": Parameter("damping_ns_per_m", "N s/m", ((2.0, 40.0),)),
+            },
         ),
-        Effect(
-            "drive_distortion",
-            "drive",
-            (Parameter("second", "", ((0.0, 0.2),)), Parameter("third", "", ((0.0, 0.2),))),
-            SetTo("drive", {"second": "second", "third": "third"}),
+        replace(
+            set_to(
+                "drive_distortion",
+                "drive",
+                {f"drive.{order}": Parameter(order, "", ((0.0, 0.2),)) for order in ("second", "third")},
+            ),
             together=lambda values: (
                 f"second or third is at least {_LEAST_DISTORTION}"
                 if max(float(values["second"]), float(values["third"])) < _LEAST_DISTORTION

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from daq.signals.impacts import half_cycles
-from sim_twin.rigs.impact_beam.lanes import BeamLanes, resolves
+from sim_twin.rigs.impact_beam.lanes import beam_lanes, resolves
 from sim_twin.rigs.impact_beam.solver_values import figures_of, run_figures
 from sim_twin.rigs.impact_beam.truth import BeamTwin
 from sim_twin.rigs.rig_model import RunFigures
@@ -49,7 +49,7 @@ def _side_by_side(
 
     At 204.8 kHz: the time of the first contact is known to half a step, 2.4 us.
     """
-    lanes = BeamLanes(twins, OVERSAMPLED_RATE, phases)
+    lanes = beam_lanes(twins, OVERSAMPLED_RATE, phases)
     firsts, contacts = [_FirstContact() for _ in twins], _Contacts(len(twins))
     begin, end = round(settle * OVERSAMPLED_RATE), round((settle + duration) * OVERSAMPLED_RATE)
     for start, stop in [*_blocks(0, begin), *_blocks(begin, end)]:

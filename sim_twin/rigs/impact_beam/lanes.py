@@ -42,36 +42,20 @@ def resolves(rig: ImpactBeam, rate: float) -> bool:
     return steps >= _STEPS_A_PERIOD and c * mobility / rate <= _DECAY_A_STEP and ratio <= _DAMPING_RATIO
 
 
-class BeamLanes:
+def beam_lanes(
+    twins: Sequence[BeamTwin],
+    rate: float,
+    phases: Sequence[float] | None = None,
+    accelerations: bool = False,
+) -> Lanes:
     """Runs of `twins` from rest at t = 0, driven from `phases` (rad, default 0) on, at `rate` steps a second.
 
-    Second order in the step; at 204.8 kHz first peaks are within 0.5 %. With `accelerations` those of base,
-    stations on the beam and cover are recorded too; all twins then have the same channels.
+    Second order in the step; at 204.8 kHz first peaks are within 0.5 %. With `accelerations` (m/s2) those of
+    base, stations on the beam and cover are recorded too; all twins then have the same channels.
     """
-
-    def __init__(
-        self,
-        twins: Sequence[BeamTwin],
-        rate: float,
-        phases: Sequence[float] | None = None,
-        accelerations: bool = False,
-    ) -> None:
-        starts = [0.0] * len(twins) if phases is None else phases
-        lanes = [lane_of(twin, phase, accelerations) for twin, phase in zip(twins, starts, strict=True)]
-        self._lanes = Lanes(lanes, 1 / rate)
-
-    def advance(self, steps: int) -> Array:
-        """Return the next `steps`, shape (twins, rows, steps), the first ones at t = 0.
-
-        Row 0 is the upper minus the lower force in N (they never act together), then accelerations in m/s2.
-        A run that has diverged gives NaN.
-        """
-        return self._lanes.advance(steps)
-
-    @property
-    def statuses(self) -> tuple[Status, ...]:
-        """How each run stands."""
-        return self._lanes.statuses
+    starts = [0.0] * len(twins) if phases is None else phases
+    lanes = [lane_of(twin, phase, accelerations) for twin, phase in zip(twins, starts, strict=True)]
+    return Lanes(lanes, 1 / rate)
 
 
 def lane_of(twin: BeamTwin, phase: float = 0.0, accelerations: bool = False) -> Lane:
@@ -102,7 +86,7 @@ class BeamTruths:
         self._on_lanes = [run for run, twin in enumerate(twins) if resolves(twin.rig, rate)]
         chosen = [twins[run] for run in self._on_lanes]
         chosen_phases = [phases[run] for run in self._on_lanes]
-        self._lanes = BeamLanes(chosen, rate, chosen_phases, accelerations=True) if chosen else None
+        self._lanes = beam_lanes(chosen, rate, chosen_phases, accelerations=True) if chosen else None
         self._alone = {
             run: BeamTruth(twins[run], rate) for run in range(len(twins)) if run not in self._on_lanes
         }

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.quantity import Bound, Check, Key, Quantity, Whole, rule
+from sim_twin.effects import BaseMass
 from sim_twin.parts.beam import Beam
 from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, flexible_base
@@ -23,18 +24,6 @@ FLEXURE_ROTATION = 0.16
 """N m/rad: EI/l of the flexure 4 x 19 x 0.127 mm as the source states it (Table 2)."""
 FLEXURE_TRANSLATION = 1.258e5
 """N/m: 12 EI/l^3 of the same flexure."""
-
-
-@dataclass(frozen=True, slots=True)
-class BaseMass:
-    """The yoke as a mass on spring and damper: `frequency` Hz, `mass` kg, `damping_ratio`."""
-
-    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
-    mass: Annotated[float, Bound("kg", 0.0, above=True)]
-    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
-
-    def __post_init__(self) -> None:
-        require_bounds("BaseMass", self)
 
 
 @dataclass(frozen=True, slots=True)

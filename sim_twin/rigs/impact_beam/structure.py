@@ -14,10 +14,11 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.effects import BaseMass
 from sim_twin.parts.modal import Modes, by_one_thread, lowest_modes
 from sim_twin.rigs.impact_beam.base.coupling import couple
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam
+from sim_twin.rigs.impact_beam.model import ImpactBeam
 
 Array = NDArray[np.float64]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -29,7 +30,7 @@ class BeamTruth:
         self._simulation = Simulation(assemble(twin.rig, self._orders), 1 / rate)
         self._yoke = resonance(twin.rig.yoke_frequency, twin.rig.yoke_damping, rate)
         self._shapes = deflection_shapes(twin.rig, np.linspace(0, 1, _SHAPE_POINTS))
-        self._force = _DriveForce()
+        self._force: Callable[[Array], Array] = np.zeros_like  # of the coil, over time
         self._finite = True
 
     def change_drive(self, drive: SineDrive, phase: float, reference: float) -> None:
@@ -38,7 +39,7 @@ class BeamTruth:
             raise ValueError("this motion was set up for a pure sine")
         omega = 2 * np.pi * drive.frequency
         self._simulation.drive(drive.phasors()[list(self._orders)], omega, phase, reference)
-        self._force.change(drive, phase, reference)
+        self._force = lambda times: drive.force(omega * (times - reference) + phase)
 
     def advance(self, steps: int) -> Array:
         """Next `steps` of the grid, shape (channels, steps)."""
@@ -56,23 +57,6 @@ class BeamTruth:
     def status(self) -> Status:
         """Diverged as soon as the state is not finite."""
         return Status.COMPLETED if self._finite else Status.DIVERGED
-
-
-class _DriveForce:
-    """The coil's force over time; zero before the first change."""
-
-    def __init__(self) -> None:
-        self._drive: SineDrive | None = None
-        self._phase = self._reference = 0.0
-
-    def change(self, drive: SineDrive, phase: float, reference: float) -> None:
-        self._drive, self._phase, self._reference = drive, phase, reference
-
-    def __call__(self, times: Array) -> Array:
-        if self._drive is None:
-            return np.zeros_like(times)
-        omega = 2 * np.pi * self._drive.frequency
-        return self._drive.force(omega * (times - self._reference) + self._phase)
 
 
 def _needs_all(drive: SineDrive) -> bool:

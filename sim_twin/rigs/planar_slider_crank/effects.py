@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
-
 from sim_twin.effects import (
     Effect,
     Parameter,
@@ -20,16 +17,13 @@ from sim_twin.effects import (
 from sim_twin.rigs.crank_drive import speed_fluctuation
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, MARKER
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank, RodBending
-
-if TYPE_CHECKING:
-    from sim_twin.rigs.planar_slider_crank.motion import CrankTwin
+from sim_twin.twin import AnyTwin, changed
 
 
-def _frame(twin: CrankTwin, values: ParameterValues) -> CrankTwin:
-    channel = str(values["channel"])
-    mode = twin.rig.frames[channel]
-    changed = replace(mode, frequency=mode.frequency * float(values["frequency_scale"]))
-    return replace(twin, rig=replace(twin.rig, frames={**twin.rig.frames, channel: changed}))
+def _frame(twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+    place, scale = ("rig", "frames", str(values["channel"]), "frequency"), float(values["frequency_scale"])
+    affected: AnyTwin = changed(twin, place, lambda frequency: frequency * scale)
+    return affected
 
 
 _ANY_PHASE = 6.283185307179587
@@ -42,9 +36,11 @@ EFFECTS = catalogue_of(
         scaled("joint1_clearance", "joint 1", _CLEARANCE, "rig.clearance_1"),
         scaled("joint2_clearance", "joint 2", _CLEARANCE, "rig.clearance_2"),
         scaled("contact_stiffness", "joints", ((0.2, 0.7), (1.4, 5.0)), "rig.stiffness_scales"),
-        set_to("restitution", "joints", Parameter("value", "", ((0.3, 0.8),)), "rig.restitution"),
-        set_to("joint_friction", "joints", Parameter("coefficient", "", ((0.04, 0.3),)), "rig.friction"),
-        set_to("guide_friction", "guide", Parameter("coefficient", "", ((0.1, 0.5),)), "rig.guide_friction"),
+        set_to("restitution", "joints", {"rig.restitution": Parameter("value", "", ((0.3, 0.8),))}),
+        set_to("joint_friction", "joints", {"rig.friction": Parameter("coefficient", "", ((0.04, 0.3),))}),
+        set_to(
+            "guide_friction", "guide", {"rig.guide_friction": Parameter("coefficient", "", ((0.1, 0.5),))}
+        ),
         Effect(
             "rod_flexibility",
             "rod",

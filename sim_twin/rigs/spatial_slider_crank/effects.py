@@ -17,21 +17,20 @@ from sim_twin.effects import (
 )
 from sim_twin.rigs.crank_drive import speed_fluctuation
 from sim_twin.rigs.spatial_slider_crank.channels import FORCES, MARKER
-from sim_twin.rigs.spatial_slider_crank.model import BaseMass, SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 
 _CLEARANCE, _STIFFNESS, _DAMPING = ((0.3, 0.8), (1.25, 2.5)), ((0.2, 0.7), (1.4, 5.0)), ((3.0, 20.0),)
 
 EFFECTS = catalogue_of(
     SpatialSliderCrank.kind,
     (
-        base_flexibility(BaseMass),
+        base_flexibility(),
         scaled("socket_clearance", "socket", _CLEARANCE, "rig.socket_clearance"),
         scaled("guide_clearance", "guide", _CLEARANCE, "rig.guide_clearance"),
         set_to(
             "guide_friction",
             "guide",
-            Parameter("coefficient", "", ((0.0, 0.05), (0.16, 0.3))),
-            "rig.friction",
+            {"rig.friction": Parameter("coefficient", "", ((0.0, 0.05), (0.16, 0.3)))},
         ),
         scaled("contact_stiffness", "joints", _STIFFNESS, "rig.socket_stiffness", "rig.guide_stiffness"),
         scaled("contact_damping", "joints", _DAMPING, "rig.socket_damping", "rig.guide_damping"),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from daq.errors import UnphysicalParameter
 from daq.quantity import Bound, Quantity, Whole
 from sim_twin.contact import ContactLaw, Friction, linear
+from sim_twin.effects import BaseMass
 from sim_twin.joints.spatial import PrismaticJoint, SphericalJoint
 from sim_twin.parts.beam import MOST_BENDING_MODES, Rod
 from sim_twin.ranges import require, require_bounds
@@ -43,18 +44,6 @@ class Slider:
 
     def __post_init__(self) -> None:
         require_bounds("slider", self)
-
-
-@dataclass(frozen=True, slots=True)
-class BaseMass:
-    """The guide as a mass on springs in y and z: `frequency` Hz, `mass` kg, `damping_ratio`."""
-
-    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
-    mass: Annotated[float, Bound("kg", 0.0, above=True)]
-    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
-
-    def __post_init__(self) -> None:
-        require_bounds("base", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +80,7 @@ class SpatialSliderCrank:
     incline: Annotated[float, Bound("rad", -pi, pi)] = 69 * pi / 180
     roll: Annotated[float, Bound("rad", -pi, pi)] = 10 * pi / 180
     base: BaseMass | None = None
+    """The guide on springs in y and z."""
 
     def __post_init__(self) -> None:
         require(OWNER, "crank_radius", self.crank_radius, 0.0, 0.9 * self.rod.length, "m", above=True)

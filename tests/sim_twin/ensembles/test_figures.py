@@ -12,7 +12,7 @@ from sim_twin.ensembles.figures import Figures
 from sim_twin.ensembles.population import Population
 from sim_twin.ensembles.simulate import Variant, simulate
 from sim_twin.rigs.crank_drive import SpeedDrive
-from sim_twin.rigs.impact_beam.lanes import BeamLanes
+from sim_twin.rigs.impact_beam.lanes import beam_lanes
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.rigs.impact_beam.rig import MODEL
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
@@ -48,7 +48,7 @@ def test_first_contacts_are_those_of_the_exact_solver() -> None:
 
 def test_half_cycles_are_those_of_the_whole_trace() -> None:
     """The peaks alone give, bit for bit, what all samples give; the window begins after `settle`."""
-    lanes = BeamLanes([HEALTHY[0].twin], OVERSAMPLED_RATE)
+    lanes = beam_lanes([HEALTHY[0].twin], OVERSAMPLED_RATE)
     force = lanes.advance(round((SETTLE + DURATION) * OVERSAMPLED_RATE))[0, 0]
     force = force[round(SETTLE * OVERSAMPLED_RATE) :]
     cycles = half_cycles(np.maximum(force, 0), np.maximum(-force, 0), OVERSAMPLED_RATE)

@@ -10,10 +10,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, solve
 
 from daq.errors import UnphysicalParameter
+from sim_twin.effects import BaseMass
 from sim_twin.parts.frame import Bar
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, Shaker, Yoke, flexible_base
 from sim_twin.rigs.impact_beam.base.standing import standing_on, unreduced
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam, SineDrive, nominal
+from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.rigs.impact_beam.structure import deflection_shapes, structure_of
 from tests.sim_twin.solver import RATE, driven
 

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim_twin.rigs.impact_beam.lanes import BeamLanes
-from sim_twin.rigs.impact_beam.model import BaseMass, ImpactBeam, SineDrive, nominal
+from sim_twin.effects import BaseMass
+from sim_twin.rigs.impact_beam.lanes import beam_lanes
+from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
 from sim_twin.twin import Twin
 from tests.sim_twin.reference import Rig, simulate, with_regularised_friction
 from tests.sim_twin.solver import RATE, solve
@@ -49,7 +50,7 @@ def forces(
     rig: ImpactBeam, drive: SineDrive, seconds: float, factor: int = 1, phase: float = 0.0
 ) -> np.ndarray:
     """Upper minus lower force of one lane at `factor` times 204.8 kHz."""
-    lanes = BeamLanes([Twin(rig, drive)], factor * RATE, [phase])
+    lanes = beam_lanes([Twin(rig, drive)], factor * RATE, [phase])
     return lanes.advance(factor * round(seconds * RATE))[0, 0]
 
 
@@ -125,7 +126,7 @@ def test_pivot_friction_is_that_of_an_independent_integrator() -> None:
 
 def test_a_pivot_that_sticks_holds_the_beam_still() -> None:
     twin = Twin(replace(STEEL, pivot_friction=10.0, stations=(100,)), SineDrive(1.0, 5.0))
-    _, _, tip = BeamLanes([twin], RATE, accelerations=True).advance(round(0.05 * RATE))[0]
+    _, _, tip = beam_lanes([twin], RATE, accelerations=True).advance(round(0.05 * RATE))[0]
     # Clamped by friction the tip bends by F a^2 (3 L - a) / (6 EI) = 3e-5 m and follows the drive.
     assert np.abs(tip).max() < 10.0
 
@@ -133,7 +134,7 @@ def test_a_pivot_that_sticks_holds_the_beam_still() -> None:
 def test_accelerations_are_those_of_the_exact_solver() -> None:
     rig = replace(STEEL, base=BaseMass(400.0, 2.0, 0.01), stations=(50,))
     trace = solve(rig, SINE, 0.006, FINEST * RATE).outputs
-    lanes = BeamLanes([Twin(rig, SINE)], FINEST * RATE, accelerations=True)
+    lanes = beam_lanes([Twin(rig, SINE)], FINEST * RATE, accelerations=True)
     _, base, middle = lanes.advance(trace.shape[1])[0]
     # The damper's 2 N jump at an onset, which falls a sample earlier or later: 1 m/s2 of the yoke's 2 kg.
     assert np.abs(trace[2]).max() > 10.0

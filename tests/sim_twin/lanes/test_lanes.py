@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from daq.signals.impacts import half_cycles
+from sim_twin.effects import BaseMass
 from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
-from sim_twin.rigs.impact_beam.lanes import BeamLanes, lane_of
-from sim_twin.rigs.impact_beam.model import BaseMass, SineDrive, nominal
+from sim_twin.rigs.impact_beam.lanes import beam_lanes, lane_of
+from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.status import Status
 from sim_twin.twin import Twin
 from tests.sim_twin.solver import RATE
@@ -40,26 +41,26 @@ def variants(count: int) -> list[Twin]:
 
 def test_company_changes_no_bit() -> None:
     twins = variants(45)
-    together = BeamLanes(twins, RATE).advance(STEPS)
+    together = beam_lanes(twins, RATE).advance(STEPS)
     assert np.abs(together).max(axis=(1, 2)).min() > 1.0
     for k in (0, 1, 2, 3, 4, 17, 44):
-        alone = BeamLanes([twins[k]], RATE).advance(STEPS)
+        alone = beam_lanes([twins[k]], RATE).advance(STEPS)
         assert np.array_equal(alone[0], together[k])
 
 
 def test_order_changes_no_bit() -> None:
     twins = variants(45)
     order = np.random.default_rng(1).permutation(45)
-    together = BeamLanes(twins, RATE).advance(STEPS)
-    shuffled = BeamLanes([twins[k] for k in order], RATE).advance(STEPS)
+    together = beam_lanes(twins, RATE).advance(STEPS)
+    shuffled = beam_lanes([twins[k] for k in order], RATE).advance(STEPS)
     assert np.array_equal(shuffled, together[order])
 
 
 @pytest.mark.parametrize("chunks", [[1] * 20 + [300], [7, 64, 249], [31, 33, 256]])
 def test_the_size_of_the_chunks_changes_no_bit(chunks: list[int]) -> None:
     twins = variants(11)
-    whole = BeamLanes(twins, RATE / 4).advance(sum(chunks))
-    lanes = BeamLanes(twins, RATE / 4)
+    whole = beam_lanes(twins, RATE / 4).advance(sum(chunks))
+    lanes = beam_lanes(twins, RATE / 4)
     parts = [lanes.advance(count) for count in chunks]
     assert np.abs(whole[:, :, 310:]).max() > 1.0
     assert np.array_equal(np.concatenate(parts, axis=2), whole)
@@ -67,14 +68,14 @@ def test_the_size_of_the_chunks_changes_no_bit(chunks: list[int]) -> None:
 
 def test_recording_accelerations_changes_no_force() -> None:
     twins = [Twin(replace(each.rig, stations=(50,)), each.drive) for each in variants(10)]
-    plain = BeamLanes(twins, RATE).advance(STEPS)
-    assert np.array_equal(BeamLanes(twins, RATE, accelerations=True).advance(STEPS)[:, 0], plain[:, 0])
+    plain = beam_lanes(twins, RATE).advance(STEPS)
+    assert np.array_equal(beam_lanes(twins, RATE, accelerations=True).advance(STEPS)[:, 0], plain[:, 0])
 
 
 @pytest.mark.parametrize(("frequency", "first", "largest"), [(5, 23.07, 29.51), (20, 34.86, 39.57)])
 def test_means_over_half_cycles(frequency: float, first: float, largest: float) -> None:
     phases = np.random.default_rng(2).uniform(0, 2 * np.pi, 32)
-    lanes = BeamLanes([Twin(STEEL, SineDrive(9.0, frequency))] * 32, RATE, list(phases))
+    lanes = beam_lanes([Twin(STEEL, SineDrive(9.0, frequency))] * 32, RATE, list(phases))
     lanes.advance(round(RATE))
     force = lanes.advance(round(40 / 2 / frequency * RATE))[:, 0]
     cycles = [half_cycles(np.maximum(each, 0), np.maximum(-each, 0), RATE) for each in force]
@@ -144,7 +145,7 @@ def test_a_mode_that_the_gap_does_not_show_is_recorded_all_the_same() -> None:
 
 def test_a_drive_keeps_its_amplitude_over_many_cycles() -> None:
     twin = Twin(replace(STEEL, clearance=1.0, stations=(100,)), SINE)
-    lanes = BeamLanes([twin], RATE / 16, accelerations=True)
+    lanes = beam_lanes([twin], RATE / 16, accelerations=True)
     lanes.advance(round(70 * RATE / 16))  # the pendulum's start, at 0.05 1/s, has died out to 3 %
     lanes.advance(round(130 * RATE / 16))
     _, _, tip = lanes.advance(round(RATE / 16))[0]

@@ -8,10 +8,11 @@ from math import pi
 import numpy as np
 import pytest
 
+from sim_twin.effects import BaseMass
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, constants
 from sim_twin.rigs.spatial_slider_crank.kernel import rates
-from sim_twin.rigs.spatial_slider_crank.model import BaseMass, SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.motion import simulation, step_limits
 from tests.sim_twin.spatial_slider_crank.mechanism import Mechanism
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from daq.errors import SimulationFailed, UnphysicalParameter
+from sim_twin.effects import BaseMass
 from sim_twin.mechanisms.run import CONTACT, PEAK
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.rigs.spatial_slider_crank import solver_values as values
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS, FORCES
 from sim_twin.rigs.spatial_slider_crank.constants import SOCKET, constants, layout
-from sim_twin.rigs.spatial_slider_crank.model import BaseMass, Slider, SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.model import Slider, SpatialSliderCrank
 from sim_twin.rigs.spatial_slider_crank.motion import eccentricity, ideal_state, simulation, step_limits
 from sim_twin.rigs.spatial_slider_crank.rig import MODEL
 from sim_twin.status import Status

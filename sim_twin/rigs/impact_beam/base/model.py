@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from daq.quantity import Bound
 from sim_twin.parts.frame import Bar
 from sim_twin.parts.plate import Sheet
-from sim_twin.ranges import require
+from sim_twin.ranges import require, require_bounds
 
 _ALUMINIUM = 70e9, 2700.0  # Pa, kg/m3
 _PLATE = Sheet(*_ALUMINIUM, nu=0.33, thickness=0.0127)
 _POST = Bar(*_ALUMINIUM, width=0.0381, depth=0.0254)
 _YOKE_BAR = Bar(*_ALUMINIUM, width=0.01905, depth=0.0127)
 _WITHIN_PLATE = ("post_x", "yoke_x", "shaker_x", "accelerometer_x")
-
-
-def _positive(owner: Any, *names: str) -> None:
-    for name in names:
-        require(type(owner).__name__, name, getattr(owner, name), 0.0, above=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +27,13 @@ class Yoke:
     """
 
     bar: Bar = _YOKE_BAR
-    span: float = 0.0635
-    foot_height: float = 0.020
-    sensor_mass: float = 0.10
-    head_stiffness: float = 1e8
+    span: Annotated[float, Bound("m", 0.0, above=True)] = 0.0635
+    foot_height: Annotated[float, Bound("m", 0.0, above=True)] = 0.020
+    sensor_mass: Annotated[float, Bound("kg", 0.0)] = 0.10
+    head_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 1e8
 
     def __post_init__(self) -> None:
-        _positive(self, "span", "foot_height", "head_stiffness")
-        require("Yoke", "sensor_mass", self.sensor_mass, 0.0, unit="kg")
+        require_bounds("Yoke", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +44,17 @@ class Shaker:
     plate, 0 for one on its own ground.
     """
 
-    body_mass: float = 1.1
-    height: float = 0.075
-    diameter: float = 0.076
-    share: float = 1.0
-    rod_length: float = 0.050
-    rod_diameter: float = 0.002
-    rod_modulus: float = 207e9
-    rod_density: float = 7800.0
+    body_mass: Annotated[float, Bound("kg", 0.0)] = 1.1
+    height: Annotated[float, Bound("m", 0.0, above=True)] = 0.075
+    diameter: Annotated[float, Bound("m", 0.0, above=True)] = 0.076
+    share: Annotated[float, Bound("", 0.0, 1.0)] = 1.0
+    rod_length: Annotated[float, Bound("m", 0.0, above=True)] = 0.050
+    rod_diameter: Annotated[float, Bound("m", 0.0, above=True)] = 0.002
+    rod_modulus: Annotated[float, Bound("Pa", 0.0, above=True)] = 207e9
+    rod_density: Annotated[float, Bound("kg/m3", 0.0, above=True)] = 7800.0
 
     def __post_init__(self) -> None:
-        _positive(self, "height", "diameter", "rod_length", "rod_diameter", "rod_modulus", "rod_density")
-        require("Shaker", "body_mass", self.body_mass, 0.0, unit="kg")
-        require("Shaker", "share", self.share, 0.0, 1.0)
+        require_bounds("Shaker", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,16 +67,15 @@ class Cover:
     """
 
     sheet: Sheet
-    frame_mass: float
-    length: float = 0.401
-    width: float = 0.320
-    height: float = 0.259
-    fixing_stiffness: float = 1e7
+    frame_mass: Annotated[float, Bound("kg/m", 0.0)]
+    length: Annotated[float, Bound("m", 0.0, above=True)] = 0.401
+    width: Annotated[float, Bound("m", 0.0, above=True)] = 0.320
+    height: Annotated[float, Bound("m", 0.0, above=True)] = 0.259
+    fixing_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 1e7
     modes: int = 14
 
     def __post_init__(self) -> None:
-        _positive(self, "length", "width", "height", "fixing_stiffness")
-        require("Cover", "frame_mass", self.frame_mass, 0.0, unit="kg/m")
+        require_bounds("Cover", self)
 
 
 COVERS = {
@@ -105,10 +97,10 @@ class FlexibleBase:
     """
 
     sheet: Sheet = _PLATE
-    length: float = 0.390
-    width: float = 0.305
+    length: Annotated[float, Bound("m", 0.0, above=True)] = 0.390
+    width: Annotated[float, Bound("m", 0.0, above=True)] = 0.305
     clamp: float = 0.0254
-    damping_ratio: float = 0.02
+    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)] = 0.02
     post: Bar = _POST
     post_x: float = 0.055
     yoke_x: float = 0.335
@@ -120,17 +112,15 @@ class FlexibleBase:
     accelerometer_y: float = 0.2025
     cover: Cover | None = None
     modes: int = 10
-    elements: int = 14
+    elements: Annotated[int, Bound("", 4)] = 14
 
     def __post_init__(self) -> None:
-        _positive(self, "length", "width")
+        require_bounds("FlexibleBase", self)
         require("FlexibleBase", "clamp", self.clamp, 0.0, min(self.length, self.width) / 2, "m", above=True)
-        require("FlexibleBase", "damping_ratio", self.damping_ratio, 0.0, 1.0)
         for name in _WITHIN_PLATE:
             require("FlexibleBase", name, getattr(self, name), 0.0, self.length, "m")
         require("FlexibleBase", "accelerometer_y", self.accelerometer_y, 0.0, self.width, "m")
         require("FlexibleBase", "beam_height", self.beam_height, self.yoke.foot_height, unit="m", above=True)
-        require("FlexibleBase", "elements", self.elements, 4)
 
 
 def flexible_base(cover: str = "none", **changes: Any) -> FlexibleBase:
