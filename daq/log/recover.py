@@ -162,7 +162,11 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
         try:
             writer.open()
             try:
-                lost = _copy_all(log, topics, writer)
+                for name, record in log.metadata.items():
+                    writer.add_metadata(name, record)
+                for topic, schema in topics.items():
+                    writer.register(topic, schema, log.topic_metadata()[topic])
+                lost = sum(_copy(message, writer) for message in log.messages(topics, skip_damaged=True))
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
                 raise
@@ -171,14 +175,6 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
         except RecorderFailed as error:
             raise LogError(str(error)) from error
         return replace(verify_log(recovered), recovered_from=log.damage, lost=lost)
-
-
-def _copy_all(log: LogReader, topics: dict[str, str], writer: LogWriter) -> int:
-    for name, record in log.metadata.items():
-        writer.add_metadata(name, record)
-    for topic, schema in topics.items():
-        writer.register(topic, schema, log.topic_metadata()[topic])
-    return sum(_copy(message, writer) for message in log.messages(topics, skip_damaged=True))
 
 
 def _copy(message: LoggedMessage, writer: LogWriter) -> int:

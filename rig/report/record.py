@@ -225,17 +225,15 @@ class RunCollector:
         self._impacts: list[Impact] = []
 
     def __call__(self, record: Record) -> None:
-        stopped_ns = self._stopped_ns
         match record:
-            case Block() | Impact() if stopped_ns is not None and _begins_ns(record) >= stopped_ns:
-                return
-            case Block("derived", samples) if samples.channel in self._whose_speed:
-                _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
-            case Block(origin, samples) if (origin, samples.channel) in self._limits:
-                key, samples = (origin, samples.channel), samples.before(stopped_ns)
-                self._tallies[key].add(samples)
-                _keep(self._blocks[key], samples, self._limits[key])
-            case Impact():
+            case Block(origin, whole) if len(samples := whole.before(self._stopped_ns)):
+                key = origin, samples.channel
+                if origin == "derived" and samples.channel in self._whose_speed:
+                    _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
+                elif key in self._limits:
+                    self._tallies[key].add(samples)
+                    _keep(self._blocks[key], samples, self._limits[key])
+            case Impact() if self._stopped_ns is None or record.time_ns < self._stopped_ns:
                 self._impacts.append(record)
 
     def record(self) -> RunRecord:
@@ -271,10 +269,6 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
         for impact in reader.impacts():
             stream(impact)
         return collector.record()
-
-
-def _begins_ns(record: Block | Impact) -> int:
-    return record.time_ns if isinstance(record, Impact) else record.samples.time_ns
 
 
 def _keep(blocks: list[SampleBlock], block: SampleBlock, limit: int) -> None:

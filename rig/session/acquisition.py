@@ -14,8 +14,8 @@ from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError
 from daq.log.records import Event
+from daq.time_base.clocks import CardClock
 from drivers.protocols.card import AcquisitionCard, CardReading
-from rig.session.clocks import CardClock
 from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 

@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 from daq.log.records import ClockRecord
+from daq.time_base.clocks import CardClock
 from drivers.protocols.generator import DriveGenerator
 from drivers.protocols.instrument import Actuator, Notice
-from rig.session.clocks import CardClock
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
 from sim_twin.rigs.impact_beam.model import SineDrive

@@ -19,9 +19,9 @@ from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.records import ClockRecord, Event, Gap
+from daq.time_base.clocks import CardClock, DeviceClock
 from drivers.protocols.encoder import PositionBlock, PositionEncoder
 from rig.session.acquisition import BLOCK_S, AcquisitionFault
-from rig.session.clocks import CardClock, DeviceClock
 from rig.session.interlock import SpeedGuard
 from rig.session.shaft_speed import ByAngle, SpeedReading
 from rig.stream import Block, Stream

@@ -14,8 +14,8 @@ import numpy as np
 from daq.block import Flag, SampleBlock, as_logged
 from daq.errors import InstrumentSilent, RattleError
 from daq.log.records import Event, Gap
+from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Logger
-from rig.session.clocks import CardClock
 from rig.stream import Block, Stream
 
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
+from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import SpeedDrive
-from rig.session.clocks import CardClock
 from rig.session.interlock import Debounced
 from rig.session.shaft_speed import RPM_PER_RAD_S
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive

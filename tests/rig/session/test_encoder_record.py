@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from daq.block import Flag
 from daq.errors import DeviceLost, InterlockTripped
+from daq.time_base.clocks import CardClock
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
 from drivers.protocols.instrument import Notice
-from rig.session.clocks import CardClock
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.interlock import guards_of_shaft
 from rig.stream import Stream

@@ -11,8 +11,8 @@ from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import DeviceLost, InstrumentSilent
 from daq.log.records import Event, Gap
+from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Logger
-from rig.session.clocks import CardClock
 from rig.session.logger_record import LoggerRecord
 from rig.stream import Block, Record, Stream
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from daq.errors import InstrumentRefused, InterlockTripped
-from rig.session.clocks import CardClock
+from daq.time_base.clocks import CardClock
 from rig.session.motor import OVERSPEED_S, Motor, MotorActuator
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 from tests.rig.session.shafts import STEP_RPM, FakeDrive, SteppedClock

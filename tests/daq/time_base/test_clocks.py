@@ -7,7 +7,7 @@ import pytest
 
 from daq.block import NS_PER_S
 from daq.log.records import ClockRecord
-from rig.session.clocks import CardClock, DeviceClock
+from daq.time_base.clocks import CardClock, DeviceClock
 from tests.rig.session.shafts import SteppedClock
 
 RATE, BLOCK_S = 25_600.0, 0.1
