@@ -30,37 +30,37 @@ _LAST_LINES = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Promise:
     """A promise, and the command that holds the program to it: for the page, and to see that it works."""
 
-    promise: str
+    words: str
     command: tuple[str, ...]
     short: tuple[str, ...]
 
 
 ALL = {
-    "crash images": Measured(
+    "crash images": Promise(
         "A power loss leaves a log that can be read; at most 1.5 s before the last sync are lost, and what "
         "is missing in between is in the gap ledger.",
         ("benchmarks.crash_images", "5000"),
         ("benchmarks.crash_images", "100"),
     ),
-    "flipped bits": Measured(
+    "flipped bits": Promise(
         "A flipped bit anywhere in a log is told, in a finished one and in one that a crash left.",
         ("benchmarks.bit_flips", "10000"),
         ("benchmarks.bit_flips", "200"),
     ),
-    "kills": Measured(
+    "kills": Promise(
         "A run that is killed while it records costs at most 0.5 s of any stream.",
         ("benchmarks.kills", "300"),
         ("benchmarks.kills", "3"),
     ),
-    "load": Measured(
+    "load": Promise(
         "64 channels at 51.2 kHz with twin and live view: no sample lost.",
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "3600"),
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "20"),
     ),
-    "Modbus": Measured(
+    "Modbus": Promise(
         "A line to the inverter that loses or corrupts answers: no wrong value, speed held or a safe stop.",
         ("benchmarks.modbus_noise",),
         ("benchmarks.modbus_noise",),
@@ -68,16 +68,16 @@ ALL = {
 }
 
 
-def section(name: str, measured: Measured, short: bool) -> tuple[str, bool]:
+def section(name: str, promise: Promise, short: bool) -> tuple[str, bool]:
     """Run it; its part of the page, and whether it held."""
-    command = measured.short if short else measured.command
+    command = promise.short if short else promise.command
     began, at = time.monotonic(), datetime.datetime.now(datetime.UTC)
     ran = subprocess.run(  # noqa: S603
         [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False
     )
     printed = (ran.stdout + ran.stderr).rstrip().splitlines()[-_LAST_LINES:]
     verdict = "held" if ran.returncode == 0 else "NOT HELD"
-    head = f"## {name.capitalize()}: {verdict}\n\n{measured.promise}\n"
+    head = f"## {name.capitalize()}: {verdict}\n\n{promise.words}\n"
     spent = f"{at:%Y-%m-%d %H:%M} UTC, {time.monotonic() - began:.0f} s, `python -m {' '.join(command)}`"
     print(f"{name}: {verdict} ({time.monotonic() - began:.0f} s)", flush=True)
     return "\n".join([head, spent, "", *(f"    {line}" for line in printed), ""]), ran.returncode == 0
@@ -106,11 +106,14 @@ def machine() -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--only", nargs="*", choices=ALL, default=list(ALL))
+    parser.add_argument("--only", nargs="+", choices=ALL, help="these, and no page")
     parser.add_argument("--short", action="store_true", help="few of each, and no page")
     arguments = parser.parse_args()
-    sections, held = zip(*(section(name, ALL[name], arguments.short) for name in arguments.only), strict=True)
-    if not arguments.short:
+    chosen = arguments.only or list(ALL)
+    sections, held = zip(*(section(name, ALL[name], arguments.short) for name in chosen), strict=True)
+    if arguments.short or arguments.only:
+        print("\n".join(sections))
+    else:
         PAGE.write_text("\n".join([_HEAD, machine() + ".", "", *sections]), encoding="utf-8")
     return int(not all(held))
 

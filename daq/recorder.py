@@ -18,7 +18,7 @@ from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 1 << 15
 """20 s of 64 channels, measured, predicted and derived, in blocks of 0.1 s: longer than a disk stalls."""
-_SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
+SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
 _IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
 _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
@@ -121,7 +121,7 @@ class Recorder:
 
     def _sync(self) -> None:
         """A disk that stalls holds nobody up but this thread."""
-        while not self._closing.wait(_SYNC_S):
+        while not self._closing.wait(SYNC_S):
             try:
                 self._writer.sync()
                 self._check_room()

@@ -30,6 +30,7 @@ _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
 _LENGTH = 8
 _CHECKSUM_BYTES = 4
+_LENGTHS = {CHECKSUM_OPCODE: _CHECKSUM_BYTES, Opcode.FOOTER: 20}
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 20
 _NO_RECORD = (ValueError, OverflowError, struct.error, McapError)
@@ -98,7 +99,7 @@ def _records(
     if os.pread(descriptor, position, 0) != MCAP0_MAGIC:
         note("it does not begin as an MCAP file does")
         position = 0
-    opcode = 0
+    opcode = before = 0
     while opcode != Opcode.FOOTER:
         try:
             opcode, record = _record_at(descriptor, position, size)
@@ -106,13 +107,14 @@ def _records(
             note(f"it cannot be read at byte {position}: {error.strerror}")
             return
         except ValueError as error:
-            record, found = _next_whole_chunk(descriptor, position, size, allowance)
+            # it may be the length of the record before that is wrong, and led past whole ones
+            record, found = _next_whole_chunk(descriptor, before + 1, size, allowance)
             opcode = Opcode.CHUNK
             note(f"a record is damaged (byte {position})" if record else str(error))
             if not record:
                 return
             position = found
-        position += len(record)
+        before, position = position, position + len(record)
         yield opcode, record
 
 
@@ -178,14 +180,15 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
     opcode, length = _RECORD.unpack(head)
     if opcode not in (*Opcode.__members__.values(), CHECKSUM_OPCODE):
         raise ValueError(f"there is no record of kind {opcode} (byte {position})")
-    if length > LONGEST_RECORD_BYTES or (opcode == CHECKSUM_OPCODE and length != _CHECKSUM_BYTES):
+    if length > LONGEST_RECORD_BYTES or length != _LENGTHS.get(opcode, length):
         raise ValueError(f"a record of {length} bytes (byte {position})")
     if position + _RECORD.size + length > size:
+        # where a checksum ends the file no record was cut: a length is wrong
         end = os.pread(descriptor, _RECORD.size, size - _RECORD.size - _CHECKSUM_BYTES)
-        whole = end == _RECORD.pack(
-            CHECKSUM_OPCODE, _CHECKSUM_BYTES
-        )  # then no record was cut: a length is wrong
+        whole = end == _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
         raise ValueError(f"a record of {length} bytes (byte {position})" if whole else CUT)
+    if opcode == Opcode.FOOTER and position + _FOOTER_BYTES + len(MCAP0_MAGIC) != size:
+        raise ValueError(f"an end in its middle (byte {position})")
     return opcode, os.pread(descriptor, _RECORD.size + length, position)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Collection, Iterator
-from functools import partial
+from functools import cached_property, partial
 from io import BytesIO
 from pathlib import Path
 from types import TracebackType
@@ -26,7 +26,7 @@ from daq.errors import DAMAGED, LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
 from daq.log.front import check_data, metadata_and_chunks, read_summary
-from daq.log.records import STOPPING, ClockRecord, Event, Gap, Impact
+from daq.log.records import RECORD_END, STOPPING, ClockRecord, Event, Gap, Impact
 
 _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
 Origin = Literal["measured", "nominal", "predicted", "derived"]
@@ -212,13 +212,15 @@ class LogReader:
         """All events in file order."""
         return self._all(Event, "/event")
 
-    @property
+    @cached_property
     def stopped_ns(self) -> int | None:
-        """When a run was stopped before its time: from then on its record shows the way to rest."""
-        return next((event.time_ns for event in self.events() if event.code == STOPPING), None)
+        """When a run was stopped before its record had ended: from then on it shows the way to rest."""
+        ends = (event for event in self.events() if event.code in (RECORD_END, STOPPING))
+        first = next(ends, None)
+        return first.time_ns if first is not None and first.code == STOPPING else None
 
-    @property
-    def steady_s(self) -> float | None:
+    @cached_property
+    def until_stop_s(self) -> float | None:
         """The same in s since sample 0 of what was measured; None where all of it is as it was meant."""
         stopped_ns, first = self.stopped_ns, next(self.blocks("measured"), None)
         if stopped_ns is None or first is None:

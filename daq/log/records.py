@@ -7,8 +7,8 @@ from dataclasses import dataclass
 LEAST_FREE_BYTES = 1 << 30
 """What a recording leaves of a disk: room to finish the log, and for whatever else the machine writes."""
 
-STOPPING = "drive.stopping"
-"""Code of the event behind which a record shows how the rig was brought to rest before its time."""
+RECORD_END, STOPPING = "record.end", "drive.stopping"
+"""Codes of events: a record has come to its end; the rig is brought to rest before its time."""
 
 CHECKSUM_OPCODE = 0x80
 """A record of our own after each chunk: CRC-32 of all before it. MCAP leaves 0x80 to 0xFF to programs."""

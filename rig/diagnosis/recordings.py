@@ -48,6 +48,8 @@ def lost_of(log: LogReader, table: Mapping[str, SampleBlock]) -> dict[str, Lossy
     for _, block in log.blocks("measured", list(table)):
         first = table[block.channel].first_sample
         here = slice(max(block.first_sample - first, 0), max(block.end_sample - first, 0))
+        if not len(lost[block.channel][here]):  # behind what is looked at
+            continue
         for flag, word in _SPOILT.items():
             if block.flags & flag:
                 lost[block.channel][here] = True
@@ -204,10 +206,12 @@ def _read(path: Path) -> _Run:
             unit = model.channel_unit(name)
             if channels[name].unit != unit:
                 raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
-        lost = lost_of(log, log.table("measured", wanted, end_s=log.steady_s))
+        lost = lost_of(log, log.table("measured", wanted, end_s=log.until_stop_s))
         unfinished = []
-        if log.steady_s is not None:
-            unfinished.append(f"stopped before its time, after {log.steady_s:.3g} s; the rest is not used")
+        if log.until_stop_s is not None:
+            unfinished.append(
+                f"stopped before its time, after {log.until_stop_s:.3g} s; the rest is not used"
+            )
         if not log.complete:
             reason = f" ({log.damage})" if log.damage else ""
             unfinished += [f"the log was never finished, or cut{reason}; its whole blocks are used"]

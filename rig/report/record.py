@@ -121,7 +121,7 @@ class Trace:
 class RunRecord:
     """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived.
 
-    Traces, numbers, impacts and speeds are of its first `steady_s` where it was stopped before its time.
+    Traces, numbers, impacts and speeds are of its first `until_stop_s` where it was stopped before its time.
     """
 
     path: Path
@@ -135,7 +135,7 @@ class RunRecord:
     tallies: dict[tuple[Origin, str], Tally]
     events: list[Event]
     gaps: list[Gap]
-    steady_s: float | None
+    until_stop_s: float | None
     impacts: list[Impact]
     speeds: dict[Origin, Trace]
 
@@ -250,7 +250,7 @@ class RunCollector:
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
-            steady_s=reader.steady_s,
+            until_stop_s=reader.until_stop_s,
             impacts=list(self._impacts),
             speeds={origin: _joined(blocks) for origin, blocks in self._speeds.items() if blocks},
         )

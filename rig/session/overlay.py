@@ -130,7 +130,7 @@ def _predict(
     wanted = _predicted_of(twin, measured)
     for channel in wanted:
         copy.declare(origin, channel)
-    reference = log.series("measured", next(iter(measured)), end_s=log.steady_s)
+    reference = log.series("measured", next(iter(measured)), end_s=log.until_stop_s)
     rate = reference.sample_rate
     start_ns = sample_time_ns(reference.time_ns, -reference.first_sample, rate)
     alignment = align_to(log, twin)

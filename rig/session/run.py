@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.reader import Origin
+from daq.log.records import RECORD_END
 from daq.quantity import settings_of
 from daq.time_base.run_clock import RunClock
 from rig.derived.derivation import DerivationProcess, derived_channels
@@ -79,7 +80,7 @@ class Sequence:
                 self._until(begin + pre_trigger)
                 self._start()
             rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
-        rig.logbook.tell("info", "record.end", "recorded")
+        rig.logbook.tell("info", RECORD_END, "recorded")
         rig.end_record()
         rig.ramp_down()
 

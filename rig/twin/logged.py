@@ -101,6 +101,6 @@ def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Ali
         return untouched(twin.drive)
     if until_s is not None:
         until_s = max(until_s, reference.cycles / twin.drive.cycle_hz)
-    ends = [end_s for end_s in (until_s, log.steady_s) if end_s is not None]
+    ends = [end_s for end_s in (until_s, log.until_stop_s) if end_s is not None]
     seen = log.series("measured", reference.channel, end_s=min(ends, default=None))
     return reference.align(seen.values, seen.sample_rate, seen.first_sample, twin.drive)

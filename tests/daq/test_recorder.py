@@ -328,7 +328,7 @@ def test_whatever_call_fails_first_it_is_one_error_and_a_readable_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     """The n-th, for n = 1, 2, ... until none is the n-th."""
-    monkeypatch.setattr(recorder_module, "_SYNC_S", 0.01)
+    monkeypatch.setattr(recorder_module, "SYNC_S", 0.01)
     for nth in range(1, 200):
         path = tmp_path / f"{nth}.mcap"
         with monkeypatch.context() as patch:

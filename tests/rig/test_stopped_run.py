@@ -56,11 +56,11 @@ def rms(run: RunRecord) -> dict[str, float]:
 
 def test_its_report_is_of_what_went_as_it_was_meant_to(stopped: Path, steady: Path) -> None:
     run = read_run(stopped)
-    assert run.steady_s == pytest.approx(STEADY_S)
+    assert run.until_stop_s == pytest.approx(STEADY_S)
     assert run.duration_s == pytest.approx(STEADY_S)
     assert rms(run) == rms(read_run(steady))
     assert "Stopped before its time, after 2.05 s" in render(run)
-    assert read_run(steady).steady_s is None
+    assert read_run(steady).until_stop_s is None
 
 
 def test_its_replay_compares_the_same(stopped: Path, steady: Path) -> None:
@@ -75,7 +75,7 @@ def test_its_replay_compares_the_same(stopped: Path, steady: Path) -> None:
 def test_no_twin_follows_it_to_rest(stopped: Path, tmp_path: Path) -> None:
     overlay_run(stopped, tmp_path / "overlay.mcap")
     with LogReader(tmp_path / "overlay.mcap") as log:
-        assert log.steady_s == pytest.approx(STEADY_S)
+        assert log.until_stop_s == pytest.approx(STEADY_S)
         assert log.series("predicted", "drive.force").end_sample == round(STEADY_S * RATE)
         assert log.series("measured", "drive.force").end_sample == round(RECORDED_S * RATE)
 

@@ -38,9 +38,9 @@ def parts(run: RunRecord) -> list[Part]:
     found = []
     if not run.complete:
         found.append("The log was never finished (a crash). It is read up to its last whole chunk.")
-    if run.steady_s is not None:
+    if run.until_stop_s is not None:
         found.append(
-            f"Stopped before its time, after {run.steady_s:.3g} s: what came then is in the log, not here."
+            f"Stopped before its time, after {run.until_stop_s:.3g} s: the rest is in the log, not here."
         )
     if not any(origin == "predicted" for origin, _ in run.tallies):
         found.append("The log holds no prediction.")

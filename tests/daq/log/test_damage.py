@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import random
 import tracemalloc
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 import zstandard
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 
 from daq.block import SampleBlock
 from daq.channel import Channel
@@ -39,6 +42,14 @@ def data_end(path: Path) -> int:
     with path.open("rb") as file:
         ends = [file.tell() for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
     return ends[-1]
+
+
+def heads_of(content: bytes) -> Iterator[int]:
+    """Every byte of the kind and length of each record."""
+    position = len(MCAP0_MAGIC)
+    while position < len(content):
+        yield from range(position, position + 9)
+        position += 9 + int.from_bytes(content[position + 1 : position + 9], "little")
 
 
 def chunks_of(path: Path) -> list[tuple[int, int]]:
@@ -131,6 +142,13 @@ def test_a_flip_anywhere_in_a_crashed_log_is_told(ramp: Path, tmp_path: Path) ->
         assert log.damage == CUT
     begin = chunks_of(ramp)[0][0]
     rng = random.Random(5)
+    # any bit of a record's head: its kind may become that of an end, of an index, of a message
+    for at, bit in product(heads_of(bytes(whole)), range(8)):
+        whole[at] ^= 1 << bit
+        (tmp_path / "crashed.mcap").write_bytes(whole)
+        with LogReader(tmp_path / "crashed.mcap") as log:
+            assert log.damage not in ("", CUT), (at, bit)
+        whole[at] ^= 1 << bit
     for at in (
         *range(begin + 60),
         *rng.sample(range(len(whole)), FLIPS),
