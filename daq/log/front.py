@@ -109,8 +109,12 @@ def _records(
         except ValueError as error:
             # it may be the length of the record before that is wrong, and led past whole ones
             record, found = _next_whole_chunk(descriptor, before + 1, size, allowance)
+            whole = position == size and opcode == CHECKSUM_OPCODE
+            end = os.pread(descriptor, _RECORD.size, max(size - _RECORD.size - _CHECKSUM_BYTES, 0))
+            # where a checksum ends the file nothing was cut off: what leads elsewhere is wrong
+            damaged = record or (end == _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES) and not whole)
+            note(f"a record is damaged (byte {position})" if damaged else str(error))
             opcode = Opcode.CHUNK
-            note(f"a record is damaged (byte {position})" if record else str(error))
             if not record:
                 return
             position = found
@@ -183,10 +187,7 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
     if length > LONGEST_RECORD_BYTES or length != _LENGTHS.get(opcode, length):
         raise ValueError(f"a record of {length} bytes (byte {position})")
     if position + _RECORD.size + length > size:
-        # where a checksum ends the file no record was cut: a length is wrong
-        end = os.pread(descriptor, _RECORD.size, size - _RECORD.size - _CHECKSUM_BYTES)
-        whole = end == _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
-        raise ValueError(f"a record of {length} bytes (byte {position})" if whole else CUT)
+        raise ValueError(CUT)
     if opcode == Opcode.FOOTER and position + _FOOTER_BYTES + len(MCAP0_MAGIC) != size:
         raise ValueError(f"an end in its middle (byte {position})")
     return opcode, os.pread(descriptor, _RECORD.size + length, position)
