@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from daq.clock import Clock, SystemClock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.lock import lock
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
 from drivers.mitsubishi_fr.motor import Motor, Notices, OvertakenOrder
@@ -141,12 +142,13 @@ class FrInverter:
 def reset_tripped(settings: InverterSettings) -> None:
     """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
     clock = SystemClock()
-    session = _Open(settings, clock, Notices(clock))
-    try:
-        session.connect()
-        session.run(session.motor.reset())
-    finally:
-        session.end()
+    with lock(settings.name, settings.port):
+        session = _Open(settings, clock, Notices(clock))
+        try:
+            session.connect()
+            session.run(session.motor.reset())
+        finally:
+            session.end()
 
 
 class _Open:
