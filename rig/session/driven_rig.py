@@ -184,7 +184,7 @@ class DrivenRig:
     @contextmanager
     def moving(self) -> Iterator[None]:
         """Supervised, acquiring and with its logbook open; the drive is off on every way out."""
-        with ExitStack() as running:
+        with self.screen.apart(), ExitStack() as running:
             for each in (self._supervisor, self.logbook, self.acquisition, self.encoder, *self.loggers):
                 if each is not None:
                     running.enter_context(each)

@@ -237,7 +237,7 @@ class _Run:
             rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
         rig.recorder.close()
         if self._request.live and self._request.view_stays:
-            rig.screen.hold("the live view stays open; Enter closes it ")
+            rig.screen.hold("the live view stays open; Enter closes it", lambda: self._stop.wanted)
         return log
 
     def _view(
