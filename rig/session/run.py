@@ -173,6 +173,7 @@ class _Run:
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
         if held is not None and held[0] in rig.names and not request.bench.unseen:
+            rig.hold_force(*held)
             self._hold = FrequencyHold(*held, rig.sample_rate)
             self._frequency = FrequencyCheck(*held)
 
