@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
-from daq.errors import InterlockTripped, RattleError, RecorderFailed
+from daq.errors import InstrumentError, InterlockTripped, RattleError, RecorderFailed
 from daq.log.records import Event
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
@@ -228,7 +228,12 @@ class DrivenRig:
                     running.enter_context(each)
             running.enter_context(self._guarded())
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
-            yield
+            try:
+                yield
+            except InstrumentError:
+                if self._stops:  # an order that the guard's stop overtook does not say why it ended
+                    self.watch.check()
+                raise
 
     def start(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Let it move, unless something speaks against it by now; returns once it is as wanted."""
@@ -331,6 +336,7 @@ class DrivenRig:
                     # what comes while it stops already, and a person who asks twice, waits for no ramp
                     cut = self._stops or self._stop.asked > 1
                     self._met, self._stops, self._unsafe = found, True, self._unsafe + 1
+                    self.shaft.disarm()
                     stop = self.motion.cut if cut else self.motion.off
                     stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
                     stops[-1].start()

@@ -252,6 +252,24 @@ def test_a_limit_on_the_ramp_does_not_wait_for_it(tmp_path: Path) -> None:
     assert motor.told[:3] == ["start", "off", "cut"]
 
 
+@pytest.mark.parametrize("by", ["limit", "person"])
+def test_an_order_that_a_stop_overtakes_does_not_hide_why_it_ended(tmp_path: Path, by: str) -> None:
+    motor = RampingMotor()
+    motor.stands.set()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def during(rig: DrivenRig) -> None:
+        if by == "limit":
+            bench.level = 60.0
+        else:
+            bench.stop.asked = 2
+        await_true("stopped", lambda: {"off", "cut"} & set(motor.told))
+        raise InstrumentRefused("inverter", "fake", "not done: a stop overtook it", code="overtaken")
+
+    error, match = (InterlockTripped, "60 N") if by == "limit" else (Stopped, "by a person")
+    ended(bench, error, match, during)
+
+
 def test_a_limit_that_stops_a_motor_stops_it_on_its_ramp(tmp_path: Path) -> None:
     motor = RampingMotor()
     motor.stands.set()
