@@ -26,7 +26,9 @@ _TESTS = Path(__file__).parent
 _ALONE = (
     "drivers",
     "end_to_end",
+    "rig/session/test_guard.py",
     "rig/session/test_hung_motor.py",
+    "rig/session/test_supervisor.py",
     "rig/live",
     "rig/ensembles",
     "rig/commands/test_ensemble.py",

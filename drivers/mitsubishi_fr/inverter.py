@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from daq.clock import Clock, SystemClock
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.lock import lock
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
 from drivers.mitsubishi_fr.motor import Motor, Notices, OvertakenOrder
@@ -110,6 +111,13 @@ class FrInverter:
         late = "its stop, which goes on, has not ended"
         session.run(session.poller.stop(measured_hz), session.longest_stop_s, late)
 
+    def cut(self) -> None:
+        """Withdraw run at once; see `SpeedDrive.cut`."""
+        if self._open is not None and self._open.motor.orders.may_turn:
+            self._open.run(
+                self._open.poller.cut(), self._open.longest_stop_s, "its stop, which goes on, has not ended"
+            )
+
     def read(self) -> MotorState:
         """Ask it how it is."""
         session = self._attend()
@@ -141,12 +149,13 @@ class FrInverter:
 def reset_tripped(settings: InverterSettings) -> None:
     """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
     clock = SystemClock()
-    session = _Open(settings, clock, Notices(clock))
-    try:
-        session.connect()
-        session.run(session.motor.reset())
-    finally:
-        session.end()
+    with lock(settings.name, settings.port):
+        session = _Open(settings, clock, Notices(clock))
+        try:
+            session.connect()
+            session.run(session.motor.reset())
+        finally:
+            session.end()
 
 
 class _Open:
@@ -166,6 +175,8 @@ class _Open:
     @property
     def longest_stop_s(self) -> float:
         """How long a stop may take before it must have raised by itself."""
+        if not self.motor.parameters.raw:  # it never came so far as to be told anything
+            return HANGS_S
         return HANGS_S + self.motor.longest_stop_s(self._settings.maximum_hz)
 
     def connect(self) -> None:
@@ -179,13 +190,14 @@ class _Open:
     def end(self) -> None:
         """Stop, however long the steps of a stop take, hang up and end the thread. Never raises."""
         try:
-            self.run(self._shut(), None)
+            self.run(self._shut(), self.longest_stop_s)
         except InstrumentError:
             pass  # what is wrong with a drive that is being given up is in its notices
         finally:
             self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join()
-            self._loop.close()
+            self._thread.join(HANGS_S)
+            if not self._thread.is_alive():
+                self._loop.close()
 
     async def _shut(self) -> None:
         try:
@@ -197,10 +209,8 @@ class _Open:
         """Give an order that is void 3 s from now."""
         return self.run(self.poller.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
 
-    def run(
-        self, work: Coroutine[Any, Any, _T], within_s: float | None = HANGS_S, late: str = "no answer"
-    ) -> _T:
-        """Run a coroutine in the loop's thread and return what it returns; None: whenever that is.
+    def run(self, work: Coroutine[Any, Any, _T], within_s: float = HANGS_S, late: str = "no answer") -> _T:
+        """Run a coroutine in the loop's thread and return what it returns.
 
         Raises InstrumentSilent where that is `late`; the poller's stops go on then.
         """

@@ -7,10 +7,7 @@ frame of the right station for the answer, so it is shown only the frame that `f
 from __future__ import annotations
 
 import asyncio
-import errno
-import hashlib
 import logging
-import os
 import socket
 import termios
 from collections import deque
@@ -101,14 +98,13 @@ class Line(Protocol):
 
 
 class SerialLine:
-    """A `Line` on a port that nobody else of this machine uses. Not safe for two requests at once."""
+    """A `Line` on a port that whoever opens it has locked. Not safe for two requests at once."""
 
     def __init__(self, instrument: str, settings: LineSettings, monotonic_s: Callable[[], float]) -> None:
         self._instrument, self._settings = instrument, settings
         self.health = LineHealth(monotonic_s)
         self._client: AsyncModbusSerialClient | None = None
         self._socket: socket.socket | None = None
-        self._lock: socket.socket | None = None
         self._asked: Request | None = None
         self._answer: Answer | None = None
         self._heard = b""
@@ -116,12 +112,6 @@ class SerialLine:
     async def open(self) -> None:
         """Take the port. Raises `InstrumentAbsent`."""
         settings = self._settings
-        try:
-            self._lock = lock_port(settings.port)
-        except PortTaken as error:
-            raise self._absent("another program of this machine uses the port") from error
-        except OSError as error:
-            raise self._absent(f"its port cannot be locked: {error}") from error
         self._client = AsyncModbusSerialClient(
             settings.port,
             baudrate=settings.baudrate,
@@ -151,9 +141,6 @@ class SerialLine:
         if self._socket is not None:
             self._socket.close()  # pyserial leaves one open that the other end has closed
             self._socket = None
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
 
     async def ask(self, request: Request) -> Answer:
         """Send once, when the line has been quiet for a gap, and return the answer."""
@@ -223,28 +210,3 @@ class SerialLine:
         return DeviceLost(
             self._instrument, self._settings.port, f"the connection is lost ({why})", "cable and power"
         )
-
-
-class PortTaken(Exception):
-    """Another program of this machine, or another part of this one, has the port."""
-
-
-def lock_port(port: str) -> socket.socket:
-    """Hold a serial port, or a `socket://host:port`, until what is returned is closed or the process ends.
-
-    Raises `PortTaken`. Every name of a device counts as the device: /dev/serial/by-id/... is a link.
-    """
-    # A device has many names, a port on the network one.
-    name = port if "://" in port else os.path.realpath(port)
-    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
-    # A name in Linux' abstract namespace (unix(7)) is no file: nobody can plant one, or a link in its place,
-    # none is left behind, and the kernel frees it with the process.
-    held = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        held.bind(f"\0rattle-inverter-{digest}")
-    except OSError as error:
-        held.close()
-        if error.errno == errno.EADDRINUSE:
-            raise PortTaken from error
-        raise
-    return held

@@ -77,7 +77,11 @@ class Poller:
 
         Goes on where whoever waits for it gives up; what goes wrong then stands in `error`.
         """
-        await self._carry_through(self._stop(measured_hz))
+        await self._carry_through(self._stop(self._motor.stop(measured_hz)))
+
+    async def cut(self) -> None:
+        """Withdraw run at once, on a ramp as well; one that cannot be seen to stop stays an error."""
+        await self._carry_through(self._stop(self._motor.withdraw()))
 
     async def _carry_through(self, stop: Coroutine[Any, Any, None]) -> None:
         """Wait for a stop, which goes on where the wait is cancelled: half a stop stops nothing."""
@@ -86,9 +90,9 @@ class Poller:
         task.add_done_callback(self._stops.discard)
         await asyncio.shield(task)
 
-    async def _stop(self, measured_hz: Callable[[], float] | None) -> None:
+    async def _stop(self, stop: Coroutine[Any, Any, None]) -> None:
         try:
-            await self._motor.stop(measured_hz)
+            await stop
         except InstrumentError as error:
             self._latch(error)
             raise
@@ -122,10 +126,11 @@ class Poller:
                 if isinstance(error, _GONE):
                     return  # a drive that comes back is a matter for a person
             except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
-                traceback.print_exc(file=sys.stderr)
                 await self._make_safe(
                     self._motor.refused(f"its keeper failed: {type(error).__name__}: {error}")
                 )
+                with suppress(OSError):  # words after deeds: the terminal may be gone
+                    traceback.print_exc(file=sys.stderr)
                 return
             self._looked_s = began_s
             await asyncio.sleep(max(self._settings.poll_s - (self._clock.monotonic_s() - began_s), 0.0))

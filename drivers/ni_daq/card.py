@@ -47,7 +47,9 @@ class NiDaqCard:
 
     def __init__(self, settings: CardSettings, clock: Clock | None = None) -> None:
         self.settings = settings
-        self.name, self.address = settings.name, settings.grpc or "the NI driver of this machine"
+        modules = sorted({channel.physical.partition("/")[0] for channel in settings.channels})
+        self.name = settings.name
+        self.address = settings.grpc or f"the NI driver of this machine ({', '.join(modules)})"
         self.channels: tuple[Channel, ...] = tuple(described(channel) for channel in settings.channels)
         self.identity = ""
         self.sample_rate = 0.0

@@ -49,3 +49,6 @@ class DriveGenerator(Actuator, Protocol):
 
     def set_offset(self, offset_v: float) -> None:
         """Change the offset (V) of a running sine."""
+
+    def check(self) -> None:
+        """Ask whether it puts out what it was told; some calls within half a second ask for all of it."""

@@ -77,6 +77,10 @@ class SpeedDrive(Instrument, Protocol):
         Where the ramp overruns 1.5 times its time, run is withdrawn at once.
         """
 
+    def cut(self) -> None:
+        """Withdraw run at once, also while another thread waits for a `stop`; no error where it stands."""
+        ...
+
     def read(self) -> MotorState:
         """Ask it how it is."""
 

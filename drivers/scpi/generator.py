@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from itertools import cycle
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
 from drivers.scpi import settings
@@ -10,13 +14,15 @@ from drivers.scpi.settings import Choice, GeneratorSettings, Number, error_in, m
 
 KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
+MOVING_S = 0.5  # while it drives, a longer silence is a lost link
+_WATCHED = (settings.OUTPUT_ON, settings.SINE, settings.FREQUENCY, settings.AMPLITUDE, settings.OFFSET)
 
 
 class ScpiGenerator:
     """A `DriveGenerator` over SCPI: every setting is read back and the error queue is drained after it.
 
-    For one thread at a time; a supervisor that turns the output off has one of its own, with `off_first`: its
-    `open` turns the output off before anything is asked, and asks nothing.
+    For one thread at a time but for `off`, which any may call; a supervisor that turns the output off has one
+    of its own, with `off_first`: its `open` turns the output off before anything is asked, and asks nothing.
     """
 
     def __init__(self, config: GeneratorSettings, off_first: bool = False) -> None:
@@ -29,6 +35,8 @@ class ScpiGenerator:
         self._link = ScpiLink(config.name, config.resource, config.timeout_s)
         self._amplitude_v = self._offset_v = 0.0
         self._triggered = False
+        self._kept: dict[str, Callable[[str], bool]] = {}
+        self._watched = cycle(each.command for each in _WATCHED)
 
     def open(self) -> None:
         """Connect, discard stale answers and errors, and check the model."""
@@ -59,6 +67,7 @@ class ScpiGenerator:
         """Reset the generator and prepare a sine; see `DriveGenerator.arm_sine`."""
         self._check_limits(amplitude_v, offset_v)
         self._check_range(settings.FREQUENCY, frequency_hz)
+        self._kept.clear()
         self._link.write("*RST")
         self._link.query("*OPC?")  # answered once the reset is done
         # The output first, so that nothing moves; load and unit before amplitudes, which depend on them.
@@ -74,6 +83,7 @@ class ScpiGenerator:
 
     def start(self) -> None:
         """Let the armed sine begin."""
+        self._link.hurry(MOVING_S)
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
         if self._triggered:
@@ -98,12 +108,27 @@ class ScpiGenerator:
         self._set(settings.OFFSET, offset_v)
         self._offset_v = offset_v
 
+    def check(self) -> None:
+        """Ask for the next of what it was told; raises where it shows something else."""
+        command = next(self._watched)
+        for _ in range(2):  # it may have been turned off while it was asked
+            if (kept := self._kept.get(command)) is None:
+                return
+            answer = self._link.query(f"{command}?")
+            with suppress(ValueError):
+                if kept(answer):
+                    return
+        raise self._refused(
+            f"{command} is {answer}, which it was not told", "its panel, and who else commands it"
+        )
+
     def off(self) -> None:
         """Turn the output off and see that it is; errors of earlier commands do not matter here."""
         if not self._link.is_open:
             return
         # Safe state: nothing but the output is asked for, and errors of before stay in the queue.
         choice = settings.OUTPUT_OFF
+        self._kept[choice.command] = choice.agrees
         self._link.write(f"{choice.command} {choice.word}")
         answer = self._link.query(f"{choice.command}?")
         if not choice.agrees(answer):
@@ -111,6 +136,7 @@ class ScpiGenerator:
 
     def _set(self, quantity: Number, value: float) -> None:
         self._check_range(quantity, value)
+        self._kept[quantity.command] = partial(quantity.agrees, value)
         self._link.write(f"{quantity.command} {quantity.text(value)}")
         answer = self._link.query(f"{quantity.command}?")
         self._refuse_on_error(f"{quantity.name} = {quantity.text(value)} {quantity.unit}")
@@ -124,6 +150,7 @@ class ScpiGenerator:
             )
 
     def _choose(self, choice: Choice) -> None:
+        self._kept[choice.command] = choice.agrees
         self._link.write(f"{choice.command} {choice.word}")
         answer = self._link.query(f"{choice.command}?")
         self._refuse_on_error(f"{choice.name} = {choice.word}")

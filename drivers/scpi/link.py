@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import select
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -24,13 +25,15 @@ DRAIN_S = 2.0
 class ScpiLink:
     """One instrument at a VISA resource string, e.g. `TCPIP::192.168.0.5::5025::SOCKET`.
 
-    Every answer is awaited for `timeout_s` at most and may be 4096 bytes long.
+    Every answer is awaited for `timeout_s` at most and may be 4096 bytes long. For any thread: a question and
+    its answer are not parted.
     """
 
     def __init__(self, instrument: str, resource: str, timeout_s: float = 2.0) -> None:
         self.instrument, self.resource, self.timeout_s = instrument, resource, timeout_s
         self._visa: MessageBasedResource | None = None
         self._answer_pending = False
+        self._turn = threading.RLock()
 
     @property
     def is_open(self) -> bool:
@@ -77,6 +80,12 @@ class ScpiLink:
             with suppress(pyvisa.Error, OSError):
                 visa.close()
 
+    def hurry(self, timeout_s: float) -> None:
+        """Await answers for so long at most from now on."""
+        self.timeout_s = min(timeout_s, self.timeout_s)
+        if self._visa is not None:
+            self._visa.timeout = self.timeout_s * 1e3
+
     def write(self, command: str) -> None:
         """Send one command. Raises `DeviceLost`."""
         with self._translated(command) as visa:
@@ -114,6 +123,7 @@ class ScpiLink:
         visa = self._visa
         if visa is None:
             raise self._lost("the connection is closed")
+        self._turn.acquire()
         try:
             if _closed_by_peer(visa):
                 raise self._lost("it closed the connection")
@@ -133,6 +143,8 @@ class ScpiLink:
             raise
         except (pyvisa.Error, OSError) as error:
             raise self._lost(str(error)) from error
+        finally:
+            self._turn.release()
 
     def _absent(self, why: str) -> InstrumentAbsent:
         check = "cable, power and the resource string in the bench file"

@@ -7,6 +7,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 
 import numpy as np
 
@@ -20,6 +21,10 @@ from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 
 BLOCK_S = 0.1
+_TAKES_S, _READS_S = 0.6, 2.0
+"""What comes to a reading, and the card's own deadline; whoever needs longer watches no limit."""
+JOIN_S = 5.0
+"""How long the end of a thread is awaited: nothing moves by then, and a driver may have no deadline."""
 _FLAG_CODES = {
     Flag.OVERLOAD: "overload",
     Flag.OPEN_SENSOR: "open_sensor",
@@ -63,7 +68,9 @@ class Acquisition:
         self.record_from: int | None = None
         self.record_until: int | None = None
         self.error: RattleError | None = None
-        self.tripped: Passed | None = None
+        self.tripped: Passed | str | None = None
+        self.trips = 0
+        self._due_s = math.inf
         self.overloads = dict.fromkeys(self._names, 0)
         self.turned_off = dict[str, float]()
 
@@ -78,7 +85,7 @@ class Acquisition:
     def __exit__(self, *error: object) -> None:
         self._stop.set()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(JOIN_S)
 
     @property
     def record_start_ns(self) -> int:
@@ -91,6 +98,15 @@ class Acquisition:
             raise self.error
         if self.tripped is not None:
             raise InterlockTripped(f"interlock: {self.tripped}; the drive is off")
+
+    @property
+    def hangs(self) -> bool:
+        """Whether its thread has taken so long that it must be taken for dead."""
+        return self._clock.monotonic_s() > self._due_s
+
+    def trip(self, passed: Passed | str) -> None:
+        """In the acquisition thread: a limit was passed that ends the run."""
+        self.tripped, self.trips = passed, self.trips + 1
 
     def start_record(self, count: int) -> int:
         """Record the next `count` samples; returns the card's index of the first."""
@@ -113,7 +129,9 @@ class Acquisition:
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
+                self._due_s = self._clock.monotonic_s() + _READS_S
                 reading = self._card.read(self._count)
+                self._due_s = self._clock.monotonic_s() + _TAKES_S
                 self.base.arrived(_end_of(reading), reading.arrived_s)
                 for take in self._readers:
                     take(reading)
@@ -123,17 +141,20 @@ class Acquisition:
         except RattleError as error:
             self.error = error
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
-            traceback.print_exc(file=sys.stderr)
             self.error = AcquisitionFault(f"acquisition stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
+        self._due_s = math.inf
         with self.changed:
             self.changed.notify_all()
+        if isinstance(self.error, AcquisitionFault):
+            with suppress(OSError):  # words after deeds: the terminal may be gone
+                traceback.print_exception(self.error.__cause__, file=sys.stderr)
 
     def _watch_limits(self, reading: CardReading) -> None:
         rows = dict(zip(self._names, reading.values, strict=True))
         for passed in self._limits.check(rows, dict(zip(self._names, reading.flags, strict=True))):
             if passed.abort:
-                self.tripped = passed
+                self.trip(passed)
             level, code = ("error", "limit.abort") if passed.abort else ("warning", "limit.warning")
             self._event(level, code, str(passed))
 

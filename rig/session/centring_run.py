@@ -20,6 +20,7 @@ from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.centring import CentringPlan, Middle, NoCentre, Probe, centre_beam, load_contact_scan
 from rig.session.devices import Connect, connected
 from rig.session.drive import Shaker
@@ -52,6 +53,8 @@ def find_centre(
     with ExitStack() as stack:
         stop, devices, notes = connected(stack, connect, scenario, bench, screen)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock))
+        if (shown := RIGS[scenario.rig].channels.drive) in rig.names:
+            rig.hold_force(shown, plan.frequency)
         beam = RigBeam(rig, scenario, plan)
         rig.motion.arm(soft=True)
         rig.launch(stack)

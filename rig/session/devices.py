@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from typing import Any
 
 from daq.channel import Channel
 from daq.errors import InstrumentError
+from drivers.lock import InstrumentLock, lock
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
 from drivers.protocols.instrument import Actuator, Logger
@@ -42,6 +44,7 @@ class Devices:
     card: AcquisitionCard
     encoder: PositionEncoder | None = None
     loggers: Mapping[str, Logger] = field(default_factory=dict)
+    locks: list[InstrumentLock] = field(default_factory=list)
 
     @property
     def logged(self) -> tuple[Channel, ...]:
@@ -49,23 +52,31 @@ class Devices:
         return tuple(channel for logger in self.loggers.values() for channel in logger.channels)
 
     def open(self) -> None:
-        """Open all; on failure close all again and raise what every one of them said."""
-        errors: list[InstrumentError] = []
-        for device in (self.actuator, self.card, self.encoder, *self.loggers.values()):
-            try:
-                if device is not None:
-                    device.open()
-            except InstrumentError as error:
-                errors.append(error)
-        if errors:
-            self.close()
-            raise errors[0] if len(errors) == 1 else InstrumentsMissing(errors)
+        """Open all, which nobody else may have; on failure close all again and raise what they all said."""
+        all_devices = (self.actuator, self.card, self.encoder, *self.loggers.values())
+        devices = {each.address: each for each in all_devices if each is not None}
+        # what somebody else uses is not even connected to, nor is anything beside it
+        self._each(devices.values(), lambda device: self.locks.append(lock(device.name, device.address)))
+        self._each(filter(None, all_devices), lambda device: device.open())
 
     def close(self) -> None:
         """Close all; never raises. First what moves the rig, for its closing is a way to stop it."""
         for device in (self.actuator, *self.loggers.values(), self.encoder, self.card):
             if device is not None:
                 device.close()
+        while self.locks:
+            self.locks.pop().close()
+
+    def _each(self, devices: Iterable[Any], do: Callable[[Any], None]) -> None:
+        errors: list[InstrumentError] = []
+        for device in devices:
+            try:
+                do(device)
+            except InstrumentError as error:
+                errors.append(error)
+        if errors:
+            self.close()
+            raise errors[0] if len(errors) == 1 else InstrumentsMissing(errors)
 
 
 Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str, str]]]

@@ -36,6 +36,10 @@ class Motion(Protocol):
     def longest_stop_s(self) -> float:
         """How long `off` and `ramp_down` may look at nothing else, in s."""
 
+    @property
+    def longest_order_s(self) -> float:
+        """How long `start` may look at nothing else, in s; one that takes longer hangs."""
+
     def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Prepare; nothing moves yet. `path`: drives (sections [drive]) that it shall come through."""
 
@@ -49,10 +53,13 @@ class Motion(Protocol):
         """Bring it down softly, then switch off."""
 
     def off(self) -> None:
-        """Go to the safe state, on whatever way out; no error where it is there."""
+        """Go to the safe state, on whatever way out; no error where it is there. For any thread."""
+
+    def cut(self) -> None:
+        """Go there without a ramp, and overtake one. For any thread."""
 
     def check(self) -> None:
-        """Raise what went wrong with the actuator; called at least every 5 s while it may move."""
+        """Raise what went wrong with the actuator; called every 0.1 s while it may move."""
 
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened to the actuator since the last call, oldest first."""
@@ -69,34 +76,40 @@ class SwitchedOff(Protocol):
 
 @contextmanager
 def drive_off_after(
-    drive: SwitchedOff, spare: Callable[[], Actuator] | None, screen: Screen
+    drive: SwitchedOff,
+    spare: Callable[[], Actuator] | None,
+    screen: Screen,
+    hand_over: Callable[[], str] = lambda: "",
 ) -> Iterator[None]:
     """Switch the drive off on every way out, by a new connection where the old one fails.
 
-    If even that fails, say so without hiding why the run ended. Where nothing else ended it, the drive's
-    failure to go off is raised, whether the new connection helped or not.
+    If even that fails, `hand_over` to whoever goes on trying, and say so without hiding why the run ended.
+    Where nothing else ended it, the drive's failure to go off is raised, whether the new connection helped or
+    not.
     """
+
+    def switched_off() -> None:
+        try:
+            drive.off()
+        except Exception as error:
+            told = ""
+            if spare is None:
+                told = "THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear"
+            elif not switch_off(spare):
+                told = f"THE DRIVE MAY STILL BE ON: switch it off by hand{hand_over()}"
+            with suppress(OSError):  # words after deeds: the terminal may be gone
+                screen.warn(f"{error}")
+                if told:
+                    screen.warn(told)
+            raise
+
     try:
         yield
     except BaseException:
         with suppress(Exception):  # told already, and no reason why the run ended
-            _switch_off(drive, spare, screen)
+            switched_off()
         raise
-    _switch_off(drive, spare, screen)
-
-
-def _switch_off(drive: SwitchedOff, spare: Callable[[], Actuator] | None, screen: Screen) -> None:
-    try:
-        drive.off()
-    except Exception as error:
-        taken = spare is not None and switch_off(spare)
-        with suppress(OSError):  # words after deeds: the terminal may be gone
-            screen.warn(f"{error}")
-            if spare is None:
-                screen.warn("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
-            elif not taken:
-                screen.warn("THE DRIVE MAY STILL BE ON: switch it off by hand")
-        raise
+    switched_off()
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +117,14 @@ class Shaker:
     """The drive of a run in newtons at the drive point.
 
     `force_per_volt` in N/V is what amplifier and shaker make of a volt; `wait` waits that many seconds and
-    may raise.
+    may raise. `prove` may raise as well, at the first eighth of the amplitude that a soft start has come to.
     """
 
     generator: DriveGenerator
     drive: SineDrive
     force_per_volt: float
     wait: Callable[[float], None]
+    prove: Callable[[float], None] = lambda newtons: None
 
     @property
     def what(self) -> str:
@@ -125,6 +139,11 @@ class Shaker:
         """Nothing: `ramp_down` waits by `wait`, and `off` is one command."""
         return 0.0
 
+    @property
+    def longest_order_s(self) -> float:
+        """Some settings of a generator on a slow line."""
+        return 0.6
+
     def arm(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
         first = path[0] if path else self.drive
         volts = first.amplitude / self.force_per_volt
@@ -136,7 +155,10 @@ class Shaker:
         self.generator.start()
         if soft:
             drives = (*path, self.drive)
-            self._go(replace(drives[0], amplitude=0.0, offset=0.0), drives[0])
+            tenth = replace(drives[0], amplitude=drives[0].amplitude / 8, offset=drives[0].offset / 8)
+            self._go(replace(drives[0], amplitude=0.0, offset=0.0), tenth, 2)
+            self.prove(max(tenth.amplitude, _SMALLEST_V * self.force_per_volt))
+            self._go(tenth, drives[0], _RAMP_STEPS - 2)
             for before, after in pairwise(drives):
                 self._go(before, after)
 
@@ -156,7 +178,11 @@ class Shaker:
     def off(self) -> None:
         self.generator.off()
 
-    def check(self) -> None: ...
+    def cut(self) -> None:
+        self.generator.off()
+
+    def check(self) -> None:
+        self.generator.check()
 
     def take_notices(self) -> tuple[Notice, ...]:
         return ()
@@ -164,9 +190,9 @@ class Shaker:
     def clocks(self, base: CardClock) -> list[ClockRecord]:
         return []
 
-    def _go(self, before: SineDrive, after: SineDrive) -> None:
-        for step in range(1, _RAMP_STEPS + 1):
-            share = step / _RAMP_STEPS
+    def _go(self, before: SineDrive, after: SineDrive, steps: int = _RAMP_STEPS) -> None:
+        for step in range(1, steps + 1):
+            share = step / steps
             self.wait(RAMP_S / _RAMP_STEPS)
             if after.frequency != before.frequency:
                 self.generator.set_frequency(_between(before.frequency, after.frequency, share))

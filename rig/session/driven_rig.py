@@ -2,38 +2,46 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
-from daq.errors import RattleError, RecorderFailed
-from daq.log.records import STOPPING
+from daq.errors import InstrumentError, InterlockTripped, RattleError, RecorderFailed
+from daq.log.records import STOPPING, Event
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
 from rig.files.scenario import Limit
+from rig.instruments import actuator_of
+from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
-from rig.session.drive import Motion, drive_off_after
+from rig.session.drive import Motion, Shaker, drive_off_after
 from rig.session.encoder_record import EncoderRecord, encoder_channel
-from rig.session.interlock import LimitWatch
+from rig.session.frequency import ON_THEIR_WAY_S
+from rig.session.interlock import ForceWatch, LimitWatch
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
 from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
-from rig.session.supervisor import SILENCE_S, Supervisor
+from rig.session.supervisor import Supervisor
 from rig.stream import Stream
 
 _LOOK_S = 0.02
 _BLOCK_S = 0.1
 _SILENCE_S = 5.0
-HANGS_S = 3.0
-"""A sequence that has looked at nothing for so long hangs, whatever the acquisition says."""
+_ASK_S = 0.1
+
+
+class Hung(RattleError, RuntimeError):
+    """A part of this program took so long that the drive was switched off."""
 
 
 class Watch:
@@ -44,10 +52,25 @@ class Watch:
         self._looked_s = clock.monotonic_s()
         self.checks: list[Callable[[], None]] = []
 
-    @property
-    def hangs(self) -> bool:
+    def hangs(self, after_s: float) -> bool:
         """Whether nobody has looked for so long that the run must be taken for dead."""
-        return self._clock.monotonic_s() - self._looked_s > HANGS_S
+        return self._clock.monotonic_s() - self._looked_s > after_s
+
+    def excuse(self, seconds: float) -> None:
+        """Nobody needs to look for so long."""
+        self._looked_s = self._clock.monotonic_s() + seconds
+
+    def at_times(self, check: Callable[[], None]) -> None:
+        """Call it as well, but every 0.1 s at most: it asks an instrument."""
+        due_s = self._clock.monotonic_s()
+
+        def checked() -> None:
+            nonlocal due_s
+            if (now_s := self._clock.monotonic_s()) >= due_s:
+                due_s = now_s + _ASK_S
+                check()
+
+        self.checks.append(checked)
 
     def check(self) -> None:
         """Raise whatever ends the run: a lost device, a limit, a person."""
@@ -96,7 +119,7 @@ class DrivenRig:
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
-        self._supervisor = Supervisor(devices.spare)
+        self._supervisor = Supervisor(devices.spare, devices.locks, bench.actuator.emulated)
         self.stream = Stream()
         self.logbook = Logbook(clock, self.stream, screen)
         self.recorder: Recorder
@@ -105,7 +128,11 @@ class DrivenRig:
         self.loggers: list[LoggerRecord] = []
         self.on_stopping: Callable[[], None] | None = None
         """Called where it stops before its time; None where nothing follows what is recorded."""
-        self._rests = False
+        self._rests = self._moves = self._stops = False
+        self._deciding = threading.Lock()
+        self._met = self._unsafe = 0
+        self._hung = ""
+        self._force: ForceWatch | None = None
 
     def launch(self, stack: ExitStack) -> None:
         """Start the supervisor's process, which takes seconds."""
@@ -124,6 +151,14 @@ class DrivenRig:
         self.recorder = stack.enter_context(Recorder(LogWriter(log), self.clock))
         self.stream.insert(0, logged_by(self.recorder))
         return log
+
+    def hold_force(self, channel: str, frequency_hz: float) -> None:
+        """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order."""
+        if isinstance(self.motion, Shaker):
+            highest = getattr(self._bench.actuator, actuator_of(RIGS[self._bench.rig].actuator).highest)
+            shown = self.devices.card.channels[self.names.index(channel)]
+            self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
+            self.motion = replace(self.motion, prove=self._prove)
 
     def record(
         self,
@@ -159,7 +194,9 @@ class DrivenRig:
             self._stop.check()
 
         acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
-        self.watch.checks += [acquisition.check, self.shaft.check, motion.check, self._supervisor.check]
+        self.watch.checks += [acquisition.check, self.shaft.check]
+        self.watch.at_times(motion.check)
+        self.watch.checks += [self._check_hung, self._supervisor.check]
         actuator = self.devices.actuator.name
         logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
         logbook.clocks += [acquisition.base.refit, lambda _: motion.clocks(acquisition.base)]
@@ -185,17 +222,24 @@ class DrivenRig:
     @contextmanager
     def moving(self) -> Iterator[None]:
         """Supervised, acquiring and with its logbook open; the drive is off on every way out."""
-        with ExitStack() as running:
-            for each in (self._supervisor, self.logbook, self.acquisition, self.encoder, *self.loggers):
+        with self.screen.apart(), ExitStack() as running:
+            for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
-            running.enter_context(drive_off_after(self, self.devices.spare, self.screen))
-            yield
+            running.enter_context(self._guarded())
+            running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
+            try:
+                yield
+            except InstrumentError:
+                if self._stops:  # an order that the guard's stop overtook does not say why it ended
+                    self.watch.check()
+                raise
 
     def start(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Let it move, unless something speaks against it by now; returns once it is as wanted."""
         self.watch.check()
         self._supervisor.beat()  # from here on it is needed, whether a reading has come or not
+        self._moves = True
         self.motion.start(soft, path)
         if self.motion.speed_rad_s is not None:
             self.shaft.arm(self.motion.speed_rad_s)
@@ -254,15 +298,85 @@ class DrivenRig:
             self.warn(code, text)
 
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
-        """Stop the drive; the supervisor waits as long as that may take."""
         self.shaft.disarm()
-        if self.motion.longest_stop_s > 0.0:
-            self._supervisor.beat(self.motion.longest_stop_s + SILENCE_S)
+        with self._deciding:
+            self._met, self._stops = self._dangers(), True
+        self.watch.excuse(self.motion.longest_stop_s)
         stop()
 
+    def _prove(self, ordered: float) -> None:
+        """Raise before a soft start goes on where the measured force is beyond what was ordered."""
+        if self._force is not None:
+            self.watch.wait(ON_THEIR_WAY_S + self._force.over_s)
+            if beyond := self._force.above(ordered):
+                self.logbook.tell("error", "drive.abort", beyond)
+                raise InterlockTripped(f"interlock: {beyond}; the drive is off")
+
+    def _hand_over(self) -> str:
+        self.devices.actuator.close()
+        return self._supervisor.go_on()
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """A thread that does nothing else stops the rig and gives the signs of life, whoever else waits."""
+        ended, stops = threading.Event(), list[threading.Thread]()
+        guard = threading.Thread(target=self._guard, args=(ended, stops), name="guard", daemon=True)
+        guard.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            for thread in (guard, *stops):
+                thread.join(self.motion.longest_stop_s + 1.0)
+
+    def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
+        while not ended.wait(_LOOK_S):
+            with self._deciding:
+                if (found := self._dangers()) > self._met:
+                    # what comes while it stops already, and a person who asks twice, waits for no ramp
+                    cut = self._stops or self._stop.asked > 1
+                    self._met, self._stops, self._unsafe = found, True, self._unsafe + 1
+                    self.shaft.disarm()
+                    stop = self.motion.cut if cut else self.motion.off
+                    stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
+                    stops[-1].start()
+            # a generator that does not go off is the supervisor's; an inverter's stop has its own deadlines
+            if not self._late() and not (self._unsafe and self.devices.spare is not None):
+                self._supervisor.beat()
+
+    def _stop_now(self, stop: Callable[[], None]) -> None:
+        with suppress(Exception):  # the sequence hears of it too
+            stop()
+            with self._deciding:
+                self._unsafe -= 1
+
+    def _dangers(self) -> int:
+        """How many things have come by now of which each is to stop what moves."""
+        self._hung = self._hung or self._late()
+        lost = [
+            each for each in (self.acquisition, self.encoder) if each is not None and each.error is not None
+        ]
+        again = max(self._stop.asked - 1, 0)
+        return self.acquisition.trips + self.shaft.tripped + len(lost) + bool(self._hung) + again
+
+    def _late(self) -> str:
+        """Who hangs by now, while it moves."""
+        if not self._moves:
+            return ""
+        if self.watch.hangs(self.motion.longest_order_s):
+            return f"the sequence looked at nothing for {self.motion.longest_order_s:g} s"
+        return "the acquisition took too long for a reading" if self.acquisition.hangs else ""
+
+    def _check_hung(self) -> None:
+        if self._hung:
+            raise Hung(f"{self._hung}, and the drive was switched off")
+
     def _look(self, reading: CardReading) -> None:
-        """In the acquisition thread: the shaft, and a sign of life."""
+        """In the acquisition thread."""
+        if self._force is not None and (
+            beyond := self._force.take(reading.values[self.names.index(self._force.channel.name)])
+        ):
+            self.acquisition.trip(beyond)
+            self.stream(Event(self.clock.unix_ns(), "error", "acquisition", "drive.abort", beyond))
         for event in self.shaft.take(reading, self.acquisition):
             self.stream(event)
-        if self.acquisition.tripped is None and not self.shaft.tripped and not self.watch.hangs:
-            self._supervisor.beat()

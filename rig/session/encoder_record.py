@@ -21,7 +21,7 @@ from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, Ratt
 from daq.log.records import ClockRecord, Event, Gap
 from daq.time_base.clocks import CardClock, DeviceClock
 from drivers.protocols.encoder import PositionBlock, PositionEncoder
-from rig.session.acquisition import BLOCK_S, AcquisitionFault
+from rig.session.acquisition import BLOCK_S, JOIN_S, AcquisitionFault
 from rig.session.interlock import SpeedGuard
 from rig.session.shaft_speed import ByAngle, SpeedReading
 from rig.stream import Block, Stream
@@ -106,7 +106,7 @@ class EncoderRecord:
 
     def __exit__(self, *error: object) -> None:
         self._stop.set()
-        self._thread.join()
+        self._thread.join(JOIN_S)
         with suppress(InstrumentError):
             self._encoder.stop()
         with suppress(RattleError):  # the log may have failed; that is told elsewhere
@@ -180,9 +180,10 @@ class EncoderRecord:
         except RattleError as error:
             self.error = error
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
-            traceback.print_exc(file=sys.stderr)
             self.error = AcquisitionFault(f"encoder stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
+            with suppress(OSError):  # words after deeds: the terminal may be gone
+                traceback.print_exc(file=sys.stderr)
 
     def _stretch(self, block: PositionBlock, low: int, high: int) -> _Stretch:
         number = int(block.number[low])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from daq.angle.marker import MOST_MISSING
 from daq.block import BLIND, Flag
+from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import InterlockTripped
 from daq.log.records import Event
@@ -87,6 +88,48 @@ class LimitWatch:
         if not beyond.any():
             self._told.discard((limit.channel, abort))
         return longest >= self._hold[limit.channel]
+
+
+_OVER_S = 0.2
+_BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
+"""What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
+
+
+class ForceWatch:
+    """Holds the measured drive, its sine and its mean, to `highest` and to what was ordered, in its unit.
+
+    It looks over whole cycles, `over_s` long. `take` is for the acquisition thread.
+    """
+
+    def __init__(self, channel: Channel, frequency_hz: float, sample_rate: float, highest: float) -> None:
+        self.channel, self._highest = channel, highest
+        self.over_s = max(1, int(_OVER_S * frequency_hz)) / frequency_hz
+        at_s = np.arange(round(self.over_s * sample_rate)) / sample_rate
+        self._sine = 2.0 * np.exp(-2j * np.pi * frequency_hz * at_s) / len(at_s)
+        self._values = np.zeros(len(at_s))
+        self._force = 0.0
+
+    def take(self, values: NDArray[np.floating]) -> str:
+        """Take the next samples, shape (n,); what is wrong, newly."""
+        self._values = np.concatenate((self._values, values))[-len(self._values) :]
+        mean, before = float(self._values.mean()), self._force
+        self._force = abs(complex(self._sine @ (self._values - mean))) + abs(mean)
+        limit = _BEYOND_BENCH * self._highest
+        if not self._force > limit or before > limit:
+            return ""
+        unit = self.channel.unit
+        return (
+            f"{self.channel.name} = {self._force:.4g} {unit}, where the bench allows {self._highest:g} {unit}"
+        )
+
+    def above(self, ordered: float) -> str:
+        """How the force is beyond what was ordered, N; empty where it is not."""
+        if not self._force > _BEYOND_ORDER * ordered + _FAINT * self._highest:
+            return ""
+        return (
+            f"{self.channel.name} = {self._force:.3g} {self.channel.unit} where {ordered:.3g} is ordered: "
+            "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
+        )
 
 
 BACK_S = 0.15

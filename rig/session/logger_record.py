@@ -16,6 +16,7 @@ from daq.errors import InstrumentSilent, RattleError
 from daq.log.records import Event, Gap
 from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Logger
+from rig.session.acquisition import JOIN_S
 from rig.stream import Block, Stream
 
 
@@ -39,7 +40,7 @@ class LoggerRecord:
     def __exit__(self, *error: object) -> None:
         self._done.set()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(JOIN_S)
 
     def begin(self, begin_s: float, end_s: float) -> None:
         """Record from this time on and before that one at the latest, s since the card's sample 0."""

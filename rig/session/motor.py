@@ -90,6 +90,11 @@ class Motor:
     def longest_stop_s(self) -> float:
         return self._drive.longest_stop_s
 
+    @property
+    def longest_order_s(self) -> float:
+        """What the driver allows for an order; its own thread stops a motor that nobody looks after."""
+        return 3.0
+
     def arm(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)
@@ -124,6 +129,9 @@ class Motor:
     def off(self) -> None:
         """Stop in category 1: zero speed, see by the shaft that it stands, withdraw run."""
         self._drive.stop(self._measured_rpm)
+
+    def cut(self) -> None:
+        self._drive.cut()
 
     def check(self) -> None:
         """Raise what the inverter's driver found; tells it that somebody looks after the motor."""

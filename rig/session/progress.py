@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import select
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from queue import SimpleQueue
 from typing import Any, Final
 
 from rich.console import Console
@@ -16,6 +19,11 @@ from daq.errors import RattleError, harmless
 FIRST_START: Final = "compiled on a first start, which takes up to a minute"
 """Measured on two cores with nothing compiled: beam 17 s, planar crank 34 s, spatial crank 50 s, or 52 s on
 real instruments. Whatever simulates first compiles for all."""
+
+
+_READ_S: Final = 1.0
+"""How long the last words may take to be read."""
+_LOOK_S: Final = 0.1
 
 
 class Terminal(Console):
@@ -30,17 +38,47 @@ class Screen:
 
     def __init__(self, console: Console) -> None:
         self.console = console
+        self._queue: SimpleQueue[Callable[[], None] | None] | None = None
+
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """A thread writes meanwhile: a terminal that stops reading, or is gone, delays nothing."""
+        if (queue := self._queue) is None:
+            queue = self._queue = SimpleQueue()
+            threading.Thread(target=_write, args=(queue,), name="screen", daemon=True).start()
+        try:
+            yield
+        finally:
+            read = threading.Event()
+            queue.put(read.set)
+            if read.wait(_READ_S):  # else it stays as it is until somebody reads on
+                self._queue = None
+                queue.put(None)
 
     def say(self, text: str) -> None:
-        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._show(lambda: self.console.print(text, markup=False, highlight=False, soft_wrap=True))
 
     def warn(self, text: str) -> None:
-        self.console.print(f"! {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        self._show(
+            lambda: self.console.print(
+                f"! {text}", style="yellow", markup=False, highlight=False, soft_wrap=True
+            )
+        )
 
-    def hold(self, text: str) -> None:
-        """Wait for Enter, where there is a person to press it."""
+    def _show(self, show: Callable[[], None]) -> None:
+        if self._queue is None:
+            show()
+        else:
+            self._queue.put(show)
+
+    def hold(self, text: str, ended: Callable[[], bool] = lambda: False) -> None:
+        """Wait for Enter, where there is a person to press it, or until `ended`."""
         if self.console.is_terminal and sys.stdin.isatty():
-            self.console.input(text, markup=False)
+            self.say(text)
+            while not ended():
+                if select.select([sys.stdin], [], [], _LOOK_S)[0]:
+                    sys.stdin.readline()
+                    return
 
     def confirm(self, text: str) -> None:
         """Wait for Enter; raises RattleError where nobody can press it."""
@@ -78,6 +116,16 @@ class Screen:
             yield (lambda done: None) if unit == "s" else quarters
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=self.console, transient=True) as progress:
-            task = progress.add_task(text, total=total)
+        progress = Progress(*columns, console=self.console, transient=True)
+        task = progress.add_task(text, total=total)
+        self._show(progress.start)
+        try:
             yield lambda done: progress.update(task, completed=done)
+        finally:
+            self._show(progress.stop)
+
+
+def _write(queue: SimpleQueue[Callable[[], None] | None]) -> None:
+    for show in iter(queue.get, None):
+        with suppress(OSError):
+            show()

@@ -68,7 +68,7 @@ def replay_log(
         derivation.finish()
         screen.say(f"derived    {derived}")
         if live:
-            screen.hold("the live view stays open; Enter closes it ")
+            screen.hold("the live view stays open; Enter closes it", lambda: stop.wanted)
         return count
 
 

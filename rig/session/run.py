@@ -174,6 +174,7 @@ class _Run:
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
         if held is not None and held[0] in rig.names and not request.bench.unseen:
+            rig.hold_force(*held)
             self._hold = FrequencyHold(*held, rig.sample_rate)
             self._frequency = FrequencyCheck(*held)
 
@@ -238,7 +239,7 @@ class _Run:
             rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
         rig.recorder.close()
         if self._request.live and self._request.view_stays:
-            rig.screen.hold("the live view stays open; Enter closes it ")
+            rig.screen.hold("the live view stays open; Enter closes it", lambda: self._stop.wanted)
         return log
 
     def _view(

@@ -16,11 +16,11 @@ class Stopped(RattleError, RuntimeError):
 
 
 class StopRequest:
-    """While the context lasts, a signal only sets `wanted`; whoever waits looks at it, with `check`."""
+    """While the context lasts, a signal only counts as `asked`; whoever waits looks at it, with `check`."""
 
     def __init__(self) -> None:
         self._before: dict[signal.Signals, object] = {}
-        self.wanted = False
+        self.asked = 0
 
     def __enter__(self) -> StopRequest:
         if threading.current_thread() is threading.main_thread():
@@ -32,12 +32,16 @@ class StopRequest:
         for each, handler in self._before.items():
             signal.signal(each, handler)  # type: ignore[arg-type]
 
+    @property
+    def wanted(self) -> bool:
+        return self.asked > 0
+
     def check(self) -> None:
         if self.wanted:
             raise Stopped("stopped by a person")
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self.wanted = True
+        self.asked += 1
         outer = getattr(self._before.get(signal.Signals(number)), "__self__", None)
         if isinstance(outer, StopRequest):
-            outer.wanted = True  # a series of runs is to end with the run
+            outer.asked += 1  # a series of runs is to end with the run

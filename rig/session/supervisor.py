@@ -4,27 +4,37 @@ from __future__ import annotations
 
 import os
 import signal
+import stat
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from multiprocessing.connection import Connection
 
 from daq.errors import RattleError
 from daq.process import Child
+from drivers.lock import InstrumentLock
 from drivers.protocols.instrument import Actuator
 from rig.session.signals import STOP_SIGNALS
 
-SILENCE_S = 4.0
-"""Longer than a card may take to answer (block and 1.5 s), so that a slow card is the run's own affair."""
+SILENCE_S = 0.5
+"""25 beats of the guard, which waits for nothing; only a process that is frozen misses as many."""
+LET_GO_S = 4.0
+"""An inverter's own watchdog is quicker, and a run that is killed cannot close its log."""
 _START_S = 30.0
-_AGAIN_S = 1.0
-_READY, _DONE, _TRIPPED = "ready", "done", "tripped"
+_AGAIN_S, _ANSWER_S = 1.0, 2.0
+_MOST_FILES = 1024
+_READY, _DONE, _OFF, _TRIPPED = "ready", "done", "off", "tripped"
 _LET_GO = (
     "rattle: the run gave no sign of life for {silence:g} s and was ended, so that nothing is sent to the "
     "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
 )
 _GONE = "rattle: the run is gone; the inverter's own watchdog (Pr.122) stops the motor"
+_GOES_ON = (
+    "rattle: the run is gone or hangs, and THE DRIVE MAY STILL BE ON: switch it off by hand; process "
+    "{process} goes on trying (kill {process} ends it)"
+)
 
 
 class SupervisorTripped(RattleError, RuntimeError):
@@ -32,16 +42,26 @@ class SupervisorTripped(RattleError, RuntimeError):
 
 
 class Supervisor:
-    """Brings the drive to rest when this process dies or `beat` stays away for 4 s.
+    """Brings the drive to rest when this process dies or `beat` stays away for 0.5 s.
 
-    `spare` makes a second driver of the same actuator, which switches it off by a connection of its own; it
-    must be picklable. Where it is None no second one can be opened: then the supervisor ends a run that
-    hangs, so that nothing keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
+    `spare` makes a second driver of the same actuator, which switches it off by a connection of its own, for
+    as long as it takes, and holds `locks` meanwhile; it must be picklable. An `emulated` actuator is tried
+    once. Where it is None no second one can be opened: then the supervisor ends a run that hangs for 4 s, so
+    that nothing keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
     """
 
-    def __init__(self, spare: Callable[[], Actuator] | None) -> None:
+    def __init__(
+        self,
+        spare: Callable[[], Actuator] | None,
+        locks: Sequence[InstrumentLock] = (),
+        emulated: bool = False,
+    ) -> None:
+        self._silence_s = LET_GO_S if spare is None else SILENCE_S
+        self._told = ""
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
-        self._child = Child("supervisor", _supervise, spare, deaf_to=STOP_SIGNALS, grace_s=None)
+        self._child = Child(
+            "supervisor", _supervise, spare, locks, emulated, deaf_to=STOP_SIGNALS, grace_s=None
+        )
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
@@ -68,25 +88,46 @@ class Supervisor:
         self._child.end(2.0)
         self._child.pipe.close()
 
-    def beat(self, patience_s: float = SILENCE_S) -> None:
-        """Say that samples come and that the sequence looks at them; the next may take `patience_s`.
+    def beat(self, patience_s: float | None = None) -> None:
+        """Say that somebody guards what moves; the next may take `patience_s`.
 
         No later beat with less patience takes back what an earlier one asked for.
         """
         with suppress(OSError):
-            self._child.pipe.send(patience_s)
+            self._child.pipe.send(self._silence_s if patience_s is None else patience_s)
+
+    def go_on(self) -> str:
+        """Have it switch the drive off for as long as that takes; what a person should know of that."""
+        with suppress(OSError):
+            self._child.pipe.send(_OFF)
+        process = self._heard(_ANSWER_S)
+        if process == _TRIPPED:
+            return "; the supervisor says that it is off by now"
+        return process and (
+            f"; process {process} goes on trying, says when it is off, and keeps the bench until then "
+            f"(kill {process} ends it)"
+        )
 
     def check(self) -> None:
         """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
+        if self._heard():
+            raise SupervisorTripped(
+                f"the supervisor stops the drive: the run gave no sign of life for {self._silence_s:g} s"
+            )
         if not self._child.alive:
             raise SupervisorTripped("the supervisor is gone, tripped or dead; no run goes on without it")
-        if self._child.pipe.poll():
-            raise SupervisorTripped(
-                f"the supervisor stopped the drive: the run gave no sign of life for {SILENCE_S:g} s"
-            )
+
+    def _heard(self, within_s: float = 0.0) -> str:
+        """Which process switches the drive off, or that it is off; nothing while all is well."""
+        with suppress(OSError, EOFError):
+            while self._told != _TRIPPED and self._child.pipe.poll(within_s):
+                self._told = self._child.pipe.recv()
+        return self._told
 
 
-def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
+def _supervise(
+    pipe: Connection, spare: Callable[[], Actuator] | None, locks: Sequence[InstrumentLock], emulated: bool
+) -> None:
     run = os.getppid()
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
@@ -98,13 +139,46 @@ def _supervise(pipe: Connection, spare: Callable[[], Actuator] | None) -> None:
     if spare is None:
         if why != _GONE and os.getppid() == run:  # one that hangs may poll on, which keeps the motor turning
             os.kill(run, signal.SIGKILL)
-        with suppress(OSError):
-            print(why, file=sys.stderr, flush=True)
-        return
-    while not switch_off(spare):  # nobody else is left to try again
-        time.sleep(_AGAIN_S)
+        _say(why)
+    elif emulated:
+        switch_off(spare)  # it ends with the run
+    elif os.fork() == 0:  # the run waits for its child, which this one is not
+        _switch_off_for_good(pipe, spare, locks, told=why == _OFF)
+        os._exit(0)
+
+
+def _switch_off_for_good(
+    pipe: Connection, spare: Callable[[], Actuator], locks: Sequence[InstrumentLock], told: bool
+) -> None:
+    # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
+    kept = sorted([pipe.fileno(), *(lock.fileno() for lock in locks)])
+    for low, high in pairwise([2, *kept, _MOST_FILES]):
+        os.closerange(low + 1, high)
+    with suppress(OSError):
+        pipe.send(str(os.getpid()))
+    if not switch_off(spare):
+        # whoever reads what the run writes, or would end this, is not to wait for it
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nowhere, 1)
+        if stat.S_ISFIFO(os.fstat(2).st_mode):
+            os.dup2(nowhere, 2)
+        for lock in locks:
+            lock.sign(", which goes on switching off a drive that does not answer,")
+        if not told:
+            _say(_GOES_ON.format(process=os.getpid()))
+        while not switch_off(spare):  # nobody else is left to try again
+            time.sleep(_AGAIN_S)
+        _say("rattle: the drive is off now, by a connection of the supervisor's own")
+    for lock in locks:
+        lock.close()
     with suppress(OSError):
         pipe.send(_TRIPPED)
+
+
+def _say(text: str) -> None:
+    with suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def _await_silence(pipe: Connection) -> str | None:
@@ -113,12 +187,12 @@ def _await_silence(pipe: Connection) -> str | None:
     try:
         while pipe.poll(None if until_s is None else max(until_s - time.monotonic(), 0.0)):
             message = pipe.recv()
-            if message == _DONE:
-                return None
+            if message in (_DONE, _OFF):
+                return None if message == _DONE else _OFF
             until_s = max(until_s or 0.0, time.monotonic() + message)
     except (EOFError, OSError):
         return None if until_s is None else _GONE
-    return _LET_GO.format(silence=SILENCE_S)
+    return _LET_GO.format(silence=LET_GO_S)
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:

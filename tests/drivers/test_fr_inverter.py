@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 import psutil
 import pytest
 
-from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentRefused, InstrumentSilent
 from drivers.emulator_process import EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, InverterSetup, Trip
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
@@ -179,14 +179,6 @@ def test_a_speed_that_the_bench_forbids_is_not_sent(
         with pytest.raises(InstrumentRefused, match="outside 0 to 300 rpm; nothing was sent"):
             inverter.set_speed(rpm)
         assert inverter.read().set_rpm == 0.0 or inverter.read().set_rpm == pytest.approx(200.1)
-
-
-def test_two_programs_cannot_have_the_port(bench: tuple[EmulatedInstrument, Ends]) -> None:
-    settings = settings_for(bench[0].address)
-    with opened(settings), pytest.raises(InstrumentAbsent, match="another program of this machine"):
-        FrInverter(settings).open()
-    with opened(settings):
-        pass
 
 
 def test_another_station_than_the_drives_is_silent(bench: tuple[EmulatedInstrument, Ends]) -> None:

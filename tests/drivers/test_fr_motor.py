@@ -221,6 +221,22 @@ def test_a_stop_is_carried_through_although_its_caller_gives_up() -> None:
     on_bench(work)
 
 
+def test_a_cut_does_not_wait_for_the_ramp_of_a_stop() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        written = len(bench.line.writes())
+        stop = asyncio.create_task(bench.poller.stop())
+        await bench.wait(0.1)
+        assert bench.line.writes()[written:] == [ZERO]
+        cut = asyncio.create_task(bench.poller.cut())
+        await bench.wait(0.1)
+        assert bench.line.writes()[written:] == [ZERO, STOP]
+        await asyncio.gather(stop, cut)
+        assert bench.poller.error is None
+
+    on_bench(work)
+
+
 def test_a_stop_that_fails_after_its_caller_gave_up_stays_an_error() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)

@@ -161,6 +161,31 @@ def test_a_running_sine_takes_a_step_of_frequency_to_a_microhertz_and_keeps_its_
     assert abs((after.phase_rad - turned + math.pi) % math.tau - math.pi) < 1e-9
 
 
+@pytest.mark.parametrize("command", ["OUTP OFF", "VOLT 4", "VOLT:OFFS 0.1", "FREQ 21", "OUTP:LOAD 50"])
+@pytest.mark.parametrize("triggered", [False, True])
+def test_whatever_another_program_turns_is_found(
+    generator_emulator: EmulatedInstrument, command: str, triggered: bool
+) -> None:
+    address = generator_emulator.address
+    driver, other = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=address)), ScpiLink("other", address)
+    driver.open()
+    try:
+        driver.arm_sine(20.0, 1.0, 0.0, triggered=triggered)
+        driver.start()
+        for _ in range(20):
+            driver.check()
+        other.open()
+        other.write(command)
+        other.query("*OPC?")
+        with pytest.raises(InstrumentRefused, match="which it was not told"):  # noqa: PT012
+            for _ in range(5):
+                driver.check()
+        driver.off()
+    finally:
+        other.close()
+        driver.close()
+
+
 def test_frequency_beyond_the_instrument(generator: DriveGenerator) -> None:
     with pytest.raises(InstrumentRefused, match="frequency = 3e\\+07 Hz is outside"):
         generator.arm_sine(30e6, 1.0, 0.0, triggered=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -31,6 +32,13 @@ class Ended:
         """The log that its standard output names last."""
         line = next(line for line in reversed(self.out.splitlines()) if line.startswith("log "))
         return Path(line.split(maxsplit=1)[1].removeprefix("so far "))
+
+    @property
+    def goes_on(self) -> psutil.Process:
+        """What goes on switching off a drive that did not answer, and says so."""
+        said = re.search(r"THE DRIVE MAY STILL BE ON: switch it off by hand; process (\d+) goes on", self.out)
+        assert said is not None, self.out
+        return psutil.Process(int(said[1]))
 
 
 class Command:

@@ -75,9 +75,11 @@ def test_a_generator_that_falls_silent_in_the_ramp_ends_the_run(
     assert f"signal generator at {bench.generator.address}: no answer" in ended.err
     assert "Check that it is switched on" in ended.err
     assert "THE DRIVE MAY STILL BE ON" in ended.out
-    # What it was told last is to go off; it does so as soon as it can.
+    # What it was told last is to go off; it does so as soon as it can, and then nobody tells it any more.
+    goes_on = ended.goes_on
     os.kill(bench.generator.pid, signal.SIGCONT)
     bench.spy.await_off()
+    await_gone([goes_on])
     with LogReader(ended.log) as log:
         assert log.complete
 
@@ -121,6 +123,9 @@ def test_a_generator_that_dies_while_recording_ends_the_run(bench: SpiedBench, t
     assert ended.code == 1
     assert f"signal generator at {bench.generator.address}: the connection is lost" in ended.err
     assert_readable(ended.log)
+    goes_on = ended.goes_on
+    goes_on.terminate()  # as by hand: this generator never comes back
+    await_gone([goes_on])
 
 
 def helper_processes(run: Command) -> list[psutil.Process]:

@@ -161,7 +161,7 @@ def test_nobody_waits_for_a_derivation_that_hangs() -> None:
 
 def test_a_person_who_stops_the_run_does_not_wait_for_its_end() -> None:
     stop, told, began_s = StopRequest(), list[Event](), time.monotonic()
-    stop.wanted = True
+    stop.asked = 1
     with started(derivation()) as derived:
         assert derived.worker.pid is not None
         os.kill(derived.worker.pid, signal.SIGSTOP)

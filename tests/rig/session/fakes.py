@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import threading
 from collections.abc import Callable
 
@@ -21,6 +22,8 @@ from rig.session.progress import Screen
 from rig.stream import Block, Record
 
 RATE = 51_200.0
+FAKE = f"fake of {os.getpid()}"
+"""Nobody else's instrument, where tests run side by side."""
 
 
 def silent_screen() -> Screen:
@@ -32,7 +35,7 @@ class RecordingGenerator:
     """Writes down what it is told; fails with silence at one method."""
 
     def __init__(self, fails_at: str = "") -> None:
-        self.name, self.address, self.identity = "signal generator", "fake", "a fake"
+        self.name, self.address, self.identity = "signal generator", FAKE, "a fake"
         self.told: list[tuple[object, ...]] = []
         self._fails_at = fails_at
 
@@ -60,6 +63,9 @@ class RecordingGenerator:
     def set_offset(self, offset_v: float) -> None:
         self._note("set_offset", offset_v)
 
+    def check(self) -> None:
+        pass
+
     def off(self) -> None:
         self._note("off")
 
@@ -72,7 +78,7 @@ class RecordingGenerator:
 class SteppedCard:
     """A card whose blocks come one by one, as the test lets them; row k of sample n is `values(n, k)`."""
 
-    name, address, warnings, sample_rate = "card", "fake", (), RATE
+    name, address, warnings, sample_rate = "card", FAKE, (), RATE
 
     def __init__(
         self,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from daq.errors import InstrumentRefused
 from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import MotorState
+from tests.rig.session.fakes import FAKE
 
 RPM_PER_HZ = 10.0
 STEP_RPM = 0.01 * RPM_PER_HZ
@@ -42,7 +43,7 @@ class FakeDrive:
     stuck: bool = False
     seen: bool = True
     name: str = "inverter"
-    address: str = "fake"
+    address: str = FAKE
     identity: str = "a fake"
     warnings: tuple[str, ...] = ()
     longest_stop_s: float = 40.0
@@ -97,6 +98,9 @@ class FakeDrive:
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
         self.told.append(("stop", measured_rpm))
         self._from, self._run = (self.clock.now_s, self.output_rpm), False
+
+    def cut(self) -> None:
+        self.told.append(("cut",))
 
     def read(self) -> MotorState:
         self.clock.sleep(0.06)

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import pty
+import threading
+import time
 from io import StringIO
 
+import pytest
 from rich.console import Console
 
 from rig.session.progress import Screen
@@ -15,6 +20,65 @@ def said(total: float, unit: str, steps: int) -> list[str]:
         for done in range(steps + 1):
             bar(done * total / steps)
     return out.getvalue().splitlines()
+
+
+class StalledTerminal(StringIO):
+    """Takes nothing until somebody reads on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reads = threading.Event()
+
+    def write(self, text: str) -> int:
+        self.reads.wait()
+        return super().write(text)
+
+
+def test_a_terminal_that_stops_reading_delays_nothing_and_misses_nothing() -> None:
+    terminal = StalledTerminal()
+    screen = Screen(Console(file=terminal))
+    with screen.apart():
+        with screen.bar("recording", 60.0) as bar:
+            bar(1.0)
+        screen.warn("a limit was passed")
+    screen.say("log run.mcap")
+    assert terminal.getvalue() == ""
+    terminal.reads.set()
+    with screen.apart():  # waits until what was said is read
+        pass
+    deadline = time.monotonic() + 5.0
+    while "log run.mcap" not in terminal.getvalue():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert terminal.getvalue().splitlines() == [
+        "recording (60 s) ...",
+        "! a limit was passed",
+        "log run.mcap",
+    ]
+
+
+class GoneTerminal(StringIO):
+    def write(self, text: str) -> int:
+        raise OSError(errno.EIO, "the terminal is gone")
+
+
+def test_a_terminal_that_is_gone_ends_nothing() -> None:
+    screen = Screen(Console(file=GoneTerminal()))
+    with screen.apart():
+        screen.warn("a limit was passed")
+
+
+@pytest.mark.parametrize("how", ["Enter", "end of input", "a signal"])
+def test_what_is_held_for_a_person_ends_by_enter_the_end_of_input_or_a_signal(
+    how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = pty.openpty()
+    screen = Screen(Console(file=StringIO(), force_terminal=True))
+    with open(theirs, encoding="ascii") as stdin, open(ours, "wb", buffering=0) as typed:
+        monkeypatch.setattr("sys.stdin", stdin)
+        if how != "a signal":
+            typed.write({"Enter": b"\n", "end of input": b"\x04"}[how])
+        screen.hold("Enter closes it", lambda: how == "a signal")
 
 
 def test_a_count_is_told_by_quarters_and_seconds_are_not() -> None:

@@ -11,13 +11,14 @@ from rig.session.signals import Stopped, StopRequest
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_only_asks_and_more_of_them_change_nothing(number: signal.Signals) -> None:
+def test_a_signal_only_asks_and_each_counts(number: signal.Signals) -> None:
     before = signal.getsignal(number)
     with StopRequest() as stop:
         stop.check()
         for _ in range(10):
             os.kill(os.getpid(), number)
         assert stop.wanted
+        assert stop.asked == 10
         with pytest.raises(Stopped, match="stopped by a person"):
             stop.check()
     assert signal.getsignal(number) is before

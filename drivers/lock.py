@@ -1,0 +1,118 @@
+"""One program at a time uses an instrument of this machine: a lock file each, which says whose it is.
+
+The kernel frees it with the last process that holds it.
+"""
+
+from __future__ import annotations
+
+import datetime
+import fcntl
+import hashlib
+import os
+import re
+import stat
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.reduction import DupFd
+from typing import Any, Final
+
+from daq.errors import InstrumentRefused
+
+FOLDERS: Final = ("/run/lock", "/tmp")  # noqa: S108 - where every user of a machine can meet; no file is followed
+_LONGEST: Final = 200
+
+
+class InstrumentLock:
+    """Held until `close`, and by a process that was given it at its start until that ends."""
+
+    def __init__(self, path: str, file: int) -> None:
+        self._path, self._file = path, file
+
+    def __reduce__(self) -> tuple[Callable[..., InstrumentLock], tuple[Any, ...]]:
+        return _inherited, (self._path, DupFd(self._file))
+
+    def __enter__(self) -> InstrumentLock:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def fileno(self) -> int:
+        return self._file
+
+    def sign(self, doing: str = "") -> None:
+        """Say who holds it, and since when."""
+        since = f"{datetime.datetime.now().astimezone():%Y-%m-%d %H:%M:%S}"
+        os.ftruncate(self._file, 0)
+        os.pwrite(self._file, f"process {os.getpid()}{doing} since {since}".encode(), 0)
+
+    def close(self) -> None:
+        """Give it back. Never raises."""
+        with suppress(OSError):
+            os.close(self._file)
+            again = os.open(self._path, os.O_RDWR | os.O_NOFOLLOW)
+            try:  # the file goes with its last holder
+                fcntl.flock(again, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if _is_at(again, self._path):
+                    os.unlink(self._path)
+            finally:
+                os.close(again)
+
+
+def lock(instrument: str, address: str) -> InstrumentLock:
+    """Hold the instrument at an address; raises `InstrumentRefused`, which says who has it."""
+    name = f"rattle-{hashlib.sha256(_one_name(address).encode()).hexdigest()[:16]}.lock"
+    path = os.path.join(next((each for each in FOLDERS if os.access(each, os.W_OK)), FOLDERS[-1]), name)
+    try:
+        while True:
+            file = _opened(path)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if _is_at(file, path):  # else its last holder has taken it away
+                    held = InstrumentLock(path, os.dup(file))
+                    held.sign()
+                    return held
+            except BlockingIOError:
+                told = os.pread(file, _LONGEST, 0).decode(errors="replace")
+                holder = "".join(filter(str.isprintable, told)) or "another program"
+                check = "that program, or wait until it has ended; nothing was sent"
+                raise InstrumentRefused(instrument, address, f"in use by {holder}", check, "in use") from None
+            finally:
+                os.close(file)
+    except OSError as error:
+        raise InstrumentRefused(instrument, address, f"cannot be locked: {error}", path) from error
+
+
+def _one_name(address: str) -> str:
+    """A device and a place on the network have many names."""
+    serial = re.fullmatch(r"(?:ASRL)?(/.+?)(?:::INSTR)?", address)
+    if serial is not None:
+        return os.path.realpath(serial[1])
+    return address.casefold().replace("localhost", "127.0.0.1").replace("tcpip0::", "tcpip::")
+
+
+def _opened(path: str) -> int:
+    """The file, which every user may write; never one that a link leads to."""
+    how = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
+    while True:
+        with suppress(FileNotFoundError):
+            file = os.open(path, how)
+            break
+        with suppress(FileExistsError):
+            file = os.open(path, how | os.O_CREAT | os.O_EXCL)
+            os.fchmod(file, 0o666)
+            break
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise OSError("it is no plain file")
+    return file
+
+
+def _is_at(file: int, path: str) -> bool:
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(file), os.lstat(path))
+    return False
+
+
+def _inherited(path: str, file: Any) -> InstrumentLock:
+    return InstrumentLock(path, file.detach())

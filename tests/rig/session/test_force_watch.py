@@ -1,0 +1,65 @@
+"""The measured drive is held to the bench and to the order, whatever the sensor shows beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.channel import Channel
+from rig.session.interlock import ForceWatch
+
+RATE, BLOCK, HIGHEST_N = 51_200.0, 5120, 12.0
+
+
+def shown(
+    amplitude: float, offset: float = 0.0, frequency_hz: float = 20.0, noise: float = 0.0
+) -> tuple[ForceWatch, list[str]]:
+    """A second of a drive, and what was told of it."""
+    watch = ForceWatch(Channel("drive.force", "N"), frequency_hz, RATE, HIGHEST_N)
+    at_s = np.arange(int(RATE)) / RATE
+    drive = offset + amplitude * np.sin(2 * np.pi * frequency_hz * at_s + 0.7)
+    drive += noise * np.random.default_rng(1).standard_normal(len(at_s))
+    told = [watch.take(block) for block in drive.reshape(-1, BLOCK)]
+    return watch, list(filter(None, told))
+
+
+@pytest.mark.parametrize("frequency_hz", [3.0, 7.3, 20.0, 333.0])
+@pytest.mark.parametrize(
+    ("amplitude", "offset", "within"),
+    [
+        (13.0, 0.0, True),
+        (9.0, 4.0, True),
+        (9.0, -4.0, True),
+        (13.4, 0.0, False),
+        (9.0, 4.4, False),
+        (0.0, -13.4, False),
+    ],
+)
+def test_sine_and_mean_together_are_held_to_a_tenth_above_what_the_bench_allows(
+    frequency_hz: float, amplitude: float, offset: float, within: bool
+) -> None:
+    _, told = shown(amplitude, offset, frequency_hz)
+    assert (told == []) == within
+    if not within:
+        assert len(told) == 1  # once, while it lasts
+        assert "where the bench allows 12 N" in told[0]
+
+
+def test_noise_and_bounces_are_no_drive() -> None:
+    assert shown(9.0, noise=6.0)[1] == []
+
+
+@pytest.mark.parametrize(("amplitude", "told"), [(1.1, False), (1.7, False), (2.25, True), (11.0, True)])
+def test_a_soft_start_goes_on_up_to_half_as_much_again_as_ordered(amplitude: float, told: bool) -> None:
+    assert bool(shown(amplitude)[0].above(1.125)) == told
+
+
+def test_hardly_any_force_is_no_danger_however_much_more_than_ordered() -> None:
+    assert shown(0.1)[0].above(0.01) == ""
+
+
+def test_a_sensor_that_shows_no_number_does_not_hide_what_comes_after_it() -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
+    assert watch.take(np.full(BLOCK, np.nan)) == ""
+    high = 20.0 * np.sin(2 * np.pi * 20.0 * np.arange(4 * BLOCK) / RATE)
+    assert [bool(watch.take(block)) for block in high.reshape(-1, BLOCK)].count(True) == 1

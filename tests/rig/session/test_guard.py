@@ -1,0 +1,284 @@
+"""What ends a run acts from a thread that waits for nobody, in time, and without a ramp where it must."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from daq.channel import Channel
+from daq.clock import SystemClock
+from daq.errors import InstrumentRefused, InterlockTripped
+from daq.time_base.run_clock import RunClock
+from rig.files.bench import embedded_bench
+from rig.files.scenario import Limit, parse_scenario
+from rig.session import driven_rig
+from rig.session.devices import Devices
+from rig.session.drive import Motion, Shaker
+from rig.session.driven_rig import DrivenRig, Hung
+from rig.session.signals import Stopped, StopRequest
+from tests.end_to_end.command import await_true
+from tests.rig.session.fakes import RATE, Kept, RecordingGenerator, SteppedCard, silent_screen
+from tests.rig.session.test_driven_rig import SCENARIO
+from tests.rig.session.test_stops import Idle
+
+LIMIT_N, BLOCK_S = 50.0, 0.1
+SOON_S = 0.05
+"""From the reading that shows it to the off, with a busy machine in it; the block adds 0.1 s."""
+
+
+class TimedGenerator(RecordingGenerator):
+    """Says when it was switched off, and whether its settings are as they were told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.off_s: float | None = None
+        self.turned = False
+
+    def off(self) -> None:
+        if self.off_s is None:
+            self.off_s = time.monotonic()
+        super().off()
+
+    def check(self) -> None:
+        if self.turned:
+            raise InstrumentRefused(self.name, self.address, "VOLT is 9.9, which it was not told")
+
+
+class RampingMotor:
+    """A `Motion` whose ramp takes until it is cut, or for ever."""
+
+    what, speed_rad_s, longest_stop_s, longest_order_s = "a motor", None, 30.0, 3.0
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.stands = threading.Event()
+
+    def start(self, soft: bool, path: object = ()) -> None:
+        self.told.append("start")
+
+    def ramp_down(self) -> None:
+        self.off()
+
+    def off(self) -> None:
+        self.told.append("off")
+        self.stands.wait()
+
+    def cut(self) -> None:
+        self.told.append("cut")
+        self.stands.set()
+
+    def check(self) -> None: ...
+
+    def take_notices(self) -> tuple[()]:
+        return ()
+
+    def clocks(self, base: object) -> list[object]:
+        return []
+
+
+class Beats(Idle):
+    """A supervisor that notes when it was given a sign of life."""
+
+    at_s: ClassVar[list[float]] = []
+
+    def beat(self, patience_s: float = 0.0) -> None:
+        self.at_s.append(time.monotonic())
+
+
+@pytest.fixture(autouse=True)
+def beats(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    monkeypatch.setattr(driven_rig, "Supervisor", Beats)
+    monkeypatch.setattr(Beats, "at_s", [])
+    return Beats.at_s
+
+
+class Bench:
+    """A beam or a motor that moves, with a limit on its card; readings come as the test lets them."""
+
+    def __init__(self, folder: Path, motion: Motion | None) -> None:
+        self.scenario = parse_scenario(SCENARIO, "guarded")
+        self.generator, self.stop = TimedGenerator(), StopRequest()
+        self.level = 0.0
+        channels = Channel("drive.force", "N"), Channel("contact.force_upper", "N")
+        self.card = SteppedCard(channels, lambda n, k: np.full(len(n), self.level * k))
+        moved: Callable[..., Motion] = lambda wait, _: (  # noqa: E731
+            motion or Shaker(self.generator, self.scenario.drive, 3.6, wait)
+        )
+        devices = Devices(self.generator, RecordingGenerator, moved, self.card)
+        self.rig = DrivenRig(embedded_bench(), devices, self.stop, silent_screen(), RunClock(SystemClock()))
+        self._folder = folder
+
+    @contextmanager
+    def moving(self) -> Iterator[DrivenRig]:
+        rig, running = self.rig, threading.Event()
+
+        def let() -> None:
+            while not running.wait(BLOCK_S / 2):
+                self.card.let()
+
+        feeding = threading.Thread(target=let)
+        with ExitStack() as stack:
+            rig.open_log(stack, self._folder, "guarded")
+            rig.stream[:] = [Kept()]
+            rig.record([Limit("contact.force_upper", "N", None, LIMIT_N)], None)
+            feeding.start()
+            stack.callback(feeding.join)
+            stack.callback(running.set)
+            with rig.moving():
+                rig.start(soft=False)
+                yield rig
+
+
+def ended(bench: Bench, error: type[Exception], match: str, during: Callable[[DrivenRig], None]) -> None:
+    """What moves has to end by that error."""
+
+    def move() -> None:
+        with bench.moving() as rig:
+            during(rig)
+
+    with pytest.raises(error, match=match):
+        move()
+
+
+def test_a_limit_switches_off_while_the_sequence_looks_at_nothing(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, None)
+
+    def during(rig: DrivenRig) -> None:
+        bench.level = 60.0
+        await_true("tripped", lambda: rig.acquisition.trips)
+        tripped_s = time.monotonic()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        assert (bench.generator.off_s or 0.0) - tripped_s < SOON_S
+        rig.watch.check()
+
+    ended(bench, InterlockTripped, r"contact\.force_upper = 60 N", during)
+
+
+def test_a_sequence_that_hangs_is_switched_off_and_gives_no_sign_of_life(
+    tmp_path: Path, beats: list[float]
+) -> None:
+    bench = Bench(tmp_path, None)
+
+    def during(rig: DrivenRig) -> None:
+        rig.watch.check()
+        hung_s = time.monotonic()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        time.sleep(0.2)
+        assert max(beats) - hung_s < 0.7
+        rig.watch.check()
+
+    ended(bench, Hung, r"looked at nothing for 0.6 s, and the drive was switched off", during)
+
+
+def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
+    bench, goes_on = Bench(tmp_path, None), threading.Event()
+
+    def during(rig: DrivenRig) -> None:
+
+        def hang(record: object) -> None:
+            goes_on.wait()
+
+        rig.stream.append(hang)
+        rig.start_record(round(RATE))
+        since_s = time.monotonic()
+        try:
+            while bench.generator.off_s is None:
+                rig.watch.wait(0.02)
+        finally:
+            goes_on.set()
+            await_true("off", lambda: bench.generator.off_s, 1.0)
+            assert (bench.generator.off_s or 0.0) - since_s < 1.0
+
+    ended(bench, Hung, "the acquisition took too long for a reading", during)
+
+
+def test_signs_of_life_come_while_all_is_well(tmp_path: Path, beats: list[float]) -> None:
+    with Bench(tmp_path, None).moving() as rig:
+        beats.clear()
+        rig.watch.wait(0.5)
+    assert max(np.diff(beats)) < 0.2
+
+
+def test_a_generator_that_somebody_turns_ends_it(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, None)
+
+    def during(rig: DrivenRig) -> None:
+        bench.generator.turned = True
+        rig.watch.wait(0.3)
+
+    ended(bench, InstrumentRefused, "which it was not told", during)
+
+
+def test_a_second_interrupt_does_not_wait_for_the_ramp(tmp_path: Path) -> None:
+    motor = RampingMotor()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def interrupt_again() -> None:
+        await_true("on its ramp", lambda: "off" in motor.told)
+        bench.stop.asked += 1
+
+    person = threading.Thread(target=interrupt_again)
+
+    def during(rig: DrivenRig) -> None:
+        bench.stop.asked += 1
+        person.start()
+        rig.watch.wait(1.0)
+
+    ended(bench, Stopped, "stopped by a person", during)
+    person.join()
+    assert motor.told == ["start", "off", "cut"]
+
+
+def test_a_limit_on_the_ramp_does_not_wait_for_it(tmp_path: Path) -> None:
+    motor = RampingMotor()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def let_it_pass() -> None:
+        await_true("on its ramp", lambda: "off" in motor.told)
+        bench.level = 60.0
+
+    bounce = threading.Thread(target=let_it_pass)
+    with bench.moving() as rig:
+        bounce.start()
+        rig.ramp_down()
+    bounce.join()
+    assert motor.told[:3] == ["start", "off", "cut"]
+
+
+@pytest.mark.parametrize("by", ["limit", "person"])
+def test_an_order_that_a_stop_overtakes_does_not_hide_why_it_ended(tmp_path: Path, by: str) -> None:
+    motor = RampingMotor()
+    motor.stands.set()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def during(rig: DrivenRig) -> None:
+        if by == "limit":
+            bench.level = 60.0
+        else:
+            bench.stop.asked = 2
+        await_true("stopped", lambda: {"off", "cut"} & set(motor.told))
+        raise InstrumentRefused("inverter", "fake", "not done: a stop overtook it", code="overtaken")
+
+    error, match = (InterlockTripped, "60 N") if by == "limit" else (Stopped, "by a person")
+    ended(bench, error, match, during)
+
+
+def test_a_limit_that_stops_a_motor_stops_it_on_its_ramp(tmp_path: Path) -> None:
+    motor = RampingMotor()
+    motor.stands.set()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def during(rig: DrivenRig) -> None:
+        bench.level = 60.0
+        rig.watch.wait(1.0)
+
+    ended(bench, InterlockTripped, r"contact\.force_upper", during)
+    assert "cut" not in motor.told
+    assert "off" in motor.told

@@ -1,0 +1,121 @@
+"""A drive that cannot be reached is switched off by whoever is left, for as long as that takes."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import psutil
+import pytest
+
+from daq.errors import InstrumentAbsent, InstrumentRefused
+from drivers import lock as locks
+from drivers.lock import lock
+from rig.session.supervisor import SILENCE_S, Supervisor, SupervisorTripped
+from tests.end_to_end.command import await_true
+from tests.rig.session.fakes import RecordingGenerator
+
+
+class FarGenerator(RecordingGenerator):
+    """Answers once the file `there` is, and leaves one at `off` when it goes off."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder = folder
+
+    def open(self) -> None:
+        if not (self._folder / "there").exists():
+            raise InstrumentAbsent(self.name, self.address, "nobody answers")
+
+    def off(self) -> None:
+        (self._folder / "off").touch()
+
+
+@pytest.fixture(autouse=True)
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+
+
+@pytest.fixture
+def launched(tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
+    with lock("generator", "here") as held:
+
+        def launch(emulated: bool = False) -> Supervisor:
+            supervisor = Supervisor(partial(FarGenerator, tmp_path), [held], emulated)
+            supervisor.launch()
+            return supervisor
+
+        yield launch
+
+
+def process_in(words: str) -> int:
+    """Which process says that it goes on."""
+    assert words.startswith("; process "), words
+    return int(words.split()[2])
+
+
+def test_it_goes_on_until_the_drive_is_off_and_keeps_the_bench_until_then(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    with launched() as supervisor:
+        supervisor.beat(60.0)
+        number = process_in(supervisor.go_on())
+    trying = psutil.Process(number)
+    assert not (tmp_path / "off").exists()
+    (tmp_path / "there").touch()
+    await_true("switched off", (tmp_path / "off").exists)
+    await_true("its end", lambda: not psutil.pid_exists(number) or trying.status() == psutil.STATUS_ZOMBIE)
+
+
+def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    held = lock("generator", "here")
+    supervisor = Supervisor(partial(FarGenerator, tmp_path), [held])
+    supervisor.launch()
+    with supervisor:
+        supervisor.beat(60.0)
+        number = process_in(supervisor.go_on())
+    held.close()
+
+    def refused() -> str:
+        with pytest.raises(InstrumentRefused, match="in use by process") as caught:
+            lock("generator", "here")
+        return str(caught.value)
+
+    goes_on = f"in use by process {number}, which goes on switching off a drive that does not answer, since"
+    await_true("signed", lambda: goes_on in refused())
+    os.kill(number, signal.SIGTERM)  # by hand, once a person has switched it off
+    await_true("its end", lambda: not psutil.pid_exists(number))
+    lock("generator", "here").close()
+
+
+def test_an_emulated_drive_is_not_waited_for(launched: Callable[..., Supervisor]) -> None:
+    with launched(emulated=True) as supervisor:
+        supervisor.beat(60.0)
+        assert supervisor.go_on() == ""
+
+
+def test_silence_switches_off_within_half_a_second_and_a_bit(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    (tmp_path / "there").touch()
+    with launched() as supervisor:
+        supervisor.check()
+        supervisor.beat()
+        await_true("switched off", (tmp_path / "off").exists, SILENCE_S + 0.4)
+        with pytest.raises(SupervisorTripped, match=r"gave no sign of life for 0.5 s"):
+            supervisor.check()
+        assert supervisor.go_on() == "; the supervisor says that it is off by now"
+
+
+def test_one_that_is_killed_is_gone(launched: Callable[..., Supervisor]) -> None:
+    with launched() as supervisor:
+        supervisor.beat(60.0)
+        supervisor._child.process.kill()
+        supervisor._child.process.join()
+        with pytest.raises(SupervisorTripped, match="the supervisor is gone"):
+            supervisor.check()
