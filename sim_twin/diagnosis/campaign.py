@@ -162,8 +162,10 @@ class Campaign:
         count = setting.samples(max(draw.blocks for draw in draws))
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
         for draw, variant, one in zip(draws, variants, clean, strict=True):
-            known = one is not None and np.isfinite(one).all()
-            yield partial(_shown, setting, number, variant, draw, one) if known else None
+            if one is None or not np.isfinite(one).all():
+                yield None
+            else:
+                yield partial(_shown, setting, number, variant, draw, one)
 
 
 def _shown(

@@ -43,11 +43,7 @@ def parts(case: Case) -> list[Part]:
     plots = Plots(len(shown), len(_TITLES), _ROW_PX, legend=True)
     for row, (name, run) in enumerate(shown):
         cell = len(_TITLES) * row
-        at = _cells(case, name, run, "energy")
-        bands = _edges([case.cells[k] for k in at])
-        loudest, decades = max(_means(case, case.findings.measured, at)), {"type": "log", "dtick": 1}
-        plots.axes(cell, f"{name}: spectrum", "frequency, Hz", "level, dB", x_axis=decades)
-        _draw(plots, cell, case, at, bands, lambda values, top=loudest: _DECIBELS * (values - top))
+        _spectrum(plots, cell, case, name, run)
         at = _cells(case, name, run, "rms")
         phases = _edges([case.cells[k] for k in at])
         rms = f"rms, {unit_words(case.unit(run, name))}"
@@ -71,6 +67,15 @@ def _cells(case: Case, channel: str, run: int, what: str) -> list[int]:
         for k, cell in enumerate(case.cells)
         if (cell.channel, cell.run, cell.what, cell.partner) == (channel, run, what, None)
     ]
+
+
+def _spectrum(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
+    at = _cells(case, channel, run, "energy")
+    bands = _edges([case.cells[k] for k in at])
+    loudest = max(_means(case, case.findings.measured, at))
+    decades = {"type": "log", "dtick": 1}
+    plots.axes(cell, f"{channel}: spectrum", "frequency, Hz", "level, dB", x_axis=decades)
+    _draw(plots, cell, case, at, bands, lambda values: _DECIBELS * (values - loudest))
 
 
 def _peaks(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
