@@ -20,6 +20,7 @@ from mcap.records import Chunk, Footer, Header, Metadata, MetadataIndex, Statist
 from mcap.writer import MCAP0_MAGIC
 
 from daq.allowance import MOST_DESCRIPTION_BYTES, Allowance
+from daq.errors import LogError
 from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, IndexedChunk, open_chunk, records
 from daq.log.records import CHECKSUM_OPCODE
 
@@ -227,6 +228,8 @@ def _chunk_at(descriptor: int, begin: int, size: int, allowance: Allowance) -> b
         record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
         chunk = Chunk.read(_content(record))
         open_chunk(chunk, allowance)
+    except LogError:  # more than may come of the file
+        raise
     except (*_NO_RECORD, zstandard.ZstdError):
         return b""
     return record if chunk.uncompressed_crc else b""

@@ -68,12 +68,12 @@ def finished_file(
 
 
 def ended_within_bounds(path: Path, words: str) -> None:
-    begun = time.monotonic()
+    begun = time.process_time()
     with bounded():
         report = verify_log(path)
         assert words in report.damage
         assert not report.sound
-    assert time.monotonic() - begun < WITHIN_S
+    assert time.process_time() - begun < WITHIN_S
 
 
 @pytest.mark.parametrize(
@@ -113,10 +113,10 @@ def test_chunks_by_the_thousand_inside_one_another(tmp_path: Path) -> None:
     bomb.write(builder)
     path = tmp_path / "log.mcap"
     path.write_bytes(MCAP0_MAGIC + b"\xff" + builder.end()[:-1] * 300)
-    begun = time.monotonic()
-    with bounded(), pytest.raises(LogError, match="not a log"):
+    begun = time.process_time()
+    with bounded(), pytest.raises(LogError, match=ODD):
         LogReader(path).open()
-    assert time.monotonic() - begun < WITHIN_S
+    assert time.process_time() - begun < WITHIN_S
 
 
 def far_apart(path: Path, origin: str = "measured", name: str = "a", second: int = 500_000_000) -> Path:
@@ -273,9 +273,9 @@ def test_a_gap_past_counting_is_a_log_error(tmp_path: Path) -> None:
 def test_unpacked_samples_by_the_million_take_little(tmp_path: Path) -> None:
     data = SampleBlockMessage(sample_rate=1000.0).SerializeToString() + b"\x25\0\0\x80\x3f" * 4_000_000
     with bounded():
-        begun = time.monotonic()
+        begun = time.process_time()
         values = decode_block("a", data).values
-        assert time.monotonic() - begun < WITHIN_S
+        assert time.process_time() - begun < WITHIN_S
     assert len(values) == 4_000_000
     assert values.min() == values.max() == 1.0
 
