@@ -201,7 +201,7 @@ class LogReader:
         for _, block in self.blocks(origin, names):
             begin = block.first_sample / block.sample_rate
             if (end_s is None or begin < end_s) and block.end_sample / block.sample_rate > start_s:
-                allowance.spend(held=block.values.nbytes)
+                allowance.spend(held=block.values.nbytes, records=1)
                 parts[block.channel].append(block)
         return {
             name: _join(f"{self.path}: samples of /{origin}/{name}", blocks, start_s, end_s, allowance)

@@ -20,7 +20,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.recording import read_log
 from daq.formats.samples import Scratch
-from daq.log.codec import SampleBlockMessage, decode_block, encode_block
+from daq.log.codec import EventMessage, SampleBlockMessage, decode_block, encode_block
 from daq.log.reader import LogReader
 from daq.log.records import Event, Gap
 from daq.log.recover import recover_log, verify_log
@@ -31,6 +31,7 @@ from tests.hostile import bounded
 MIB = 1 << 20
 WITHIN_S = 10.0
 """The promise is 1 s a MiB; under tracemalloc and beside other tests it takes some times as long."""
+ZEROS = np.zeros(51_200, np.float32)
 ODD = "more would come of it than of any honest recording"
 
 
@@ -95,6 +96,18 @@ def test_millions_of_empty_messages(tmp_path: Path) -> None:
     path = finished_file(tmp_path / "log.mcap", [one] * 4)
     assert path.stat().st_size < MIB
     ended_within_bounds(path, ODD)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("topic", ["/measured/a", "/event"])
+def test_millions_of_short_messages_are_not_kept(topic: str, tmp_path: Path) -> None:
+    data = SampleBlockMessage(sample_rate=1000.0, first_sample=1, values=[1.0]).SerializeToString()
+    data = data if topic != "/event" else EventMessage(level="ab", text="ab").SerializeToString()
+    head = record(4, struct.pack("<HHI", 0, 0, len(topic)) + topic.encode() + struct.pack("<II", 0, 0))
+    one = chunk(head + record(5, struct.pack("<HIQQ", 0, 0, 0, 0) + data) * 300_000)
+    with LogReader(crashed_file(tmp_path / "log.mcap", one)) as log, bounded():
+        with pytest.raises(LogError, match=ODD):
+            log.series("measured", "a") if topic != "/event" else log.events()
 
 
 def test_one_chunk_that_the_index_has_twice_is_read_once(tmp_path: Path) -> None:
@@ -287,3 +300,34 @@ def test_many_events_of_one_kind_are_read(tmp_path: Path) -> None:
             log.add_event(Event(START_NS + number, "info", "rig", "a", "b"))
     with LogReader(path) as opened:
         assert len(opened.events()) == 10_000
+
+
+def test_samples_by_the_hundred_thousand_one_by_one_are_read(tmp_path: Path) -> None:
+    """Fifty slow channels for ten minutes, in chunks as another program may cut them."""
+    number, parts, chunks = 300_000, [], []
+    head = record(4, struct.pack("<HHI", 0, 0, 11) + b"/measured/a" + struct.pack("<II", 0, 0))
+    for first in range(number):
+        each = SampleBlock("a", first, START_NS + first, 10.0, np.zeros(1, np.float32))
+        parts.append(record(5, struct.pack("<HIQQ", 0, first, 0, 0) + encode_block(each)))
+        if len(parts) == 10_000:
+            chunks.append(chunk(head + b"".join(parts)))
+            parts = []
+    with LogReader(crashed_file(tmp_path / "log.mcap", *chunks)) as log:
+        assert len(log.series("measured", "a")) == number
+
+
+def test_a_long_log_of_constants_is_read(tmp_path: Path) -> None:
+    """Three minutes of 64 channels that stand still shrink to less than a four-hundredth."""
+    path = tmp_path / "log.mcap"
+    names = [f"c{number}" for number in range(64)]
+    with LogWriter(path) as log:
+        for name in names:
+            log.declare("predicted", Channel(name, "N"))
+        for number in range(180):
+            data = encode_block(SampleBlock("a", number * 51_200, START_NS, 51_200.0, ZEROS))
+            for name in names:
+                each = SampleBlock(name, number * 51_200, START_NS, 51_200.0, ZEROS)
+                log.add_encoded_block("predicted", each, data, START_NS + number * 1_000_000_000)
+    assert path.stat().st_size * 400 < (samples := 180 * 64 * 51_200) * 4
+    with LogReader(path) as opened:
+        assert sum(len(block) for _, block in opened.blocks()) == samples
