@@ -135,6 +135,16 @@ def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch
         read(path, scratch)
 
 
+@pytest.mark.parametrize("number", [300, 2000])
+def test_many_short_variables_of_mat_are_read(number: int, tmp_path: Path, scratch: Scratch) -> None:
+    path = tmp_path / "x.mat"
+    scipy.io.savemat(path, {f"v{each}": np.full(100, float(each)) for each in range(number)})
+    begun = time.process_time()
+    columns = read(path, scratch).columns
+    assert [float(each.samples.read(99, 100)[0]) for each in columns] == list(range(number))
+    assert time.process_time() - begun < 10.0
+
+
 def test_damaged_lzma_is_a_log_error(tmp_path: Path, scratch: Scratch) -> None:
     path = tmp_path / "x.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as file:
