@@ -263,7 +263,13 @@ class LogReader:
             self._described_bytes += len(record)
             if self._described_bytes > MOST_DESCRIPTION_BYTES or len(self._channel_records) == MOST_COLUMNS:
                 raise LogError(f"{self.path}: it declares more than {MOST_COLUMNS} channels, or at length")
-            self._channel_records[record] = ChannelRecord.read(ReadDataStream(BytesIO(record)))
+            channel = ChannelRecord.read(ReadDataStream(BytesIO(record)))
+            try:
+                Channel.from_metadata(channel.topic, channel.metadata)
+            except LogError as error:
+                self._note(f"{self.path}: {error}")
+                del channel.metadata["scale"]
+            self._channel_records[record] = channel
         return self._channel_records[record]
 
     def _scan(self) -> None:

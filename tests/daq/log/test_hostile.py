@@ -245,15 +245,21 @@ def test_channels_by_the_ten_thousand_are_refused(tmp_path: Path) -> None:
         LogReader(crashed_file(tmp_path / "log.mcap", Chunk("", data, 1, 0, 0, len(data)))).open()
 
 
-def test_a_scale_that_is_no_number_is_a_log_error(tmp_path: Path) -> None:
+def test_a_scale_that_is_no_number_is_left_out_and_told(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path) as log:
-        log.register("/measured/a", "SampleBlock", {"unit": "N", "scale": "x"})
+        log.register("/measured/a", "SampleBlock", {"unit": "N", "scale": "1,5"})
         log.add_block("measured", block(0), host_ns(block(0)))
-    assert "the scale of a is 'x'" in verify_log(path).damage
-    with LogReader(path) as opened, pytest.raises(LogError, match="the scale of a is 'x'"):
-        list(opened.blocks())
-    assert not recover_log(path, tmp_path / "again.mcap").sound
+    told = f"{path}: the scale of /measured/a is '1,5'"
+    assert verify_log(path).damage == told
+    with LogReader(path) as opened:
+        assert [block.channel for _, block in opened.blocks()] == ["a"]
+        assert opened.channels("measured") == {"a": Channel("a", "N")}
+    recovered = recover_log(path, tmp_path / "again.mcap")
+    assert recovered.sound
+    assert recovered.recovered_from == told
+    with LogReader(recovered.path) as opened:
+        assert opened.topic_metadata()["/measured/a"] == {"unit": "N"}
 
 
 @pytest.mark.parametrize(
