@@ -237,6 +237,23 @@ def test_an_index_of_one_metadata_many_times_is_not_followed(tmp_path: Path) -> 
         assert set(log.metadata) == {"run"}
 
 
+def test_a_summary_of_hours_is_read_piece_by_piece(tmp_path: Path) -> None:
+    """As long as what 64 measured and 64 predicted channels make in two and a half."""
+    builder, path, places = RecordBuilder(), tmp_path / "log.mcap", dict.fromkeys(range(1000), 1)
+    Header("", "test").write(builder)
+    DataEnd(0).write(builder)
+    start = len(MCAP0_MAGIC) + builder.count
+    ChannelRecord(0, "/event", "protobuf", {}, 0).write(builder)
+    content = MCAP0_MAGIC + builder.end()
+    ChunkIndex(0, 1, "zstd", 1, 1, 0, places, 0, 1).write(builder)
+    content += builder.end() * 14_000
+    assert len(content) > 128 * MIB
+    Footer(start, 0, 0).write(builder)
+    path.write_bytes(content + builder.end() + MCAP0_MAGIC)
+    with bounded(64 * MIB), LogReader(path) as log:
+        assert log.complete
+
+
 def test_channels_by_the_ten_thousand_are_refused(tmp_path: Path) -> None:
     data = b"".join(
         record(4, struct.pack("<HHI", number, 0, 5) + b"%5d" % number + bytes(8)) for number in range(10_000)
