@@ -2,8 +2,8 @@
 
 Reading is paid for in bytes. One that is unpacked costs one, one that is held in memory `_HELD`, and of those
 that are only passed on `_PASSED` cost one; a record, however short, costs what an object takes. A file pays
-256 MiB and 256 times its size. An hour of 64 channels needs twice its size; of zeros, which a twin that stands
-still gives, a thousand times, passed on.
+256 MiB and 256 times its size. An hour of 64 channels needs twice its size; of zeros, which a twin at rest
+gives, near a thousand times, passed on.
 """
 
 from __future__ import annotations

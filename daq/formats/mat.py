@@ -172,7 +172,7 @@ def _loaded(
     most = min(max(_TOGETHER_BYTES * len(names) // total, 1), _TOGETHER)
     for begin in range(0, len(names), most):
         allowance.spend(unpacked=_HEAD_READ * len(names))
-        group = names[begin : begin + most]
+        group = list(names[begin : begin + most])
         found = scipy.io.loadmat(_rewound(file), variable_names=group)
         for name in group:
             if name not in found:

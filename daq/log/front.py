@@ -190,7 +190,7 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
 
 
 def _summary_records(descriptor: int, position: int, size: int, footer: bytes) -> Iterator[tuple[int, bytes]]:
-    """One by one, since days make gigabytes; raises ValueError behind the last where their checksum is wrong."""
+    """One by one, since days make gigabytes; raises ValueError behind the last if their checksum is wrong."""
     told, checksum = Footer.read(_content(footer)), 0
     at = told.summary_start or position
     while at < position:

@@ -105,9 +105,9 @@ def test_millions_of_short_messages_are_not_kept(topic: str, tmp_path: Path) -> 
     data = data if topic != "/event" else EventMessage(level="ab", text="ab").SerializeToString()
     head = record(4, struct.pack("<HHI", 0, 0, len(topic)) + topic.encode() + struct.pack("<II", 0, 0))
     one = chunk(head + record(5, struct.pack("<HIQQ", 0, 0, 0, 0) + data) * 300_000)
-    with LogReader(crashed_file(tmp_path / "log.mcap", one)) as log, bounded():
-        with pytest.raises(LogError, match=ODD):
-            log.series("measured", "a") if topic != "/event" else log.events()
+    path = crashed_file(tmp_path / "log.mcap", one)
+    with LogReader(path) as log, bounded(), pytest.raises(LogError, match=ODD):
+        log.series("measured", "a") if topic != "/event" else log.events()
 
 
 def test_one_chunk_that_the_index_has_twice_is_read_once(tmp_path: Path) -> None:
