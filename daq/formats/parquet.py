@@ -116,7 +116,7 @@ def read(path: Path, scratch: Scratch) -> Contents:
             rest = description.decode(described.decode()).rest
             rows: dict[str, list[Any]] = {name: [] for name in schema.names}
             for batch in _batches(table, schema.names, allowance, _IMPACTS):
-                allowance.spend(records=len(batch))
+                allowance.spend(records=2 * len(batch))
                 for name, cells in batch.to_pydict().items():
                     rows[name] += cells
             return Contents((), replace(rest, impacts=impacts_of(rows)))

@@ -224,10 +224,12 @@ class _Collector:
         if last is not None and (last.end_sample, last.base, last.flags) == follows:
             self._stretches[-1] = Stretch(last.first_sample, last.count + new.count, base, last.flags)
         else:
+            self._allowance.spend(records=1)
             self._stretches.append(new)
         # some formats hold a channel as one array, with what is missing
         since = last.end_sample if last is not None else block.first_sample
-        self._allowance.spend(held=(block.end_sample - since) * block.values.itemsize)
+        missing = (block.first_sample - since) * block.values.itemsize
+        self._allowance.spend(held=missing, passed=block.values.nbytes)
         self._column.add(block.values)
 
     def track(self) -> Track:

@@ -26,8 +26,8 @@ MAXIMUM_CHUNK_BYTES = 64 << 20
 LONGEST_RECORD_BYTES = 2 * MAXIMUM_CHUNK_BYTES
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_OTHER_RECORD = 512
-"""Bytes unpacked in the time that any record but a message takes."""
+_RECORD_READ = 512
+"""Bytes unpacked in the time that a record takes, however short."""
 _AHEAD = 4
 _KEPT_BYTES = 16 << 20
 """What a prediction lags behind its measurement: 2.4 s of 16 channels at 51.2 kHz. Who lags more opens them
@@ -67,12 +67,11 @@ def open_chunk(chunk: Chunk, allowance: Allowance) -> OpenedChunk:
     data = _content(chunk, allowance)
     declared: dict[bytes, None] = {}
     for opcode, start, end in records(data):
+        allowance.spend(unpacked=_RECORD_READ)
         if opcode == Opcode.MESSAGE:
-            allowance.spend(records=1)
             if end - start < _MESSAGE.size:
                 raise ValueError(f"a message of {end - start} bytes")
             continue
-        allowance.spend(unpacked=_OTHER_RECORD)
         if opcode == Opcode.CHANNEL:
             declared[data[start:end]] = None
             if len(declared) > MOST_COLUMNS:
@@ -96,7 +95,7 @@ def _content(chunk: Chunk, allowance: Allowance) -> bytes:
     size = chunk.uncompressed_size
     if size > MAXIMUM_CHUNK_BYTES:
         raise ValueError(f"it claims {size} bytes, more than {MAXIMUM_CHUNK_BYTES}")
-    allowance.spend(unpacked=size + len(chunk.data))
+    allowance.spend(passed=size + len(chunk.data))
     if chunk.compression == "":
         data = bytes(chunk.data)
     elif chunk.compression != "zstd":

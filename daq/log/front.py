@@ -20,7 +20,8 @@ from mcap.records import Chunk, Footer, Header, Metadata, MetadataIndex, Statist
 from mcap.writer import MCAP0_MAGIC
 
 from daq.allowance import MOST_DESCRIPTION_BYTES, Allowance
-from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, IndexedChunk, open_chunk, records
+from daq.errors import LogError
+from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, IndexedChunk, open_chunk
 from daq.log.records import CHECKSUM_OPCODE
 
 CUT = "it ends in the middle, as a crash leaves it"
@@ -132,23 +133,22 @@ def read_summary(descriptor: int) -> Summary:
     """Raises ValueError, struct.error or McapError where there is no end, or no summary as it was written."""
     size = os.fstat(descriptor).st_size
     position = size - len(MCAP0_MAGIC) - _FOOTER_BYTES
-    opcode, record = _record_at(descriptor, max(position, 0), size)
+    opcode, footer = _record_at(descriptor, max(position, 0), size)
     if opcode != Opcode.FOOTER:
         raise ValueError(CUT)
-    data = _checked_summary(descriptor, position, size, Footer.read(_content(record)))
     opcode, header = _record_at(descriptor, len(MCAP0_MAGIC), size)
     if opcode != Opcode.HEADER or os.pread(descriptor, len(MCAP0_MAGIC), 0) != MCAP0_MAGIC:
         raise ValueError("it does not begin as an MCAP file does")
     summary, places, empty = Summary(Header.read(_content(header)).library, [], [], {}), list[int](), False
-    for opcode, start, end in records(data):
+    for opcode, record in _summary_records(descriptor, position, size, footer):
         if opcode == Opcode.CHANNEL:
-            summary.declared.append(bytes(data[start:end]))
+            summary.declared.append(record[_RECORD.size :])
         elif opcode == Opcode.CHUNK_INDEX:
-            summary.chunks.append(_indexed(data[start:end]))
+            summary.chunks.append(_indexed(memoryview(record)[_RECORD.size :]))
         elif opcode == Opcode.STATISTICS:
-            empty = Statistics.read(ReadDataStream(BytesIO(data[start:end]))).channel_count == 0
+            empty = Statistics.read(_content(record)).channel_count == 0
         elif opcode == Opcode.METADATA_INDEX:
-            places.append(MetadataIndex.read(ReadDataStream(BytesIO(data[start:end]))).offset)
+            places.append(MetadataIndex.read(_content(record)).offset)
     if any(one.start + one.length > two.start for one, two in pairwise(sorted(summary.chunks))):
         raise ValueError("its index has chunks over one another")
     if not summary.declared and not empty:
@@ -193,16 +193,21 @@ def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
     return opcode, os.pread(descriptor, _RECORD.size + length, position)
 
 
-def _checked_summary(descriptor: int, position: int, size: int, footer: Footer) -> memoryview:
-    begin = footer.summary_start or position
-    if not position - LONGEST_RECORD_BYTES <= begin <= position:
-        raise ValueError(f"its summary begins at byte {begin}")
-    checked = os.pread(descriptor, _FOOTER_BEFORE_CHECKSUM.size + position - begin, begin)
-    if footer.summary_crc not in (0, zlib.crc32(checked)):
+def _summary_records(descriptor: int, position: int, size: int, footer: bytes) -> Iterator[tuple[int, bytes]]:
+    """One by one, since days make gigabytes; raises ValueError behind the last if their checksum is wrong."""
+    told, checksum = Footer.read(_content(footer)), 0
+    at = told.summary_start or position
+    while at < position:
+        opcode, record = _record_at(descriptor, at, size)
+        checksum = zlib.crc32(record, checksum)
+        at += len(record)
+        yield opcode, record
+    if at != position:
+        raise ValueError(f"its summary begins at byte {told.summary_start}")
+    if told.summary_crc not in (0, zlib.crc32(footer[: _FOOTER_BEFORE_CHECKSUM.size], checksum)):
         raise ValueError("the checksum of its summary is wrong")
     if os.pread(descriptor, len(MCAP0_MAGIC) + 1, size - len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise ValueError("it does not end as an MCAP file does")
-    return memoryview(checked)[: position - begin]
 
 
 def _next_whole_chunk(descriptor: int, position: int, size: int, allowance: Allowance) -> tuple[bytes, int]:
@@ -231,6 +236,8 @@ def _chunk_at(descriptor: int, begin: int, size: int, allowance: Allowance) -> b
         record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
         chunk = Chunk.read(_content(record))
         open_chunk(chunk, allowance)
+    except LogError:  # more than may come of the file
+        raise
     except (*_NO_RECORD, zstandard.ZstdError):
         return b""
     return record if chunk.uncompressed_crc else b""

@@ -201,7 +201,7 @@ class LogReader:
         for _, block in self.blocks(origin, names):
             begin = block.first_sample / block.sample_rate
             if (end_s is None or begin < end_s) and block.end_sample / block.sample_rate > start_s:
-                allowance.spend(held=block.values.nbytes)
+                allowance.spend(held=block.values.nbytes, records=1)
                 parts[block.channel].append(block)
         return {
             name: _join(f"{self.path}: samples of /{origin}/{name}", blocks, start_s, end_s, allowance)
@@ -265,7 +265,13 @@ class LogReader:
             self._described_bytes += len(record)
             if self._described_bytes > MOST_DESCRIPTION_BYTES or len(self._channel_records) == MOST_COLUMNS:
                 raise LogError(f"{self.path}: it declares more than {MOST_COLUMNS} channels, or at length")
-            self._channel_records[record] = ChannelRecord.read(ReadDataStream(BytesIO(record)))
+            channel = ChannelRecord.read(ReadDataStream(BytesIO(record)))
+            try:
+                Channel.from_metadata(channel.topic, channel.metadata)
+            except LogError as error:
+                self._note(f"{self.path}: {error}")
+                del channel.metadata["scale"]
+            self._channel_records[record] = channel
         return self._channel_records[record]
 
     def _scan(self) -> None:

@@ -70,8 +70,6 @@ def verify_log(path: Path) -> LogReport:
                 account = state.setdefault(message.topic, _Account())
                 account.add(message.topic, message.sequence, message.data)
             gaps = log.gaps()
-            for origin in get_args(Origin):
-                log.channels(origin)  # as every other command needs them
             log.check_frame()
         except LogError as error:
             damage, gaps = str(error), []

@@ -6,7 +6,7 @@ import functools
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -219,9 +219,9 @@ class RunCollector:
             for key in keys
         }
         self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
-        self._blocks: dict[tuple[Origin, str], list[SampleBlock]] = defaultdict(list)
+        self._blocks: dict[tuple[Origin, str], _Kept] = defaultdict(_Kept)
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
-        self._speeds: dict[Origin, list[SampleBlock]] = defaultdict(list)
+        self._speeds: dict[Origin, _Kept] = defaultdict(_Kept)
         self._impacts: list[Impact] = []
 
     def __call__(self, record: Record) -> None:
@@ -246,13 +246,13 @@ class RunCollector:
             scenario=reader.scenario,
             metadata=reader.metadata,
             channels=measured | self._declared["predicted"] | measured,  # the measured first, and as they are
-            traces={key: _joined(blocks) for key, blocks in self._blocks.items() if blocks},
+            traces={key: _joined(kept.blocks) for key, kept in self._blocks.items() if kept.blocks},
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
             until_stop_s=reader.until_stop_s,
             impacts=list(self._impacts),
-            speeds={origin: _joined(blocks) for origin, blocks in self._speeds.items() if blocks},
+            speeds={origin: _joined(kept.blocks) for origin, kept in self._speeds.items() if kept.blocks},
         )
 
 
@@ -271,10 +271,19 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
         return collector.record()
 
 
-def _keep(blocks: list[SampleBlock], block: SampleBlock, limit: int) -> None:
+@dataclass(slots=True)
+class _Kept:
+    """Blocks of a trace, and how many samples they have."""
+
+    blocks: list[SampleBlock] = field(default_factory=list)
+    samples: int = 0
+
+
+def _keep(kept: _Kept, block: SampleBlock, limit: int) -> None:
     """Up to `limit` samples, and to no hole that is far longer than what is before it."""
-    if block.end_sample <= min(limit, _REACH + _HOLES * len(block) * len(blocks)):
-        blocks.append(block)
+    if block.end_sample <= min(limit, _REACH + _HOLES * kept.samples):
+        kept.blocks.append(block)
+        kept.samples += len(block)
 
 
 def _joined(blocks: list[SampleBlock]) -> Trace:

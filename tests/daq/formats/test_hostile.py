@@ -85,11 +85,14 @@ def test_a_bomb_is_refused_before_it_is_unpacked(
     path = tmp_path / f"bomb.{suffix}"
     assert callable(write)
     write(path)
-    before, begun = pa.total_allocated_bytes(), time.monotonic()
+    peak = pa.default_memory_pool().max_memory()
+    before, begun = pa.total_allocated_bytes(), time.process_time()
     with bounded(), pytest.raises(LogError, match=rf"^{path}: {ODD}"):
         read(path, scratch)
     assert pa.total_allocated_bytes() == before
-    assert time.monotonic() - begun < 10.0
+    if suffix == "parquet":  # the peak, which is never set back
+        assert pa.default_memory_pool().max_memory() <= peak
+    assert time.process_time() - begun < 10.0
 
 
 @pytest.mark.parametrize("columns", [3000, 100_000])
@@ -99,13 +102,13 @@ def test_a_table_of_many_columns_takes_time_as_its_size_has_it(
     path = tmp_path / "wide.csv"
     names, row = ",".join(f"c{number}" for number in range(columns)), ",".join("1" * columns)
     path.write_text(f"{names}\n" + f"{row}\n" * 3)
-    begun = time.monotonic()
+    begun = time.process_time()
     if columns > 4096:
         with pytest.raises(LogError, match="4096"):
             read(path, scratch)
     else:
         assert len(read(path, scratch).columns) == columns
-    assert time.monotonic() - begun < 5.0
+    assert time.process_time() - begun < 5.0
 
 
 @pytest.mark.parametrize(
@@ -121,10 +124,10 @@ def test_a_table_with_odd_cells_is_refused_at_once(
 ) -> None:
     path = tmp_path / "odd.csv"
     path.write_text(text)
-    begun = time.monotonic()
+    begun = time.process_time()
     with pytest.raises(LogError, match=words):
         read(path, scratch)
-    assert time.monotonic() - begun < 5.0
+    assert time.process_time() - begun < 5.0
 
 
 def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch: Scratch) -> None:
@@ -133,6 +136,16 @@ def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch
     path.write_text(f"# rattle impacts {description}\ntime_ns\n" + "\n" * 5_000_000)
     with bounded(64 << 20), pytest.raises(LogError, match="cut short"):
         read(path, scratch)
+
+
+@pytest.mark.parametrize("number", [300, 2000])
+def test_many_short_variables_of_mat_are_read(number: int, tmp_path: Path, scratch: Scratch) -> None:
+    path = tmp_path / "x.mat"
+    scipy.io.savemat(path, {f"v{each}": np.full(100, float(each)) for each in range(number)})
+    begun = time.process_time()
+    columns = read(path, scratch).columns
+    assert [float(each.samples.read(99, 100)[0]) for each in columns] == list(range(number))
+    assert time.process_time() - begun < 10.0
 
 
 def test_damaged_lzma_is_a_log_error(tmp_path: Path, scratch: Scratch) -> None:

@@ -20,7 +20,7 @@ from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.recording import read_log
 from daq.formats.samples import Scratch
-from daq.log.codec import SampleBlockMessage, decode_block, encode_block
+from daq.log.codec import EventMessage, SampleBlockMessage, decode_block, encode_block
 from daq.log.reader import LogReader
 from daq.log.records import Event, Gap
 from daq.log.recover import recover_log, verify_log
@@ -31,6 +31,7 @@ from tests.hostile import bounded
 MIB = 1 << 20
 WITHIN_S = 10.0
 """The promise is 1 s a MiB; under tracemalloc and beside other tests it takes some times as long."""
+ZEROS = np.zeros(51_200, np.float32)
 ODD = "more would come of it than of any honest recording"
 
 
@@ -68,12 +69,12 @@ def finished_file(
 
 
 def ended_within_bounds(path: Path, words: str) -> None:
-    begun = time.monotonic()
+    begun = time.process_time()
     with bounded():
         report = verify_log(path)
         assert words in report.damage
         assert not report.sound
-    assert time.monotonic() - begun < WITHIN_S
+    assert time.process_time() - begun < WITHIN_S
 
 
 @pytest.mark.parametrize(
@@ -97,6 +98,18 @@ def test_millions_of_empty_messages(tmp_path: Path) -> None:
     ended_within_bounds(path, ODD)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("topic", ["/measured/a", "/event"])
+def test_millions_of_short_messages_are_not_kept(topic: str, tmp_path: Path) -> None:
+    data = SampleBlockMessage(sample_rate=1000.0, first_sample=1, values=[1.0]).SerializeToString()
+    data = data if topic != "/event" else EventMessage(level="ab", text="ab").SerializeToString()
+    head = record(4, struct.pack("<HHI", 0, 0, len(topic)) + topic.encode() + struct.pack("<II", 0, 0))
+    one = chunk(head + record(5, struct.pack("<HIQQ", 0, 0, 0, 0) + data) * 300_000)
+    path = crashed_file(tmp_path / "log.mcap", one)
+    with LogReader(path) as log, bounded(), pytest.raises(LogError, match=ODD):
+        log.series("measured", "a") if topic != "/event" else log.events()
+
+
 def test_one_chunk_that_the_index_has_twice_is_read_once(tmp_path: Path) -> None:
     one = chunk(record(5, struct.pack("<HIQQ", 0, 0, 0, 0)))
     with LogReader(finished_file(tmp_path / "once.mcap", [one])) as log:
@@ -113,10 +126,10 @@ def test_chunks_by_the_thousand_inside_one_another(tmp_path: Path) -> None:
     bomb.write(builder)
     path = tmp_path / "log.mcap"
     path.write_bytes(MCAP0_MAGIC + b"\xff" + builder.end()[:-1] * 300)
-    begun = time.monotonic()
-    with bounded(), pytest.raises(LogError, match="not a log"):
+    begun = time.process_time()
+    with bounded(), pytest.raises(LogError, match=ODD):
         LogReader(path).open()
-    assert time.monotonic() - begun < WITHIN_S
+    assert time.process_time() - begun < WITHIN_S
 
 
 def far_apart(path: Path, origin: str = "measured", name: str = "a", second: int = 500_000_000) -> Path:
@@ -224,6 +237,23 @@ def test_an_index_of_one_metadata_many_times_is_not_followed(tmp_path: Path) -> 
         assert set(log.metadata) == {"run"}
 
 
+def test_a_summary_of_hours_is_read_piece_by_piece(tmp_path: Path) -> None:
+    """As long as what 64 measured and 64 predicted channels make in two and a half."""
+    builder, path, places = RecordBuilder(), tmp_path / "log.mcap", dict.fromkeys(range(1000), 1)
+    Header("", "test").write(builder)
+    DataEnd(0).write(builder)
+    start = len(MCAP0_MAGIC) + builder.count
+    ChannelRecord(0, "/event", "protobuf", {}, 0).write(builder)
+    content = MCAP0_MAGIC + builder.end()
+    ChunkIndex(0, 1, "zstd", 1, 1, 0, places, 0, 1).write(builder)
+    content += builder.end() * 14_000
+    assert len(content) > 128 * MIB
+    Footer(start, 0, 0).write(builder)
+    path.write_bytes(content + builder.end() + MCAP0_MAGIC)
+    with bounded(64 * MIB), LogReader(path) as log:
+        assert log.complete
+
+
 def test_channels_by_the_ten_thousand_are_refused(tmp_path: Path) -> None:
     data = b"".join(
         record(4, struct.pack("<HHI", number, 0, 5) + b"%5d" % number + bytes(8)) for number in range(10_000)
@@ -232,15 +262,21 @@ def test_channels_by_the_ten_thousand_are_refused(tmp_path: Path) -> None:
         LogReader(crashed_file(tmp_path / "log.mcap", Chunk("", data, 1, 0, 0, len(data)))).open()
 
 
-def test_a_scale_that_is_no_number_is_a_log_error(tmp_path: Path) -> None:
+def test_a_scale_that_is_no_number_is_left_out_and_told(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path) as log:
-        log.register("/measured/a", "SampleBlock", {"unit": "N", "scale": "x"})
+        log.register("/measured/a", "SampleBlock", {"unit": "N", "scale": "1,5"})
         log.add_block("measured", block(0), host_ns(block(0)))
-    assert "the scale of a is 'x'" in verify_log(path).damage
-    with LogReader(path) as opened, pytest.raises(LogError, match="the scale of a is 'x'"):
-        list(opened.blocks())
-    assert not recover_log(path, tmp_path / "again.mcap").sound
+    told = f"{path}: the scale of /measured/a is '1,5'"
+    assert verify_log(path).damage == told
+    with LogReader(path) as opened:
+        assert [block.channel for _, block in opened.blocks()] == ["a"]
+        assert opened.channels("measured") == {"a": Channel("a", "N")}
+    recovered = recover_log(path, tmp_path / "again.mcap")
+    assert recovered.sound
+    assert recovered.recovered_from == told
+    with LogReader(recovered.path) as opened:
+        assert opened.topic_metadata()["/measured/a"] == {"unit": "N"}
 
 
 @pytest.mark.parametrize(
@@ -273,9 +309,9 @@ def test_a_gap_past_counting_is_a_log_error(tmp_path: Path) -> None:
 def test_unpacked_samples_by_the_million_take_little(tmp_path: Path) -> None:
     data = SampleBlockMessage(sample_rate=1000.0).SerializeToString() + b"\x25\0\0\x80\x3f" * 4_000_000
     with bounded():
-        begun = time.monotonic()
+        begun = time.process_time()
         values = decode_block("a", data).values
-        assert time.monotonic() - begun < WITHIN_S
+        assert time.process_time() - begun < WITHIN_S
     assert len(values) == 4_000_000
     assert values.min() == values.max() == 1.0
 
@@ -287,3 +323,34 @@ def test_many_events_of_one_kind_are_read(tmp_path: Path) -> None:
             log.add_event(Event(START_NS + number, "info", "rig", "a", "b"))
     with LogReader(path) as opened:
         assert len(opened.events()) == 10_000
+
+
+def test_samples_by_the_hundred_thousand_one_by_one_are_read(tmp_path: Path) -> None:
+    """Fifty slow channels for ten minutes, in chunks as another program may cut them."""
+    number, parts, chunks = 300_000, [], []
+    head = record(4, struct.pack("<HHI", 0, 0, 11) + b"/measured/a" + struct.pack("<II", 0, 0))
+    for first in range(number):
+        each = SampleBlock("a", first, START_NS + first, 10.0, np.zeros(1, np.float32))
+        parts.append(record(5, struct.pack("<HIQQ", 0, first, 0, 0) + encode_block(each)))
+        if len(parts) == 10_000:
+            chunks.append(chunk(head + b"".join(parts)))
+            parts = []
+    with LogReader(crashed_file(tmp_path / "log.mcap", *chunks)) as log:
+        assert len(log.series("measured", "a")) == number
+
+
+def test_a_long_log_of_constants_is_read(tmp_path: Path) -> None:
+    """Three minutes of 64 channels that stand still shrink to less than a four-hundredth."""
+    path = tmp_path / "log.mcap"
+    names = [f"c{number}" for number in range(64)]
+    with LogWriter(path) as log:
+        for name in names:
+            log.declare("predicted", Channel(name, "N"))
+        for number in range(180):
+            data = encode_block(SampleBlock("a", number * 51_200, START_NS, 51_200.0, ZEROS))
+            for name in names:
+                each = SampleBlock(name, number * 51_200, START_NS, 51_200.0, ZEROS)
+                log.add_encoded_block("predicted", each, data, START_NS + number * 1_000_000_000)
+    assert path.stat().st_size * 400 < (samples := 180 * 64 * 51_200) * 4
+    with LogReader(path) as opened:
+        assert sum(len(block) for _, block in opened.blocks()) == samples

@@ -154,6 +154,20 @@ def test_another_package_adds_sections_and_what_is_wrong_with_them_costs_no_othe
     assert f"{GROUP}: bearings failed (ValueError: no such bearing)" in text
 
 
+def test_a_short_last_block_is_no_hole(tmp_path: Path) -> None:
+    """As a stop leaves it, or a duration that is no whole number of blocks."""
+    path, lengths = tmp_path / "run.mcap", (600_000, 600_000, 10)
+    with LogWriter(path) as log:
+        log.declare("measured", Channel("contact.force_upper", "N"))
+        for number, length in enumerate(lengths):
+            first, values = sum(lengths[:number]), np.ones(length, np.float32)
+            each = SampleBlock("contact.force_upper", first, START_NS + first, 51_200.0, values)
+            log.add_block("measured", each, START_NS)
+    run = read_run(path)
+    assert len(run.traces["measured", "contact.force_upper"].values) == sum(lengths)
+    assert run.kept_s is None
+
+
 def test_a_hole_that_no_run_has_takes_no_memory(tmp_path: Path) -> None:
     """The index of a sample says it comes after ten hours, and the file is of a few kilobytes."""
     path = tmp_path / "run.mcap"
