@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.fingerprint import FIGURES, SLICES, Cell, Columns, CycleTable, Layout, joined
+from sim_twin.diagnosis.fingerprint import FIGURES, SLICES, Cell, Columns, CycleTable, Layout
 
 Array = NDArray[np.float32]
 RATE, FREQUENCY = 25_600.0, 20.0
@@ -165,7 +165,7 @@ def test_one_coupled_channel_has_nothing_to_be_coherent_with() -> None:
 
 def test_runs_are_laid_side_by_side() -> None:
     first, second = Layout(columns("one").cells(0)), Layout((Cell(1, "two", "height", 1),))
-    both = joined((first, second))
+    both = Layout((*first.cells, *second.cells))
     assert both.size == first.size + 1
     assert [cell.run for cell in both.cells][-2:] == [0, 1]
     assert both.starts[-1] == both.size
