@@ -11,7 +11,6 @@ import hashlib
 import os
 import re
 import stat
-from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.reduction import DupFd
 from typing import Any, Final
@@ -28,8 +27,11 @@ class InstrumentLock:
     def __init__(self, path: str, file: int) -> None:
         self._path, self._file = path, file
 
-    def __reduce__(self) -> tuple[Callable[..., InstrumentLock], tuple[Any, ...]]:
-        return _inherited, (self._path, DupFd(self._file))
+    def __getstate__(self) -> tuple[str, Any]:
+        return self._path, DupFd(self._file)
+
+    def __setstate__(self, state: tuple[str, Any]) -> None:
+        self._path, self._file = state[0], state[1].detach()
 
     def __enter__(self) -> InstrumentLock:
         return self
@@ -112,7 +114,3 @@ def _is_at(file: int, path: str) -> bool:
     with suppress(FileNotFoundError):
         return os.path.samestat(os.fstat(file), os.lstat(path))
     return False
-
-
-def _inherited(path: str, file: Any) -> InstrumentLock:
-    return InstrumentLock(path, file.detach())

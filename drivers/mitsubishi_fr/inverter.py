@@ -72,7 +72,8 @@ class FrInverter:
         self.close()
         session = _Open(self.settings, self._clock, self._notices)
         try:
-            session.begin()
+            session.run(session.line.open())
+            session.run(session.poller.check_in())
         except BaseException:
             session.end()
             raise
@@ -152,7 +153,7 @@ def reset_tripped(settings: InverterSettings) -> None:
     with lock(settings.name, settings.port):
         session = _Open(settings, clock, Notices(clock))
         try:
-            session.connect()
+            session.run(session.line.open())
             session.run(session.motor.reset())
         finally:
             session.end()
@@ -166,7 +167,7 @@ class _Open:
         self._loop = asyncio.new_event_loop()
         # A loop and a thread of its own: polls go on while the caller is busy elsewhere.
         self._thread = threading.Thread(target=self._loop.run_forever, name=settings.name, daemon=True)
-        self.line = SerialLine(settings.name, settings.line, clock.monotonic_s)
+        self.line = SerialLine(settings, clock.monotonic_s)
         talk = Conversation(settings.name, settings.port, settings.station, self.line, clock.monotonic_s)
         self.motor = Motor(settings, talk, clock, notices)
         self.poller = Poller(settings, self.motor, talk, self.line.health, clock, notices)
@@ -178,14 +179,6 @@ class _Open:
         if not self.motor.parameters.raw:  # it never came so far as to be told anything
             return HANGS_S
         return HANGS_S + self.motor.longest_stop_s(self._settings.maximum_hz)
-
-    def connect(self) -> None:
-        self.run(self.line.open())
-
-    def begin(self) -> None:
-        """Open the line, check the drive and poll it."""
-        self.connect()
-        self.run(self.poller.check_in())
 
     def end(self) -> None:
         """Stop, however long the steps of a stop take, hang up and end the thread. Never raises."""

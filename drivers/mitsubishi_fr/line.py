@@ -20,6 +20,7 @@ from pymodbus.exceptions import ModbusException
 
 from daq.errors import DeviceLost, InstrumentAbsent
 from drivers.mitsubishi_fr.frames import READ, Answer, Heard, Request, find_answer, what_was_heard
+from drivers.mitsubishi_fr.settings import InverterSettings
 
 BITS_PER_CHARACTER = 11  # start, 8 data, parity or a second stop bit, stop
 SHORTEST_GAP_S = 0.00175  # Modbus over Serial Line V1.02, 2.5.1.1: 3.5 characters, 1.75 ms above 19200 bit/s
@@ -27,26 +28,6 @@ DEGRADED_ABOVE = 5
 DEGRADED_WITHIN_S = 10.0  # a line that is worse than this is told to the operator; nothing is stopped for it
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else its errors go to standard error
-
-
-@dataclass(frozen=True, slots=True)
-class LineSettings:
-    """Where the inverter is: a serial port or `socket://host:port`, its station, and how bits are sent.
-
-    `parity` is E, O or N (the drive then has two stop bits); an answer may take `answer_s` seconds. A pty
-    takes N only: with E or O its second setting fails (EINVAL). `socket://` takes and ignores any parity.
-    """
-
-    port: str
-    station: int
-    baudrate: int
-    parity: str
-    answer_s: float = 0.2
-
-    @property
-    def gap_s(self) -> float:
-        """Seconds of silence between two frames."""
-        return max(3.5 * BITS_PER_CHARACTER / self.baudrate, SHORTEST_GAP_S)
 
 
 class NoAnswer(Exception):
@@ -100,8 +81,8 @@ class Line(Protocol):
 class SerialLine:
     """A `Line` on a port that whoever opens it has locked. Not safe for two requests at once."""
 
-    def __init__(self, instrument: str, settings: LineSettings, monotonic_s: Callable[[], float]) -> None:
-        self._instrument, self._settings = instrument, settings
+    def __init__(self, settings: InverterSettings, monotonic_s: Callable[[], float]) -> None:
+        self._settings = settings
         self.health = LineHealth(monotonic_s)
         self._client: AsyncModbusSerialClient | None = None
         self._socket: socket.socket | None = None
@@ -180,7 +161,7 @@ class SerialLine:
     async def _quiet_client(self) -> AsyncModbusSerialClient:
         """Let what is still on its way come in, where nobody asked for it, and be dropped."""
         # Frames on an RTU line end with silence: a request that comes too early is none.
-        await asyncio.sleep(self._settings.gap_s)
+        await asyncio.sleep(max(3.5 * BITS_PER_CHARACTER / self._settings.baudrate, SHORTEST_GAP_S))
         client = self._client
         if client is None:
             raise self._lost("the connection is closed")
@@ -204,9 +185,9 @@ class SerialLine:
 
     def _absent(self, why: str) -> InstrumentAbsent:
         check = "cable, power, that no other program uses the port, and port in the bench file"
-        return InstrumentAbsent(self._instrument, self._settings.port, f"nobody answers ({why})", check)
+        return InstrumentAbsent(self._settings.name, self._settings.port, f"nobody answers ({why})", check)
 
     def _lost(self, why: str) -> DeviceLost:
         return DeviceLost(
-            self._instrument, self._settings.port, f"the connection is lost ({why})", "cable and power"
+            self._settings.name, self._settings.port, f"the connection is lost ({why})", "cable and power"
         )

@@ -129,33 +129,8 @@ START_MODE = _parameter(340, "communication start-up mode selection")
 ON_SILENCE = _parameter(502, "stop mode selection at communication error")
 PROTOCOL = _parameter(549, "protocol selection")
 
-REGISTERS = {
-    register.number: register
-    for register in (
-        INVERTER_RESET,
-        STATUS_AND_COMMAND,
-        OPERATION_MODE,
-        RUNNING_FREQUENCY,
-        OUTPUT_FREQUENCY,
-        OUTPUT_CURRENT,
-        OUTPUT_VOLTAGE,
-        *FAULTS,
-        MAXIMUM_FREQUENCY,
-        ACCELERATION_TIME,
-        DECELERATION_TIME,
-        RAMP_REFERENCE,
-        OPERATION_MODE_SELECTION,
-        STATION,
-        BAUDRATE,
-        STOP_BITS,
-        PARITY,
-        WATCHDOG,
-        START_MODE,
-        ON_SILENCE,
-        PROTOCOL,
-    )
-}
-
+_DECLARED = [each for each in globals().values() if isinstance(each, Register)]
+REGISTERS = {register.number: register for register in (*_DECLARED, *FAULTS)}
 
 # Runs of consecutive numbers, only of what is in the table: a register that nobody declared ends a range.
 # 40002 cannot be read.

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from daq.errors import InstrumentRefused, Problem
 from daq.quantity import Check, Key, Quantity, Text, Whole, rule
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Block, Register
 from drivers.protocols.instrument import misplaced
-
-if TYPE_CHECKING:
-    from drivers.mitsubishi_fr.line import LineSettings
 
 LONGEST_WATCHDOG_S = 2.0
 SHORTEST_WATCHDOG_S = 0.5  # a silence that long happens on a disturbed line without anybody being gone
@@ -67,7 +64,8 @@ class InverterSettings:
     `rpm_per_hz` is the crank's speed per output frequency, poles and gear together. `port` is empty where
     nobody knows it yet. It is polled every `poll_s`, given up after `silent_s` without an answer, and stopped
     when nobody has looked after the running motor for `unattended_s` (all in s); an answer may take
-    `answer_s`.
+    `answer_s`. `parity` is E, O or N (the drive then has two stop bits). A pty takes N only: with E or O its
+    second setting fails (EINVAL). `socket://` takes and ignores any parity.
     """
 
     rpm_per_hz: Annotated[float, Quantity("", 0, 10_000, above=True)]
@@ -115,13 +113,6 @@ class InverterSettings:
     def maximum_speed(self) -> float:
         """The highest speed in rad/s."""
         return self.maximum_speed_rpm * math.tau / 60.0
-
-    @property
-    def line(self) -> LineSettings:
-        """What of it concerns the line."""
-        from drivers.mitsubishi_fr.line import LineSettings  # pymodbus, which reading a bench does without
-
-        return LineSettings(self.port, self.station, self.baudrate, self.parity, self.answer_s)
 
     @property
     def maximum_hz(self) -> float:

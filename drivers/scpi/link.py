@@ -68,10 +68,7 @@ class ScpiLink:
                 self._drain(self._visa)
         except (OSError, ValueError, pyvisa.Error) as error:
             self.close()
-            raise self._absent(str(error)) from error
-        except DeviceLost as error:
-            self.close()
-            raise self._absent(error.what) from error
+            raise self._absent(error.what if isinstance(error, DeviceLost) else str(error)) from error
 
     def close(self) -> None:
         """Hang up. Never raises."""

@@ -157,8 +157,16 @@ class DrivenRig:
         if isinstance(self.motion, Shaker):
             highest = getattr(self._bench.actuator, actuator_of(RIGS[self._bench.rig].actuator).highest)
             shown = self.devices.card.channels[self.names.index(channel)]
-            self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
-            self.motion = replace(self.motion, prove=self._prove)
+            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
+
+            def prove(ordered: float) -> None:
+                """Raise before a soft start goes on where the measured force is beyond what was ordered."""
+                self.watch.wait(ON_THEIR_WAY_S + force.over_s)
+                if beyond := force.above(ordered):
+                    self.logbook.tell("error", "drive.abort", beyond)
+                    raise InterlockTripped(f"interlock: {beyond}; the drive is off")
+
+            self.motion = replace(self.motion, prove=prove)
 
     def record(
         self,
@@ -303,14 +311,6 @@ class DrivenRig:
             self._met, self._stops = self._dangers(), True
         self.watch.excuse(self.motion.longest_stop_s)
         stop()
-
-    def _prove(self, ordered: float) -> None:
-        """Raise before a soft start goes on where the measured force is beyond what was ordered."""
-        if self._force is not None:
-            self.watch.wait(ON_THEIR_WAY_S + self._force.over_s)
-            if beyond := self._force.above(ordered):
-                self.logbook.tell("error", "drive.abort", beyond)
-                raise InterlockTripped(f"interlock: {beyond}; the drive is off")
 
     def _hand_over(self) -> str:
         self.devices.actuator.close()

@@ -66,11 +66,8 @@ class LimitWatch:
             for level, abort in ((limit.warning, False), (limit.abort, True)):
                 if level is not None and self._held(limit, values, level, abort):
                     found.append(Passed(limit.channel, limit.unit, float(np.nanmax(values)), level, abort))
-        news = []
-        for passed in found:
-            if (passed.channel, passed.abort) not in self._told:
-                news.append(passed)
-            self._told.add((passed.channel, passed.abort))
+        news = [passed for passed in found if (passed.channel, passed.abort) not in self._told]
+        self._told |= {(passed.channel, passed.abort) for passed in found}
         return news
 
     def _held(self, limit: Limit, values: NDArray[np.floating], level: float, abort: bool) -> bool:

@@ -55,15 +55,13 @@ class Screen:
                 self._queue = None
                 queue.put(None)
 
-    def say(self, text: str) -> None:
-        self._show(lambda: self.console.print(text, markup=False, highlight=False, soft_wrap=True))
+    def say(self, text: str, style: str | None = None) -> None:
+        self._show(
+            lambda: self.console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+        )
 
     def warn(self, text: str) -> None:
-        self._show(
-            lambda: self.console.print(
-                f"! {text}", style="yellow", markup=False, highlight=False, soft_wrap=True
-            )
-        )
+        self.say(f"! {text}", "yellow")
 
     def _show(self, show: Callable[[], None]) -> None:
         if self._queue is None:

@@ -88,13 +88,10 @@ class Supervisor:
         self._child.end(2.0)
         self._child.pipe.close()
 
-    def beat(self, patience_s: float | None = None) -> None:
-        """Say that somebody guards what moves; the next may take `patience_s`.
-
-        No later beat with less patience takes back what an earlier one asked for.
-        """
+    def beat(self) -> None:
+        """Say that somebody guards what moves."""
         with suppress(OSError):
-            self._child.pipe.send(self._silence_s if patience_s is None else patience_s)
+            self._child.pipe.send(self._silence_s)
 
     def go_on(self) -> str:
         """Have it switch the drive off for as long as that takes; what a person should know of that."""
@@ -189,7 +186,7 @@ def _await_silence(pipe: Connection) -> str | None:
             message = pipe.recv()
             if message in (_DONE, _OFF):
                 return None if message == _DONE else _OFF
-            until_s = max(until_s or 0.0, time.monotonic() + message)
+            until_s = time.monotonic() + message
     except (EOFError, OSError):
         return None if until_s is None else _GONE
     return _LET_GO.format(silence=LET_GO_S)

@@ -61,7 +61,7 @@ def test_it_goes_on_until_the_drive_is_off_and_keeps_the_bench_until_then(
     launched: Callable[..., Supervisor], tmp_path: Path
 ) -> None:
     with launched() as supervisor:
-        supervisor.beat(60.0)
+        supervisor.beat()
         number = process_in(supervisor.go_on())
     trying = psutil.Process(number)
     assert not (tmp_path / "off").exists()
@@ -77,7 +77,7 @@ def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
     supervisor = Supervisor(partial(FarGenerator, tmp_path), [held])
     supervisor.launch()
     with supervisor:
-        supervisor.beat(60.0)
+        supervisor.beat()
         number = process_in(supervisor.go_on())
     held.close()
 
@@ -95,7 +95,7 @@ def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
 
 def test_an_emulated_drive_is_not_waited_for(launched: Callable[..., Supervisor]) -> None:
     with launched(emulated=True) as supervisor:
-        supervisor.beat(60.0)
+        supervisor.beat()
         assert supervisor.go_on() == ""
 
 
@@ -114,7 +114,7 @@ def test_silence_switches_off_within_half_a_second_and_a_bit(
 
 def test_one_that_is_killed_is_gone(launched: Callable[..., Supervisor]) -> None:
     with launched() as supervisor:
-        supervisor.beat(60.0)
+        supervisor.beat()
         supervisor._child.process.kill()
         supervisor._child.process.join()
         with pytest.raises(SupervisorTripped, match="the supervisor is gone"):
