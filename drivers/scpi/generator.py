@@ -36,6 +36,7 @@ class ScpiGenerator:
         self._amplitude_v = self._offset_v = 0.0
         self._triggered = False
         self._kept: dict[str, Callable[[str], bool]] = {}
+        self._stopped = False
         self._watched = cycle(each.command for each in _WATCHED)
 
     def open(self) -> None:
@@ -68,6 +69,7 @@ class ScpiGenerator:
         self._check_limits(amplitude_v, offset_v)
         self._check_range(settings.FREQUENCY, frequency_hz)
         self._kept.clear()
+        self._stopped = False
         self._link.write("*RST")
         self._link.query("*OPC?")  # answered once the reset is done
         # The output first, so that nothing moves; load and unit before amplitudes, which depend on them.
@@ -86,11 +88,14 @@ class ScpiGenerator:
         self._link.hurry(MOVING_S)
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
-        if self._triggered:
+        if not self._stopped and self._triggered:
             self._link.write("*TRG")
             self._refuse_on_error("trigger")
-        else:
+        elif not self._stopped:
             self._choose(settings.OUTPUT_ON)
+        if self._stopped:  # by another thread, which this may have overtaken
+            self.off()
+            raise self._refused("it was switched off while it was to start")
 
     def set_frequency(self, frequency_hz: float) -> None:
         """Change the frequency in Hz."""
@@ -124,6 +129,7 @@ class ScpiGenerator:
 
     def off(self) -> None:
         """Turn the output off and see that it is; errors of earlier commands do not matter here."""
+        self._stopped = True
         if not self._link.is_open:
             return
         # Safe state: nothing but the output is asked for, and errors of before stay in the queue.

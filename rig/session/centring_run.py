@@ -56,8 +56,8 @@ def find_centre(
         if (shown := RIGS[scenario.rig].channels.drive) in rig.names:
             rig.hold_force(shown, plan.frequency)
         beam = RigBeam(rig, scenario, plan)
-        rig.motion.arm(soft=True)
         rig.launch(stack)
+        rig.motion.arm(soft=True)
         log = rig.open_log(stack, folder, f"{scenario.name} centring")
 
         def say(record: Record) -> None:

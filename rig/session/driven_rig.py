@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -77,6 +79,7 @@ class Watch:
         self._looked_s = self._clock.monotonic_s()
         for check in self.checks:
             check()
+            self._looked_s = max(self._looked_s, self._clock.monotonic_s())  # each may take as long as it may
 
     def wait(self, seconds: float) -> None:
         end = self._clock.monotonic_s() + seconds
@@ -133,6 +136,7 @@ class DrivenRig:
         self._met = self._unsafe = 0
         self._hung = ""
         self._force: ForceWatch | None = None
+        self._stopped_ns = 0
 
     def launch(self, stack: ExitStack) -> None:
         """Start the supervisor's process, which takes seconds."""
@@ -230,7 +234,10 @@ class DrivenRig:
     @contextmanager
     def moving(self) -> Iterator[None]:
         """Supervised, acquiring and with its logbook open; the drive is off on every way out."""
+        gc.collect()
+        gc.freeze()  # no pause for what is there to stay
         with self.screen.apart(), ExitStack() as running:
+            running.callback(gc.unfreeze)
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
@@ -288,12 +295,13 @@ class DrivenRig:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
-                text = "stopping before its time"
+                text = f"stopping before its time{f' ({cause})' if (cause := sys.exc_info()[1]) else ''}"
                 if self.on_stopping is not None:
                     self.on_stopping()
                     text += ": what is recorded from here on has no prediction"
                 with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
-                    self.logbook.tell("warning", STOPPING, text)
+                    stopped_ns = self._stopped_ns or self.clock.unix_ns()
+                    self.stream(Event(stopped_ns, "warning", "rig", STOPPING, text))
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.off)
 
@@ -325,9 +333,10 @@ class DrivenRig:
         try:
             yield
         finally:
-            ended.set()
-            for thread in (guard, *stops):
+            for thread in stops:  # the signs of life go on until the last has done
                 thread.join(self.motion.longest_stop_s + 1.0)
+            ended.set()
+            guard.join()
 
     def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
         while not ended.wait(_LOOK_S):
@@ -336,7 +345,9 @@ class DrivenRig:
                     # what comes while it stops already, and a person who asks twice, waits for no ramp
                     cut = self._stops or self._stop.asked > 1
                     self._met, self._stops, self._unsafe = found, True, self._unsafe + 1
+                    self._stopped_ns = self._stopped_ns or self.clock.unix_ns()
                     self.shaft.disarm()
+                    self.watch.excuse(self.motion.longest_stop_s)
                     stop = self.motion.cut if cut else self.motion.off
                     stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
                     stops[-1].start()

@@ -60,8 +60,8 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
         if not isinstance(rig.motion, Motor):
             raise ConfigurationError(first.name, [Problem("rig", first.rig, "a slider-crank")])
         ended = threading.Event()  # the last dwell, and the record with it
-        rig.motion.arm(soft=True)
         rig.launch(stack)
+        rig.motion.arm(soft=True)
         log = rig.open_log(stack, request.folder, f"{first.name} dwells")
         rig.record(first.limits, max(request.speeds_rad_s), enough=ended.is_set)
         rig.declare(log.stem, first.text, {**notes, DWELLS: request.what})

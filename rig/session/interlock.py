@@ -82,7 +82,7 @@ class LimitWatch:
             longest = int(runs.max())
             before = -int(inside[-1]) - 1
         self._beyond[limit.channel, abort] = before + len(beyond)
-        if not beyond.any():
+        if not (beyond.any() or abort):  # a limit that stops is one cause, however often it is passed
             self._told.discard((limit.channel, abort))
         return longest >= self._hold[limit.channel]
 
@@ -121,6 +121,8 @@ class ForceWatch:
 
     def above(self, ordered: float) -> str:
         """How the force is beyond what was ordered, N; empty where it is not."""
+        if not math.isfinite(self._force):
+            return f"{self.channel.name} shows no number"
         if not self._force > _BEYOND_ORDER * ordered + _FAINT * self._highest:
             return ""
         return (

@@ -125,5 +125,5 @@ class Screen:
 
 def _write(queue: SimpleQueue[Callable[[], None] | None]) -> None:
     for show in iter(queue.get, None):
-        with suppress(OSError):
+        with suppress(Exception):  # whatever a line does to a terminal, the next ones are shown
             show()

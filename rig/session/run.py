@@ -186,8 +186,8 @@ class _Run:
             from rig.twin.logged import with_model
 
             twin = with_model(twin, model, rig.screen.warn)
-        rig.motion.arm(starts_softly(wanted), self._request.path)
         rig.launch(stack)
+        rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
         self._feed = feed = TwinFeed(
             twin,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
+import time
 from types import FrameType
 
 from daq.errors import RattleError
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_AGAIN_S = 0.3
+"""One wish may come as several signals, of the terminal and of what started the run; nobody asks as fast."""
 
 
 class Stopped(RattleError, RuntimeError):
@@ -20,7 +24,7 @@ class StopRequest:
 
     def __init__(self) -> None:
         self._before: dict[signal.Signals, object] = {}
-        self.asked = 0
+        self.asked, self._asked_s = 0, -math.inf
 
     def __enter__(self) -> StopRequest:
         if threading.current_thread() is threading.main_thread():
@@ -41,6 +45,9 @@ class StopRequest:
             raise Stopped("stopped by a person")
 
     def _note(self, number: int, frame: FrameType | None) -> None:
+        before_s, self._asked_s = self._asked_s, time.monotonic()
+        if self._asked_s - before_s < _AGAIN_S:
+            return
         self.asked += 1
         outer = getattr(self._before.get(signal.Signals(number)), "__self__", None)
         if isinstance(outer, StopRequest):

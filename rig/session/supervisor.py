@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import stat
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -24,6 +26,8 @@ LET_GO_S = 4.0
 """An inverter's own watchdog is quicker, and a run that is killed cannot close its log."""
 _START_S = 30.0
 _AGAIN_S, _ANSWER_S = 1.0, 2.0
+_SLEPT_S = 0.05
+"""Later than so by itself, this process was not let run: nor was the one that it watches."""
 _MOST_FILES = 1024
 _READY, _DONE, _OFF, _TRIPPED = "ready", "done", "off", "tripped"
 _LET_GO = (
@@ -31,6 +35,9 @@ _LET_GO = (
     "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
 )
 _GONE = "rattle: the run is gone; the inverter's own watchdog (Pr.122) stops the motor"
+_IS_OFF = (
+    "rattle: the drive is off, by a connection of the supervisor's own. What was recorded: rattle recover"
+)
 _GOES_ON = (
     "rattle: the run is gone or hangs, and THE DRIVE MAY STILL BE ON: switch it off by hand; process "
     "{process} goes on trying (kill {process} ends it)"
@@ -156,21 +163,31 @@ def _switch_off_for_good(
     if not switch_off(spare):
         # whoever reads what the run writes, or would end this, is not to wait for it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        os.dup2(nowhere, 1)
-        if stat.S_ISFIFO(os.fstat(2).st_mode):
-            os.dup2(nowhere, 2)
+        words = "" if told else _GOES_ON.format(process=os.getpid())
+        threading.Thread(target=_say_and_let_go, args=(words,), daemon=True).start()
         for lock in locks:
-            lock.sign(", which goes on switching off a drive that does not answer,")
-        if not told:
-            _say(_GOES_ON.format(process=os.getpid()))
+            with suppress(OSError):
+                lock.sign(", which goes on switching off a drive that does not answer,")
         while not switch_off(spare):  # nobody else is left to try again
             time.sleep(_AGAIN_S)
-        _say("rattle: the drive is off now, by a connection of the supervisor's own")
+        told = False
     for lock in locks:
         lock.close()
     with suppress(OSError):
         pipe.send(_TRIPPED)
+    if not told:
+        speaking = threading.Thread(target=_say, args=(_IS_OFF,), daemon=True)
+        speaking.start()
+        speaking.join(_ANSWER_S)  # a terminal that nobody reads keeps nothing here
+
+
+def _say_and_let_go(text: str) -> None:
+    if text:
+        _say(text)
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nowhere, 1)
+    if stat.S_ISFIFO(os.fstat(2).st_mode):
+        os.dup2(nowhere, 2)
 
 
 def _say(text: str) -> None:
@@ -180,16 +197,21 @@ def _say(text: str) -> None:
 
 def _await_silence(pipe: Connection) -> str | None:
     """Wait until the run dies or beats no more, and say which; None where it has ended as it should."""
-    until_s: float | None = None
+    until_s, patience_s, slept = math.inf, 0.0, False
     try:
-        while pipe.poll(None if until_s is None else max(until_s - time.monotonic(), 0.0)):
-            message = pipe.recv()
-            if message in (_DONE, _OFF):
-                return None if message == _DONE else _OFF
-            until_s = time.monotonic() + message
+        while True:
+            if pipe.poll(None if until_s == math.inf else max(until_s - time.monotonic(), 0.0)):
+                message = pipe.recv()
+                if message in (_DONE, _OFF):
+                    return None if message == _DONE else _OFF
+                patience_s, slept = message, False
+            elif slept or time.monotonic() - until_s < _SLEPT_S:
+                return _LET_GO.format(silence=LET_GO_S)
+            else:  # the whole machine stood still, the run with it: once more
+                slept = True
+            until_s = time.monotonic() + patience_s
     except (EOFError, OSError):
-        return None if until_s is None else _GONE
-    return _LET_GO.format(silence=LET_GO_S)
+        return _GONE
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:
