@@ -109,15 +109,12 @@ class FrInverter:
         session.poller.attended_s = self._clock.monotonic_s()
         # Asked in the loop's thread with each look: `measured_rpm` must not wait.
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
-        late = "its stop, which goes on, has not ended"
-        session.run(session.poller.stop(measured_hz), session.longest_stop_s, late)
+        session.run_stop(session.poller.stop(measured_hz))
 
     def cut(self) -> None:
         """Withdraw run at once; see `SpeedDrive.cut`."""
         if self._open is not None and self._open.motor.orders.may_turn:
-            self._open.run(
-                self._open.poller.cut(), self._open.longest_stop_s, "its stop, which goes on, has not ended"
-            )
+            self._open.run_stop(self._open.poller.cut())
 
     def read(self) -> MotorState:
         """Ask it how it is."""
@@ -201,6 +198,9 @@ class _Open:
     def order(self, order: Callable[[float], Coroutine[Any, Any, _T]]) -> _T:
         """Give an order that is void 3 s from now."""
         return self.run(self.poller.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
+
+    def run_stop(self, stop: Coroutine[Any, Any, None]) -> None:
+        self.run(stop, self.longest_stop_s, "its stop, which goes on, has not ended")
 
     def run(self, work: Coroutine[Any, Any, _T], within_s: float = HANGS_S, late: str = "no answer") -> _T:
         """Run a coroutine in the loop's thread and return what it returns.

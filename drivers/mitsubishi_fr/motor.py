@@ -129,8 +129,11 @@ class Motor:
     async def read_parameters(self) -> Parameters:
         """Read what a start depends on."""
         patience_s = OPENING_STEP_S - STEP_S  # nothing turns yet
-        answers = {block: await self._talk.read(block, self._soon() + patience_s) for block in CHECKED}
-        self.parameters = Parameters.of(answers)
+        found: dict[fr.Register, int] = {}
+        for block in CHECKED:
+            answer = await self._talk.read(block, self._soon() + patience_s)
+            found |= zip(block.registers, answer, strict=True)
+        self.parameters = Parameters(found)
         return self.parameters
 
     async def look(self, degraded: bool = False) -> MotorState:

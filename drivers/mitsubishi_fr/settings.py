@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from daq.errors import InstrumentRefused, Problem
 from daq.quantity import Check, Key, Quantity, Text, Whole, rule
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.registers import Block, Register
+from drivers.mitsubishi_fr.registers import Register
 from drivers.protocols.instrument import misplaced
 
 LONGEST_WATCHDOG_S = 2.0
@@ -135,17 +135,6 @@ class Parameters:
     """The checked parameters of a drive, raw, by register."""
 
     raw: Mapping[Register, int]
-
-    @classmethod
-    def of(cls, answers: Mapping[Block, tuple[int, ...]]) -> Parameters:
-        """Sort what the blocks of `CHECKED` read by register."""
-        return cls(
-            {
-                register: raw
-                for block, values in answers.items()
-                for register, raw in zip(block.registers, values, strict=True)
-            }
-        )
 
     def value(self, register: Register) -> float:
         """Return a parameter in its unit."""

@@ -205,10 +205,14 @@ class DrivenRig:
                 self.logbook.tell("warning", "run.interrupted", "stopped by a person")
             self._stop.check()
 
+        def heed_hung() -> None:
+            if self._hung:
+                raise Hung(f"{self._hung}, and the drive was switched off")
+
         acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
         self.watch.checks += [acquisition.check, self.shaft.check]
         self.watch.at_times(motion.check)
-        self.watch.checks += [self._check_hung, self._supervisor.check]
+        self.watch.checks += [heed_hung, self._supervisor.check]
         actuator = self.devices.actuator.name
         logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
         logbook.clocks += [acquisition.base.refit, lambda _: motion.clocks(acquisition.base)]
@@ -377,10 +381,6 @@ class DrivenRig:
         if self.watch.hangs(self.motion.longest_order_s):
             return f"the sequence looked at nothing for {self.motion.longest_order_s:g} s"
         return "the acquisition took too long for a reading" if self.acquisition.hangs else ""
-
-    def _check_hung(self) -> None:
-        if self._hung:
-            raise Hung(f"{self._hung}, and the drive was switched off")
 
     def _look(self, reading: CardReading) -> None:
         """In the acquisition thread."""

@@ -49,10 +49,10 @@ class DriveFrequency:
     """
 
     nominal: float
-    measured: float
-    off: float
-    worst: float
-    uncertainty: float
+    measured: float = nan
+    off: float = nan
+    worst: float = nan
+    uncertainty: float = nan
 
     @property
     def held(self) -> bool:
@@ -114,10 +114,10 @@ class DriveMeter:
         if len(drive):  # one that starts within the record counts from where it is under way
             drive = drive[int(np.argmax(size > 0.5 * size.max())) :]
         if len(drive) < _PER_CYCLE:
-            return self._unseen()
+            return DriveFrequency(self._nominal)
         fit = self._fit(drive)
         if fit.amplitude <= _SEEN * fit.residual:
-            return self._unseen()
+            return DriveFrequency(self._nominal)
         # of the whole and its parts; what noise may do to a short part does not count
         parts = min(_PARTS, int(self.cycles / _PART_CYCLES))
         found = [self._off(fit)]
@@ -133,9 +133,6 @@ class DriveMeter:
             float(max(found, key=abs)),
             self._uncertainty(fit, drive),
         )
-
-    def _unseen(self) -> DriveFrequency:
-        return DriveFrequency(self._nominal, nan, nan, nan, nan)
 
     def _off(self, fit: SineFit) -> float:
         return fit.frequency / self._nominal - 1
@@ -205,4 +202,4 @@ class FrequencyCheck:
                 self._meter.add(samples.values)
 
     def result(self) -> DriveFrequency:
-        return self._meter.result() if self._meter else DriveFrequency(self._nominal_hz, nan, nan, nan, nan)
+        return self._meter.result() if self._meter else DriveFrequency(self._nominal_hz)

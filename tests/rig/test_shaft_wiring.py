@@ -61,8 +61,7 @@ def test_an_emulated_inverter_is_set_as_its_driver_wants_it(keys: str) -> None:
     inverter = emulated(f"[inverter]\nemulated = true\n{keys}").actuator
     settings = inverter.at("socket://127.0.0.1:1")
     raw = PARAMETERS | dict(matching_setup(inverter, RAMP_S).parameters)
-    answers = {block: tuple(raw[each.number - 41000] for each in block.registers) for block in CHECKED}
-    found = Parameters.of(answers)
+    found = Parameters({each: raw[each.number - 41000] for block in CHECKED for each in block.registers})
     assert problems(found, settings) == ()
     # Pr.1 is the bench's maximum, so that the drive keeps it too; in steps of 0.01 Hz
     assert found.raw[CHECKED[0].registers[0]] * 0.01 == pytest.approx(settings.maximum_hz, abs=0.01)
