@@ -351,7 +351,8 @@ class DrivenRig:
                     self._met, self._stops, self._unsafe = found, True, self._unsafe + 1
                     self._stopped_ns = self._stopped_ns or self.clock.unix_ns()
                     self.shaft.disarm()
-                    self.watch.excuse(self.motion.longest_stop_s)
+                    if self.devices.spare is None:  # else the supervisor may act beside it
+                        self.watch.excuse(self.motion.longest_stop_s)
                     stop = self.motion.cut if cut else self.motion.off
                     stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
                     stops[-1].start()

@@ -21,6 +21,7 @@ from drivers.protocols.generator import DriveGenerator, DriveSettings
 from drivers.scpi.emulator.process import GeneratorSetup, start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from drivers.scpi.link import ScpiLink
+from drivers.scpi.settings import Choice
 
 DEADLINE_S = 5.0
 
@@ -193,10 +194,35 @@ def test_frequency_beyond_the_instrument(generator: DriveGenerator) -> None:
 
 def test_start_without_arming_a_burst(generator: ScpiGenerator) -> None:
     generator.arm_sine(20.0, 1.0, 0.0, triggered=True)
-    generator.off()
+    generator._link.write("BURS:STAT OFF")
     with pytest.raises(InstrumentRefused, match="trigger: -211 Trigger ignored") as caught:
         generator.start()
     assert caught.value.code == "-211"
+
+
+@pytest.mark.parametrize("triggered", [False, True])
+def test_a_start_that_a_stop_came_before_turns_nothing_on(generator: ScpiGenerator, triggered: bool) -> None:
+    generator.arm_sine(20.0, 1.0, 0.0, triggered=triggered)
+    generator.off()
+    with pytest.raises(InstrumentRefused, match="switched off while it was to start"):
+        generator.start()
+    assert generator._link.query("OUTP?").strip() == "0"
+
+
+def test_a_start_that_overtakes_a_stop_is_taken_back(
+    generator: ScpiGenerator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    generator.arm_sine(20.0, 1.0, 0.0, triggered=False)
+    choose = generator._choose
+
+    def overtaken(choice: Choice) -> None:
+        generator.off()  # in another thread, just before
+        choose(choice)
+
+    monkeypatch.setattr(generator, "_choose", overtaken)
+    with pytest.raises(InstrumentRefused, match="switched off while it was to start"):
+        generator.start()
+    assert generator._link.query("OUTP?").strip() == "0"
 
 
 @pytest.mark.parametrize("way", [0, 1], ids=["TCP", "pty"])
