@@ -53,7 +53,7 @@ def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str =
         try:
             thing: Any = point.load()
             called = str(getattr(thing, "name", name))
-        except Exception as error:  # another package's code may raise anything as it is imported
+        except (Exception, SystemExit) as error:  # another package's code may do anything as it is imported
             faults.append(f"{whose}: it does not load ({type(error).__name__}: {error})")
             continue
         if not isinstance(thing, kind):

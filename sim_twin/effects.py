@@ -102,7 +102,10 @@ class Effect:
         wrong = self.together(values)
         if wrong:
             raise ValueError(f"{self.name}: {wrong}")
-        affected: AnyTwin = self.change(twin, values)
+        try:
+            affected: AnyTwin = self.change(twin, values)
+        except (TypeError, AttributeError, LookupError) as error:  # another package's effect may be wrong
+            raise ValueError(f"{self.name} failed ({type(error).__name__}: {error})") from error
         return affected
 
 

@@ -176,9 +176,7 @@ def _switch_off_for_good(
     with suppress(OSError):
         pipe.send(_TRIPPED)
     if not told:
-        speaking = threading.Thread(target=_say, args=(_IS_OFF,), daemon=True)
-        speaking.start()
-        speaking.join(_ANSWER_S)  # a terminal that nobody reads keeps nothing here
+        _say(_IS_OFF)
 
 
 def _say_and_let_go(text: str) -> None:

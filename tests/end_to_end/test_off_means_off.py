@@ -116,7 +116,7 @@ def test_a_generator_out_of_reach_is_switched_off_once_it_is_back_and_no_run_get
         assert bench.spy.on
         relay.give_back()
         bench.spy.await_off()
-        await_gone([goes_on])
+        await_gone([goes_on], 30.0)  # it has to hear that it is off, in half a second each time it asks
     finally:
         with contextlib.suppress(psutil.NoSuchProcess):
             goes_on.kill()

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sim_twin.effects import BaseMass, ParameterValues
+from sim_twin.effects import BaseMass, Effect, ParameterValues
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.effects import EFFECTS as IMPACT_BEAM
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
@@ -187,3 +188,12 @@ def test_a_flexible_base_cannot_get_the_flexible_yoke_too() -> None:
     flexible = replace(TWIN, rig=replace(TWIN.rig, base=flexible_base()))
     with pytest.raises(ValueError, match="does not exist on this rig"):
         apply_effects(flexible, [("base_flexibility", CHANGES["base_flexibility"][0])])
+
+
+def test_an_effect_whose_change_is_wrong_is_told_by_name() -> None:
+    def change(twin: Any, values: Any) -> Any:
+        return replace(twin, no_such_field=1.0)
+
+    twin = Twin(nominal(), SineDrive(9.0, 20.0))
+    with pytest.raises(ValueError, match=r"made_up failed \(TypeError: .*no_such_field"):
+        Effect("made_up", "beam", (), change).apply(twin, {})

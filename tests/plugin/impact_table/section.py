@@ -11,7 +11,7 @@ from rig.report.record import RunRecord
 
 def parts(run: RunRecord) -> Sequence[Part]:
     return [
-        Sentence(f"{run.whose(origin)}: {tally.maximum:.3g} {STOP.unit}")
+        Sentence(f"{run.whose(origin)}: {tally.peak:.3g} {STOP.unit}")
         for (origin, channel), tally in run.tallies.items()
         if channel == STOP.name
     ]
