@@ -9,22 +9,22 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 import psutil
 
-from daq.channel import Channel
 from daq.errors import InstrumentAbsent
 from daq.log.records import Event, Impact
 from daq.process import Child
-from rig.live.picture import Layout, Picture, layout_of
+from rig.live.picture import Layout
 from rig.stream import Block, Consumer, Record, Shape
 
 LAST_WORDS_S = 1.5
 """What is still on its way when the run ends has this long to reach the viewer."""
 _START_TIMEOUT_S = 30.0
+_WINDOW_S = 3.0
 _QUEUE_BYTES_A_TRACE = 512 << 10
 """2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
 _LEAST_TRACES = 32
@@ -118,21 +118,10 @@ class LiveView:
     offer: Consumer
     """Shows a record if there is time and a place for it; there once the view is open."""
 
-    def __init__(
-        self,
-        title: str,
-        measured: Sequence[Channel],
-        predicted: Sequence[Channel],
-        picture: Picture | None = None,
-        window_s: float = 3.0,
-        patience_s: float = 3.0,
-        memory_limit: str = "64MB",
-        nominal: Sequence[Channel] = (),
-        derived: Sequence[Channel] = (),
-    ) -> None:
+    def __init__(self, layout: Layout, patience_s: float = 3.0, memory_limit: str = "64MB") -> None:
         self.url = ""
         self.sink_url = ""
-        self._layout = layout_of(title, measured, predicted, picture, window_s, nominal, derived)
+        self._layout = replace(layout, window_s=_WINDOW_S)
         self._patience_s = patience_s
         self._memory_limit = memory_limit
         self._open = False

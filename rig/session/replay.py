@@ -43,16 +43,14 @@ def replay_log(
         if live:
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
-            from rig.live.picture import picture_of  # only what is shown need load Rerun
+            from rig.live.picture import layout_of, picture_of  # only what is shown need load Rerun
             from rig.live.view import LiveView
 
             origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
-            shown, derivable = picture_of(twin), derived_channels(origins, scenario)
-            channels = origins["measured"], origins["predicted"]
-            live_view = LiveView(
-                scenario.name, *channels, shown, nominal=origins["nominal"], derived=derivable
-            )
-            view = stack.enter_context(live_view)
+            picture, derivable = picture_of(twin), derived_channels(origins, scenario)
+            measured, predicted, beside = (origins[each] for each in ("measured", "predicted", "nominal"))
+            shown = layout_of(scenario.name, measured, predicted, picture, None, beside, derivable)
+            view = stack.enter_context(LiveView(shown))
             screen.say(f"live view  {view.url}")
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
         # what the run derived, by what was settled then; where the log does not say, by the same rule

@@ -246,15 +246,18 @@ class _Run:
         self, stack: ExitStack, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
     ) -> LiveView:
         """The live view, which gets every record from now on and may drop it."""
-        from rig.live.picture import picture_of  # here, for a run that nobody watches need not load Rerun
+        from rig.live.picture import (  # here, for a run that nobody watches need not load Rerun
+            layout_of,
+            picture_of,
+        )
         from rig.live.view import LiveView
 
         encoder, measured = self._rig.devices.encoder, [*origins["measured"], *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        picture = picture_of(twin)
-        view = LiveView(self._scenario.name, measured, origins["predicted"], picture, derived=derived)
-        stack.enter_context(view)
+        predicted, picture = origins["predicted"], picture_of(twin)
+        shown = layout_of(self._scenario.name, measured, predicted, picture, derived=derived)
+        view = stack.enter_context(LiveView(shown))
         self._rig.screen.say(f"live view  {view.url}")
         self._rig.stream.append(view.offer)
         return view

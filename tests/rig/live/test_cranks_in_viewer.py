@@ -15,6 +15,7 @@ from daq.log.reader import Origin
 from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import parse_scenario
 from rig.live.crank_picture import CrankPicture
+from rig.live.picture import layout_of
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.live.view import LiveView
@@ -81,7 +82,7 @@ def test_mechanism_journals_orders_impacts_and_speed_are_drawn(
     scenario = parse_scenario(f'rig = "{picture.rig}"\n{SCENARIO}')
     origins: dict[Origin, tuple[Channel, ...]] = {"measured": channels, "predicted": channels}
     found = derived_channels(origins, scenario)
-    with LiveView("a crank", channels, channels, picture, derived=found) as live:
+    with LiveView(layout_of("a crank", channels, channels, picture, derived=found)) as live:
         names = {origin: [channel.name for channel in each] for origin, each in origins.items()}
         derivation = Derivation(live.offer, names, scenario)
         stream = Stream([live.offer, derivation])

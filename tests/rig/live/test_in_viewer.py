@@ -13,6 +13,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from daq.log.records import Event
+from rig.live.picture import layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.view import LiveView
 from rig.stream import Block, Shape
@@ -28,7 +29,7 @@ pytestmark = [pytest.mark.long, pytest.mark.browser]
 @pytest.fixture
 def live() -> Iterator[LiveView]:
     """A view that has been offered two seconds of a run."""
-    with LiveView("synthetic beam", CHANNELS, CHANNELS, BEAM) as view:
+    with LiveView(layout_of("synthetic beam", CHANNELS, CHANNELS, BEAM)) as view:
         measured, predicted = (blocks(CHANNELS, origin, 2.0) for origin in ("measured", "predicted"))
         for index, (first, second) in enumerate(zip(measured, predicted, strict=True)):
             view.offer(Block("measured", first))

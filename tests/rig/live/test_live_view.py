@@ -16,6 +16,7 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.records import Event
+from rig.live.picture import layout_of
 from rig.live.view import LiveView
 from rig.stream import Block, Shape
 from tests.rig.synthetic_run import RATE, START_NS
@@ -29,7 +30,7 @@ VIEW_PROCESS, SERVER = 0, 1
 
 @pytest.fixture
 def view() -> Iterator[LiveView]:
-    live = LiveView("16 channels", MANY, MANY)
+    live = LiveView(layout_of("16 channels", MANY, MANY))
     live.open()
     yield live
     live.close(CLOSE_S)
@@ -135,9 +136,10 @@ def test_a_view_that_works_closes_early_and_leaves_nothing_behind(view: LiveView
 
 PARENT = """
 import os, signal
+from rig.live.picture import layout_of
 from rig.live.view import LiveView
 from daq.channel import Channel
-view = LiveView("orphans", [Channel("drive.force", "N")], []).open()
+view = LiveView(layout_of("orphans", [Channel("drive.force", "N")], [])).open()
 print(*view.processes, flush=True)
 os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -164,5 +166,5 @@ def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: 
 
 
 def test_a_view_of_no_channels_opens() -> None:
-    with LiveView("nothing", [], []) as live:
+    with LiveView(layout_of("nothing", [], [])) as live:
         assert live.alive
