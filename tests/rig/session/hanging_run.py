@@ -14,17 +14,18 @@ def drive_and_hang(address: str, patience_s: float, how: str) -> None:
     """`frozen`: wait to be stopped, beating. `sequence`: beat no more, while the driver polls on."""
     settings = InverterSettings(5.0, 350.0, port=address, unattended_s=600.0)
     inverter, supervisor = FrInverter(settings), Supervisor(None)
+    supervisor._silence_s = patience_s  # shorter than a real one's, for a test
     supervisor.launch()
     inverter.open()
     with supervisor:
         inverter.set_speed(200.0)
-        supervisor.beat(patience_s)
+        supervisor.beat()
         inverter.start()
-        supervisor.beat(patience_s)
+        supervisor.beat()
         print("driving", flush=True)
         while True:
             if how == "frozen":
-                supervisor.beat(patience_s)
+                supervisor.beat()
             inverter.check()
             time.sleep(0.02)
 
