@@ -12,7 +12,7 @@ from daq.errors import RattleError
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 _AGAIN_S = 0.3
-"""One wish may come as several signals, of the terminal and of what started the run; nobody asks as fast."""
+"""One wish may come as several signals, of the terminal and of what started the run: they count as one."""
 
 
 class Stopped(RattleError, RuntimeError):
@@ -45,9 +45,9 @@ class StopRequest:
             raise Stopped("stopped by a person")
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        before_s, self._asked_s = self._asked_s, time.monotonic()
-        if self._asked_s - before_s < _AGAIN_S:
+        if time.monotonic() - self._asked_s < _AGAIN_S:
             return
+        self._asked_s = time.monotonic()
         self.asked += 1
         outer = getattr(self._before.get(signal.Signals(number)), "__self__", None)
         if isinstance(outer, StopRequest):

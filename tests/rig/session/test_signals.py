@@ -26,3 +26,12 @@ def test_a_signal_only_asks_and_counts_once_where_it_comes_as_several(number: si
         with pytest.raises(Stopped, match="stopped by a person"):
             stop.check()
     assert signal.getsignal(number) is before
+
+
+def test_who_keeps_asking_is_heard_again_however_fast() -> None:
+    with StopRequest() as stop:
+        until_s = time.monotonic() + 1.0
+        while time.monotonic() < until_s:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+        assert 2 <= stop.asked <= 4
