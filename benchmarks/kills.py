@@ -32,7 +32,7 @@ rig = "{rig}"
 {drive}
 [acquisition]
 sample_rate = "25.6 kHz"
-settle = "0.5 s"
+settle = "1.5 s"
 duration = "60 s"
 """
 RIGS = {
