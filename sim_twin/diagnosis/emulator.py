@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_LENGTHS = (0.05, 0.1, 0.2, 0.35, 0.7, 1.5, 4.0)
+_LENGTHS = (4.0, 1.5, 0.7, 0.35, 0.2, 0.1, 0.05)
 _NOISES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 _LEAST_NOISE = 1e-3
 _TREND = 0.5
@@ -65,11 +65,13 @@ class Emulator:
 def fitted(coordinates: Array, responses: Array) -> Emulator:
     """Fit to `coordinates` (n, m) and `responses` (n, outputs) of about unit scatter; n of 4 at least.
 
-    Lengths and noises are those that predict each response best from the others.
+    Lengths and noises are those that predict each response best from the others; a shorter length has to do
+    so by more than one standard error (Hastie et al., The Elements of Statistical Learning, 2009, section
+    7.10): over few rigs it does so by chance.
     """
     centre, scale = coordinates.mean(axis=0), coordinates.std(axis=0) + 1e-9
     x = (coordinates - centre) / scale
-    lengths = np.full(x.shape[1], 1.5)
+    lengths = np.full(x.shape[1], _LENGTHS[0])
     best = _left_out(x, responses, lengths)
     for _ in range(2 if x.shape[1] > 1 else 1):
         for k in range(x.shape[1]):
@@ -77,7 +79,8 @@ def fitted(coordinates: Array, responses: Array) -> Emulator:
                 tried = lengths.copy()
                 tried[k] = length
                 found = _left_out(x, responses, tried)
-                if found.loss < best.loss:
+                less = best.losses - found.losses
+                if less.mean() > less.std(ddof=1) / np.sqrt(len(less)):
                     best, lengths = found, tried
     turned = (best.vectors.T @ responses) / (best.values[:, None] + best.noises)
     weights = best.vectors @ turned
@@ -96,8 +99,9 @@ class _Tried:
     residuals: Array
 
     @property
-    def loss(self) -> float:
-        return float(np.mean(np.minimum(self.residuals**2, _OUTLIER)))
+    def losses(self) -> Array:
+        """Of each response, shape (n,)."""
+        return np.asarray(np.minimum(self.residuals**2, _OUTLIER).mean(axis=1))
 
 
 def _left_out(x: Array, responses: Array, lengths: Array) -> _Tried:
