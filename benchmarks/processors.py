@@ -5,7 +5,7 @@ others would: `OPENBLAS_CORETYPE`, `NUMBA_CPU_NAME`, numpy's own vector code, on
 Structures and first peaks are compared under every combination: frequencies, compliances, times and forces
 entry by entry, modes relative to the largest entry of their row. Diagnoses are compared under three that
 share nothing. `--tests` runs the numerical tests under nine, every kernel with every code and threads
-alternating, and twice with the last bits of every motion moved; those marked `alone` are left out.
+alternating, and twice with the last bits of every motion moved; those that run alone are left out.
 
 Usage: python -m benchmarks.processors [--samples FOLDER] [--tests]
 """
@@ -231,7 +231,7 @@ def _run_tests() -> bool:
     holds = True
     for processor in PAIRS:
         print(f"tests as on {processor}", flush=True)
-        command = [*_PYTEST, "-m", "not alone", *_NUMERICAL]
+        command = [*_PYTEST, "--part", "others", *_NUMERICAL]
         holds &= subprocess.run(command, env=processor.environment(), check=False).returncode == 0  # noqa: S603
     for seed in ("1", "2"):
         print(f"tests with last bits moved, seed {seed}", flush=True)

@@ -45,11 +45,17 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is run by itself."""
-    for item in items:
-        if any(item.path.is_relative_to(_TESTS / place) for place in _ALONE):
-            item.add_marker(pytest.mark.alone)
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--part", choices=["alone", "others"], help="what is run by itself, or the others")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave the other part unread: merely to import all tests takes a quarter of a minute."""
+    part = config.getoption("part")
+    if part is None or not collection_path.match("test_*.py"):
+        return None
+    alone = any(collection_path.is_relative_to(_TESTS / place) for place in _ALONE)
+    return True if alone != (part == "alone") else None
 
 
 class _Held:

@@ -144,6 +144,7 @@ def test_an_encoder_that_stands_while_the_shaft_turns_is_an_interlock(tmp_path: 
         assert [code for code in codes if code.startswith("speed.")] == ["speed.off", "speed.abort"]
 
 
+@pytest.mark.long
 def test_a_lost_card_brings_the_motor_down_by_the_inverters_own_word(
     mortal_crank: SpiedCrank, tmp_path: Path
 ) -> None:

@@ -45,7 +45,7 @@ def end_card(how: str, pid: int, freeze: Freeze) -> None:
     (freeze if how == "frozen" else kill)(pid)
 
 
-@pytest.mark.parametrize("how", ["killed", "frozen"])
+@pytest.mark.parametrize("how", ["killed", pytest.param("frozen", marks=pytest.mark.long)])
 def test_a_card_that_is_lost_ends_the_run(
     mortal_bench: SpiedBench, tmp_path: Path, freeze: Freeze, how: str
 ) -> None:
@@ -137,7 +137,7 @@ def helper_processes(run: Command) -> list[psutil.Process]:
 def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     bench: SpiedBench, tmp_path: Path
 ) -> None:
-    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=1.5)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
         *_, twin = helper_processes(run)
@@ -146,13 +146,13 @@ def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     assert "the twin's process died; all that was measured is in the log" in ended.err
     with LogReader(ended.log) as log:
         ends = {name: log.series("measured", name).end_sample for name in CHANNELS}
-        assert set(ends.values()) == {round(3.0 * 51_200)}
+        assert set(ends.values()) == {round(1.5 * 51_200)}
         assert "twin.failed" in [event.code for event in log.events()]
     assert verify_log(ended.log).sound
 
 
 def test_a_derivation_that_dies_is_told_and_costs_nothing_else(bench: SpiedBench, tmp_path: Path) -> None:
-    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=1.5)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
         _, derivation, _ = helper_processes(run)
@@ -162,7 +162,7 @@ def test_a_derivation_that_dies_is_told_and_costs_nothing_else(bench: SpiedBench
     with LogReader(ended.log) as log:
         for origin in ("measured", "predicted"):
             ends = {name: log.series(origin, name).end_sample for name in CHANNELS}
-            assert set(ends.values()) == {round(3.0 * 51_200)}
+            assert set(ends.values()) == {round(1.5 * 51_200)}
         assert "derived.stopped" in [event.code for event in log.events()]
     assert verify_log(ended.log).sound
 

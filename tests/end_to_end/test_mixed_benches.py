@@ -54,6 +54,7 @@ def test_half_of_the_bench_may_be_emulated(
         assert "shows no drive" in ended.out
 
 
+@pytest.mark.long
 def test_emulated_instruments_of_another_process_are_real_ones_to_a_run(
     tmp_path: Path, settled_log: Path
 ) -> None:

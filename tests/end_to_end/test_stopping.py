@@ -33,7 +33,7 @@ def stop_at(moment: str, run: Command, bench: SpiedBench) -> None:
         ("settling", signal.SIGINT, 1),
         ("recording", signal.SIGINT, 10),
         ("ramp down", signal.SIGINT, 3),
-        ("recording", signal.SIGTERM, 1),
+        pytest.param("recording", signal.SIGTERM, 1, marks=pytest.mark.long),
         pytest.param("recording", signal.SIGHUP, 1, marks=pytest.mark.long),
         pytest.param("recording", signal.SIGQUIT, 1, marks=pytest.mark.long),
     ],
