@@ -116,7 +116,6 @@ class CanopenEncoder:
         return self._stream.take(count, (count + most_held(self.period_s)) * self.period_s + late_s)
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """Return what happened since the last call."""
         return self._stream.take_notices()
 
     def stop(self) -> None:

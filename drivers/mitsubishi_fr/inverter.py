@@ -117,7 +117,6 @@ class FrInverter:
             self._open.run_stop(self._open.poller.cut())
 
     def read(self) -> MotorState:
-        """Ask it how it is."""
         session = self._attend()
         return session.run(session.poller.look())
 
@@ -131,7 +130,6 @@ class FrInverter:
         return tuple(name for name in session.run(session.motor.history()) if name)
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """Return what happened since the last call."""
         return self._notices.take()
 
     def _attend(self) -> _Open:

@@ -84,7 +84,6 @@ class ScpiGenerator:
                 self._choose(choice)
 
     def start(self) -> None:
-        """Let the armed sine begin."""
         self._link.hurry(MOVING_S)
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
