@@ -123,7 +123,6 @@ class Scaled:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Precision of what is scaled."""
         return self.samples.dtype
 
     def __len__(self) -> int:

@@ -51,7 +51,6 @@ class CanopenEncoder:
 
     @property
     def statistics(self) -> PositionStatistics:
-        """What became of the frames since `start`."""
         return self._stream.statistics
 
     def open(self) -> None:

@@ -121,11 +121,9 @@ class FrInverter:
         return session.run(session.poller.look())
 
     def check(self) -> None:
-        """Raise what went wrong since it was opened, if anything did."""
         self._attend()
 
     def fault_history(self) -> tuple[str, ...]:
-        """What its display showed at its last faults, newest first."""
         session = self._attend()
         return tuple(name for name in session.run(session.motor.history()) if name)
 
