@@ -91,7 +91,6 @@ class OutputSink(Protocol):
 
     def send(self, output: InverterOutput, /) -> None:
         """Pass on what is put out; OSError where nobody is there any more."""
-        ...
 
 
 class FreeMotor:
