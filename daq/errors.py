@@ -78,13 +78,8 @@ class InstrumentError(RattleError):
     """An instrument did not do as asked; says which, where it is, and what to check."""
 
     def __init__(self, instrument: str, address: str, what: str, check: str = "", code: str = "") -> None:
-        self.instrument, self.address, self.what, self.check, self.code = (
-            instrument,
-            address,
-            what,
-            check,
-            code,
-        )
+        self.instrument, self.address, self.what = instrument, address, what
+        self.check, self.code = check, code
         text = f"{instrument} at {address}: {what}"
         super().__init__(f"{text}. Check {check}" if check else text)
 

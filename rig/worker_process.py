@@ -94,7 +94,6 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int | None:
-        """The process's id; None before it was started."""
         return self._child.pid
 
     def wait_ready(self, check: Callable[[], None] = lambda: None) -> None:

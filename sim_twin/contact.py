@@ -47,11 +47,6 @@ def lankarani_nikravesh(stiffness: float, restitution: float) -> ContactLaw:
     return ContactLaw(stiffness, 1.5, 0.75 * (1.0 - restitution**2), 0.0)
 
 
-def hunt_crossley(stiffness: float, restitution: float) -> ContactLaw:
-    """Hertz with hysteresis 3 (1 - e) / 2 (10.1115/1.3423596)."""
-    return ContactLaw(stiffness, 1.5, 1.5 * (1.0 - restitution), 0.0)
-
-
 @inlined
 def elastic_force(law: ContactLaw, d: float) -> float:
     """K d^n in N; zero without penetration."""
@@ -70,12 +65,6 @@ def normal_force(law: ContactLaw, d: float, rate: float, v0: float) -> float:
     if d <= 0.0:
         return 0.0
     return max(0.0, elastic_force(law, d) * (1.0 + (law.hysteresis / v0) * rate) + law.damping * rate)
-
-
-@inlined
-def stored_energy(law: ContactLaw, d: float) -> float:
-    """Elastic energy in J at penetration `d` m."""
-    return elastic_force(law, d) * d / (law.exponent + 1.0) if d > 0.0 else 0.0
 
 
 @inlined

@@ -96,7 +96,6 @@ class SensorStream:
         self._high_pass = _butterworth(1, chain.droop_corner, "highpass", sample_rate)
 
     def push(self, fine: Array) -> None:
-        """Take the next fine samples."""
         self._fine = np.concatenate([self._fine, self._low_pass(fine)])
 
     def pull(self, count: int) -> Array:
@@ -128,7 +127,6 @@ class EncoderStream:
         self._fine = np.zeros(0)
 
     def push(self, fine: Array) -> None:
-        """Take the next fine angles."""
         self._fine = np.concatenate([self._fine, fine])
 
     def pull(self, count: int) -> Array:

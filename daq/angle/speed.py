@@ -56,14 +56,11 @@ class AngleSpeed:
 
 
 class MarkerSpeed:
-    """Speed from marks: that of the revolution in which the middle of samples k `every` ... lies.
+    """Speed from marks: that of the revolution in which the middle of samples k `every` ... lies."""
 
-    None of those that begin before `first_sample`.
-    """
-
-    def __init__(self, cycles: MarkerCycles, sample_rate: float, every: int, first_sample: int = 0) -> None:
+    def __init__(self, cycles: MarkerCycles, sample_rate: float, every: int) -> None:
         self._cycles, self._rate, self._every = cycles, sample_rate, every
-        self._index = -(-first_sample // every)
+        self._index = 0
 
     def take(self, end_sample: int) -> list[Run]:
         """Speeds that are certain by now of the samples before `end_sample`; NaN where none is known."""

@@ -212,7 +212,6 @@ class Strided:
 
     @property
     def dtype(self) -> np.dtype[np.floating]:
-        """Precision, in the byte order of this machine."""
         return np.dtype(self.samples.dtype.newbyteorder("="))
 
     def __len__(self) -> int:

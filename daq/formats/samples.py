@@ -38,13 +38,11 @@ class Samples(Protocol):
     @property
     def dtype(self) -> np.dtype[Any]:
         """Precision: float32 or float64."""
-        ...
 
     def __len__(self) -> int: ...
 
     def read(self, start: int, stop: int) -> NDArray[np.floating]:
         """Samples `start` to `stop`, shape (stop - start,); raises LogError if the file does not."""
-        ...
 
 
 def precision(dtype: np.dtype[Any]) -> np.dtype[Any]:
@@ -123,7 +121,6 @@ class Scaled:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Precision of what is scaled."""
         return self.samples.dtype
 
     def __len__(self) -> int:

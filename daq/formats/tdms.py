@@ -121,7 +121,6 @@ class _InTdms:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Precision that keeps the channel's values."""
         return precision(np.dtype(self.channel.dtype))
 
     def __len__(self) -> int:

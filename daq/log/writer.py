@@ -134,7 +134,6 @@ class LogWriter:
         self._record("/clock", "Clock", clock, clock.time_ns)
 
     def add_impact(self, impact: Impact, host_ns: int) -> None:
-        """Add an impact that was found in the samples."""
         self._record("/impact", "Impact", impact, host_ns)
 
     def flush_if_older(self, host_ns: int) -> None:

@@ -82,19 +82,15 @@ class FrfAverage:
     """Frequency responses of channels whose samples come in blocks of any size; the cuts leave no trace.
 
     A segment counts for a response unless the input or that response has a sample in it that is flagged or
-    not finite. Hand samples that are missing over as NaN. Once `memory` segments are in, each new one counts
-    1/`memory` (exponential average); else all count alike.
+    not finite. Hand samples that are missing over as NaN.
     """
 
-    def __init__(
-        self, sample_rate: float, segmenting: Segmenting, responses: int = 1, memory: int | None = None
-    ) -> None:
+    def __init__(self, sample_rate: float, segmenting: Segmenting, responses: int = 1) -> None:
         lines = segmenting.samples // 2
         self._frequency = line_frequencies(segmenting.samples, sample_rate)
         self._cutter = SegmentCutter(segmenting)
         self._weights = segmenting.weights()
         self._scale = density_scale(self._weights, sample_rate)
-        self._memory = memory
         self._count = np.zeros(responses, dtype=np.intp)
         # Power of the input, power of the response, real and imaginary part of the cross spectrum.
         self._means = np.full((4, responses, lines), np.nan)
@@ -124,8 +120,7 @@ class FrfAverage:
             self._count[good] += 1
             count = self._count[good]
             means = np.where((count == 1)[:, None], news, self._means[:, good])
-            weight = 1 / (count if self._memory is None else np.minimum(count, self._memory))
-            self._means[:, good] = means + (news - means) * weight[:, None]
+            self._means[:, good] = means + (news - means) * (1 / count)[:, None]
 
     def result(self) -> Frf:
         xx, yy, real, imaginary = self._means * self._scale

@@ -126,11 +126,6 @@ class ImpactEvents:
     contact_s: NDArray[np.float64]
     contacts: NDArray[np.intp]
 
-    @property
-    def bounces(self) -> NDArray[np.intp]:
-        """Contacts after the first."""
-        return self.contacts - 1
-
     def __len__(self) -> int:
         return len(self.index)
 

@@ -132,13 +132,12 @@ def half_cycles(
     upper: NDArray[np.floating],
     lower: NDArray[np.floating],
     sample_rate: float,
-    largest: float | None = None,
 ) -> HalfCycles:
     """Half cycles of two contact forces (N, positive in compression, equal length and start).
 
-    `largest` as in `find_impacts`. Half cycles that the ends of the record cut are among them.
+    Half cycles that the ends of the record cut are among them.
     """
-    top = largest_force(upper, lower) if largest is None else largest
+    top = largest_force(upper, lower)
     above, below = find_impacts(upper, sample_rate, top), find_impacts(lower, sample_rate, top)
     index = np.concatenate((above.index, below.index))
     order = np.argsort(index, kind="stable")

@@ -66,6 +66,19 @@ def fit_sine(
     )
 
 
+def fit_growing(
+    values: NDArray[np.floating], sample_rate: float, frequency: float, cycles: float, harmonics: int = 1
+) -> SineFit:
+    """Fit a long record from its first `cycles` on, so that no start is off by more than part of a cycle."""
+    start = frequency
+    while True:
+        count = min(len(values), int(cycles * sample_rate / start))
+        fit = fit_sine(values[:count], sample_rate, frequency, harmonics=harmonics)
+        if count == len(values):
+            return fit
+        frequency, cycles = fit.frequency, 2 * cycles
+
+
 def _columns(angle: NDArray[np.float64], orders: NDArray[np.intp]) -> NDArray[np.float64]:
     """A constant, then sine and cosine of each order, shape (n, 1 + 2 orders)."""
     waves = [wave(order * angle) for order in orders for wave in (np.sin, np.cos)]

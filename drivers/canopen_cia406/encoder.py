@@ -51,7 +51,6 @@ class CanopenEncoder:
 
     @property
     def statistics(self) -> PositionStatistics:
-        """What became of the frames since `start`."""
         return self._stream.statistics
 
     def open(self) -> None:
@@ -116,7 +115,6 @@ class CanopenEncoder:
         return self._stream.take(count, (count + most_held(self.period_s)) * self.period_s + late_s)
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """Return what happened since the last call."""
         return self._stream.take_notices()
 
     def stop(self) -> None:

@@ -55,7 +55,6 @@ class EncoderSettings:
         return {"host": host, "port": int(port)}
 
     def at(self, address: str) -> EncoderSettings:
-        """The same one, at `address`."""
         return replace(self, options={**self.options, **self.place(address)})
 
     @property
@@ -70,7 +69,6 @@ class EncoderSettings:
         return f"node {self.node} on {self.interface} ({where})"
 
     def expected(self) -> dict[Entry, int]:
-        """Return the entries whose value is prescribed."""
         wanted = {
             objects.VENDOR: self.identity.vendor,
             objects.PRODUCT: self.identity.product,

@@ -181,7 +181,6 @@ class PositionStream:
             return it_came
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """Return and forget what happened."""
         with self._changed:
             notices = tuple(self._notices)
             self._notices.clear()

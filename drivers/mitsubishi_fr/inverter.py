@@ -117,21 +117,17 @@ class FrInverter:
             self._open.run_stop(self._open.poller.cut())
 
     def read(self) -> MotorState:
-        """Ask it how it is."""
         session = self._attend()
         return session.run(session.poller.look())
 
     def check(self) -> None:
-        """Raise what went wrong since it was opened, if anything did."""
         self._attend()
 
     def fault_history(self) -> tuple[str, ...]:
-        """What its display showed at its last faults, newest first."""
         session = self._attend()
         return tuple(name for name in session.run(session.motor.history()) if name)
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """Return what happened since the last call."""
         return self._notices.take()
 
     def _attend(self) -> _Open:

@@ -71,11 +71,9 @@ class Line(Protocol):
 
     async def ask(self, request: Request) -> Answer:
         """Send once and return the answer. Raises `NoAnswer`, `DeviceLost`."""
-        ...
 
     async def send(self, request: Request) -> None:
         """Send what is never answered. Raises `DeviceLost`."""
-        ...
 
 
 class SerialLine:

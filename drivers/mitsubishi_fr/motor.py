@@ -110,7 +110,6 @@ class Notices:
         self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
 
     def take(self) -> tuple[Notice, ...]:
-        """Return the notices since the last call."""
         return tuple(self._notices.popleft() for _ in range(len(self._notices)))
 
 

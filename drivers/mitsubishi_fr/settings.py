@@ -102,11 +102,9 @@ class InverterSettings:
 
     @staticmethod
     def place(address: str) -> Mapping[str, Any]:
-        """What the table says of one that is at `address`."""
         return {"port": address}
 
     def at(self, address: str) -> InverterSettings:
-        """The same one, at `address`."""
         return replace(self, port=address)
 
     @property
@@ -137,7 +135,6 @@ class Parameters:
     raw: Mapping[Register, int]
 
     def value(self, register: Register) -> float:
-        """Return a parameter in its unit."""
         return register.value(self.raw[register])
 
     @property

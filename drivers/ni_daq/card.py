@@ -154,7 +154,6 @@ class NiDaqCard:
 
     @property
     def total_acquired(self) -> int:
-        """Samples per channel taken since `start`."""
         with self._translated("counting samples"):
             return int(self._opened().stream.total_samp_per_chan_acquired)
 

@@ -205,11 +205,9 @@ class CardSettings:
 
     @staticmethod
     def place(address: str) -> Mapping[str, Any]:
-        """What the table says of one that is at `address`."""
         return {"grpc": address}
 
     def at(self, address: str) -> CardSettings:
-        """The same one, at `address`."""
         return replace(self, grpc=address)
 
 

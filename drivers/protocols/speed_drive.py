@@ -79,7 +79,6 @@ class SpeedDrive(Instrument, Protocol):
 
     def cut(self) -> None:
         """Withdraw run at once, also while another thread waits for a `stop`; no error where it stands."""
-        ...
 
     def read(self) -> MotorState:
         """Ask it how it is."""

@@ -84,7 +84,6 @@ class ScpiGenerator:
                 self._choose(choice)
 
     def start(self) -> None:
-        """Let the armed sine begin."""
         self._link.hurry(MOVING_S)
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
@@ -98,17 +97,14 @@ class ScpiGenerator:
             raise self._refused("it was switched off while it was to start")
 
     def set_frequency(self, frequency_hz: float) -> None:
-        """Change the frequency in Hz."""
         self._set(settings.FREQUENCY, frequency_hz)
 
     def set_amplitude(self, amplitude_v: float) -> None:
-        """Change the peak amplitude in V."""
         self._check_limits(amplitude_v, self._offset_v)
         self._set(settings.AMPLITUDE, 2.0 * amplitude_v)
         self._amplitude_v = amplitude_v
 
     def set_offset(self, offset_v: float) -> None:
-        """Change the offset in V."""
         self._check_limits(self._amplitude_v, offset_v)
         self._set(settings.OFFSET, offset_v)
         self._offset_v = offset_v

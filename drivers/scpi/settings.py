@@ -53,11 +53,9 @@ class GeneratorSettings:
 
     @staticmethod
     def place(address: str) -> Mapping[str, Any]:
-        """What the table says of one that is at `address`."""
         return {"resource": address}
 
     def at(self, address: str) -> GeneratorSettings:
-        """The same one, at `address`."""
         return replace(self, resource=address)
 
     @property

@@ -11,7 +11,7 @@ from daq.errors import ConfigurationError
 from rig.diagnosis.recordings import setting_of
 from rig.files.faults import toml_of
 from rig.files.quantity import written
-from rig.files.scenario import parse_scenario
+from rig.files.scenario import parse_scenario, with_values
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis.campaign import Campaign
@@ -65,7 +65,7 @@ def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: flo
 
 def _changed(table: Mapping[str, Any], variation: Mapping[str, float], rig: str) -> dict[str, Any] | None:
     """The scenario with some quantities multiplied; None where it does not give one of them."""
-    changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    changed = with_values(table, {})
     said = []
     for key, factor in variation.items():
         section = next((name for name in ("drive", "model") if key in changed.get(name, {})), None)

@@ -94,7 +94,6 @@ class Bench:
 
     @property
     def emulated(self) -> tuple[str, ...]:
-        """The tables of those that are emulated."""
         return tuple(table for table, settings in self.instruments.items() if settings.emulated)
 
     @property

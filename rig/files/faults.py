@@ -162,14 +162,14 @@ def toml_of(table: Mapping[str, Any]) -> str:
 
 def _plain(table: Mapping[str, Any]) -> Iterator[str]:
     for key, value in table.items():
-        if not _is_table(value) and not _are_tables(value):
+        if not isinstance(value, Mapping) and not _are_tables(value):
             yield f"{_key(key)} = {_value(value)}"
 
 
 def _nested(before: str, table: Mapping[str, Any]) -> Iterator[str]:
     for key, value in table.items():
         path = f"{before}{_key(key)}"
-        if _is_table(value):
+        if isinstance(value, Mapping):
             plain, nested = list(_plain(value)), list(_nested(f"{path}.", value))
             if plain or not nested:
                 yield from ("", f"[{path}]", *plain)
@@ -179,12 +179,9 @@ def _nested(before: str, table: Mapping[str, Any]) -> Iterator[str]:
                 yield from ("", f"[[{path}]]", *_plain(each), *_nested(f"{path}.", each))
 
 
-def _is_table(value: object) -> bool:
-    return isinstance(value, Mapping)
-
-
 def _are_tables(value: object) -> bool:
-    return isinstance(value, list | tuple) and bool(value) and all(map(_is_table, value))
+    tables = value if isinstance(value, list | tuple) else ()
+    return bool(tables) and all(isinstance(each, Mapping) for each in tables)
 
 
 def _key(key: str) -> str:

@@ -37,7 +37,6 @@ def read_card(table: object, key: str, faults: Faults) -> CardSettings | None:
 
 
 def _read_channels(tables: object, key: str, faults: Faults) -> tuple[CardChannel, ...]:
-    """Return the channels that are sound and note every fault of the others."""
     if not isinstance(tables, list) or not tables:
         faults.add(key, tables, f"at least one table [[{key}]]")
         return ()

@@ -5,10 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final, cast
-
-if TYPE_CHECKING:
-    import pint
+from typing import Final, cast
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 _TOKEN = re.compile(
@@ -50,13 +47,6 @@ def written(value: object) -> tuple[float, str]:
     if match is None:
         raise QuantityError("not a number with a unit")
     return float(match[1]), match[2]
-
-
-@functools.cache
-def _registry() -> pint.UnitRegistry[float]:
-    import pint  # half a second, which commands that read no file need not pay
-
-    return pint.UnitRegistry()
 
 
 def si_value(text: str, unit: str) -> float:
@@ -133,10 +123,10 @@ def _named(name: str) -> tuple[float, dict[str, float]]:
 
 
 def _by_pint(name: str) -> tuple[float, dict[str, float]]:
-    import pint
+    import pint  # half a second, which commands that read no file need not pay
 
     try:
-        one = _registry().Quantity(1.0, name).to_base_units()
+        one = pint.Quantity(1.0, name).to_base_units()
     except (pint.PintError, ValueError, AttributeError) as error:
         raise QuantityError(f"{name} is not a known unit") from error
     return float(one.magnitude), {str(key): cast(float, power) for key, power in one.unit_items()}

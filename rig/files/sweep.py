@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 from daq.errors import ConfigurationError, Problem
-from daq.quantity import Check, Key, Quantity, Text, Whole, settings_of
+from daq.quantity import Key, Quantity, Text, Whole, rule, settings_of
 from rig.files.faults import Faults, read_toml, toml_of
 from rig.files.file_kind import read_file
 from rig.files.scenario import LEVEL_UP_TO, Scenario, scenario_of, with_values
@@ -43,18 +43,20 @@ class _UntilSection:
     above: Annotated[str | float | None, Text("a quantity in the channels' unit")] = None
 
 
-def _one_length(acquisition: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if acquisition["cycles"] is not None and acquisition["duration"] is not None:
-        yield "cycles", "either cycles of the drive or a duration"
-
-
 @dataclass(frozen=True, slots=True)
 class _PointAcquisition:
     sample_rate: Annotated[float | None, Quantity("Hz", 1000, 204_800)] = None
     settle: Annotated[float | None, Quantity("s", 0, 3600)] = None
     duration: Annotated[float | None, Quantity("s", 0.001, 86_400)] = None
     cycles: Annotated[float | None, Quantity("", 1, 1e7)] = None
-    CHECKS: ClassVar = (Check(("cycles", "duration"), _one_length),)
+    CHECKS: ClassVar = (
+        rule(
+            ("cycles", "duration"),
+            lambda acquisition: acquisition["cycles"] is None or acquisition["duration"] is None,
+            "cycles",
+            "either cycles of the drive or a duration",
+        ),
+    )
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

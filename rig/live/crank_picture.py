@@ -14,8 +14,8 @@ from daq.log.reader import CRANK_SPEED, Origin, derived_name
 from daq.log.records import Impact
 from rig.derived.order_lines import OrderLines
 from rig.derived.turns import KEPT_S, Turns, turns_from
-from rig.live import mechanism
-from rig.live.crank_plots import ImpactPicture, OrderPicture, SpeedPlot, impact_view, order_view, speed_view
+from rig.live import mechanism, paths
+from rig.live.crank_plots import IMPACT_FRAME, ORDER_FRAME, ImpactPicture, OrderPicture, SpeedPlot, speed_view
 from rig.live.mechanism import Body, Joint, JointPicture, MovingMechanism, Pose, Solid, joints_view
 from rig.live.picture import Layout, OwnViews, Stage
 from rig.stream import Block, LastSeconds, Record, Shape
@@ -68,11 +68,17 @@ class CrankPicture(ABC):
         side: list[tuple[rrb.View | rrb.Container, float]] = [(moving, 2.8)]
         if shown.origins.get("predicted"):
             side.append((joints_view(self.joints()), 1.9))
-        impacts = [impact_view(group, shown.units[names[0]]) for group, names in self.heard(shown).items()]
+        impacts = [
+            IMPACT_FRAME.view(paths.impacts(group), f"Impacts, {group} [{shown.units[names[0]] or '-'}]")
+            for group, names in self.heard(shown).items()
+        ]
         if impacts:
             side.append((rrb.Tabs(*impacts) if len(impacts) > 1 else impacts[0], 2.6))
         side.append((speed_view(self.speed_rad_s, shown.window_s), 1.7))
-        orders = tuple(order_view(name, shown.units[name]) for name in self.turning(shown))
+        orders = tuple(
+            ORDER_FRAME.view(paths.orders(name), f"{name} over orders [{shown.units[name] or '-'}]")
+            for name in self.turning(shown)
+        )
         return OwnViews(tuple(side), orders, self.channels.plain)
 
     def play(self, stage: Stage) -> CrankPlay:

@@ -19,13 +19,13 @@ from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades, from_ze
 from rig.live.picture import Stage
 from rig.live.series import line_style, over_time
 
-_IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
+IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
 _ANGLES = Axis(0.0, 360.0, tuple((float(at), f"{at}°") for at in range(0, 361, 45)))
 _HEADROOM = 1.1
 _DOTS = 600
 _DRAWS_EVERY_S = 1.0
 
-_ORDER_FRAME = Frame(height=10.0, left=2.4, bottom=1.6)
+ORDER_FRAME = Frame(height=10.0, left=2.4, bottom=1.6)
 _DECADES = 5
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 _ORDERS = Axis(LOWEST_ORDER, HIGHEST_ORDER, tuple((at, f"{at:g}") for at in _TICKS), logarithmic=True)
@@ -34,11 +34,6 @@ _BAND = 0.01
 """Of the set speed, drawn above and below it, so that noise is never blown up to fill the plot."""
 _RPM = 60 / (2 * pi)
 _SET_COLOUR = (150, 150, 150)
-
-
-def impact_view(group: str, unit: str) -> rrb.Spatial2DView:
-    """A view of one group of channels."""
-    return _IMPACT_FRAME.view(paths.impacts(group), f"Impacts, {group} [{unit or '-'}]")
 
 
 @dataclass(slots=True)
@@ -57,7 +52,7 @@ class ImpactPicture:
         self._stage, self._group = stage, group
         what = "contact force of each impact" if unit == "N" else "acceleration of each burst"
         caption = f"largest {what}, over the crank angle at which it begins"
-        self._axes = AxesPicture(stage.recording, paths.impacts(group), _IMPACT_FRAME, caption)
+        self._axes = AxesPicture(stage.recording, paths.impacts(group), IMPACT_FRAME, caption)
         self._axis = from_zero(1.0)
         self._top = self._newest_s = 0.0
         self._clouds: dict[str, _Cloud] = {}
@@ -100,16 +95,11 @@ class ImpactPicture:
             self._stage.recording.log(f"{paths.impacts(self._group)}/{each}", dots)
 
 
-def order_view(channel: str, unit: str) -> rrb.Spatial2DView:
-    """A view of one channel's orders."""
-    return _ORDER_FRAME.view(paths.orders(channel), f"{channel} over orders [{unit or '-'}]")
-
-
 class OrderPicture:
     """One channel's measured and predicted order spectrum."""
 
     def __init__(self, recording: rr.RecordingStream, channel: str) -> None:
-        self._axes = AxesPicture(recording, paths.orders(channel), _ORDER_FRAME)
+        self._axes = AxesPicture(recording, paths.orders(channel), ORDER_FRAME)
         self._axis: Axis | None = None
 
     def draw(self, whose: str, order: NDArray[np.float64], amplitude: NDArray[np.float64]) -> None:

@@ -98,7 +98,6 @@ class MovingMechanism:
         self._next = dict.fromkeys(origins, 0)
 
     def open(self) -> None:
-        """Log the frame and the bodies in their own axes."""
         recording = self._stage.recording
         for number, solid in enumerate(self._mechanism.fixed()):
             recording.log(f"{PATH}/frame/{number}", solid.drawn(FRAME_COLOUR), static=True)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeAlias, TypeVar
 
 import jinja2
 from plotly.offline import get_plotlyjs
@@ -131,25 +130,19 @@ def page(
 
     `template` is one below `rig` that extends this page's own and is given `more`.
     """
-    return (
-        _templates()
-        .get_template(template)
-        .render(
-            title=title,
-            subtitle=" · ".join(text for text in subtitle if text),
-            sections=[(heading, parts) for heading, parts in sections if parts],
-            plotly=get_plotlyjs(),
-            **more,
-        )
+    return _TEMPLATES.get_template(template).render(
+        title=title,
+        subtitle=" · ".join(text for text in subtitle if text),
+        sections=[(heading, parts) for heading, parts in sections if parts],
+        plotly=get_plotlyjs(),
+        **more,
     )
 
 
-@functools.cache
-def _templates() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("rig", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+_TEMPLATES: Final = jinja2.Environment(
+    loader=jinja2.PackageLoader("rig", "."),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)

@@ -163,7 +163,6 @@ class RunRecord:
 
     @property
     def measured(self) -> dict[str, Tally]:
-        """Numbers of what was measured, by channel."""
         return {
             name: self.tallies["measured", name]
             for name in self.channels

@@ -63,28 +63,24 @@ def find_middle(
     reach: float,
     precision: float,
     farthest: float,
-    start: float = 0.0,
 ) -> Middle:
     """Find the offset in the middle between the two stops by bracketing each touch to `precision` N.
 
     `touched(offset, amplitude)` says what is touched there. `reach` in N moves the tip by about a clearance;
     no offset beyond +-`farthest` is tried. Raises NoCentre.
     """
-    low, high = max(start - FARTHEST * reach, -farthest), min(start + FARTHEST * reach, farthest)
-    return _Search(touched, sine, reach, precision, start, low, high, sine.amplitude).middle()
+    return _Search(touched, sine, reach, precision, min(FARTHEST * reach, farthest), sine.amplitude).middle()
 
 
 @dataclass(slots=True)
 class _Search:
-    """Tries offsets between `low` and `high`; `clear`, `upper` and `lower` are those with that answer."""
+    """Tries offsets up to +-`farthest`; `clear`, `upper` and `lower` are those with that answer."""
 
     touched: Callable[[float, float], Touched]
     sine: Sine
     reach: float
     precision: float
-    start: float
-    low: float
-    high: float
+    farthest: float
     amplitude: float
     probes: int = 0
     clear: list[float] = field(default_factory=list)
@@ -126,11 +122,11 @@ class _Search:
     def _next(self) -> float | None:
         """The next offset to try; None once both touches are known."""
         if not (self.upper or self.lower or self.clear):
-            return self.start
+            return 0.0
         if not self.upper:
-            return self._farther(max([*self.clear, *self.lower]), +1.0, self.high, "upper")
+            return self._farther(max([*self.clear, *self.lower]), +1.0, "upper")
         if not self.lower:
-            return self._farther(min([*self.clear, *self.upper]), -1.0, self.low, "lower")
+            return self._farther(min([*self.clear, *self.upper]), -1.0, "lower")
         above, below = min(self.upper), max(self.lower)
         gaps = [(below, above)]
         if self.clear:
@@ -138,15 +134,14 @@ class _Search:
         low, high = max(gaps, key=lambda gap: gap[1] - gap[0])
         return (low + high) / 2 if high - low > self.precision else None
 
-    def _farther(self, last: float, way: float, end: float, side: str) -> float:
+    def _farther(self, last: float, way: float, side: str) -> float:
         """Half a reach on, then in growing steps."""
-        if (end - last) * way <= 0:
+        if last * way >= self.farthest:
             raise NoCentre(
                 f"nothing touches the {side} stop up to an offset of {last:.4g} N: are its sensor and the "
                 "amplifier's DC output in order, is shaker_stiffness in [model] right?"
             )
-        step = max(self.reach / 2, abs(last - self.start) / 2)
-        return min(last + step, end) if way > 0 else max(last - step, end)
+        return way * min(last * way + max(self.reach / 2, abs(last) / 2), self.farthest)
 
 
 _SHAKEN: Final = 0.3

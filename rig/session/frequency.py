@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.sine import SineFit, fit_sine
+from daq.signals.sine import SineFit, fit_growing, fit_sine
 from rig.stream import Block, Record
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 
@@ -115,7 +115,7 @@ class DriveMeter:
             drive = drive[int(np.argmax(size > 0.5 * size.max())) :]
         if len(drive) < _PER_CYCLE:
             return DriveFrequency(self._nominal)
-        fit = self._fit(drive)
+        fit = fit_growing(drive, self._rate, self._nominal, _SURE_CYCLES, _ORDERS)
         if fit.amplitude <= _SEEN * fit.residual:
             return DriveFrequency(self._nominal)
         # of the whole and its parts; what noise may do to a short part does not count
@@ -136,16 +136,6 @@ class DriveMeter:
 
     def _off(self, fit: SineFit) -> float:
         return fit.frequency / self._nominal - 1
-
-    def _fit(self, drive: NDArray[np.float64]) -> SineFit:
-        """From a part that the nominal frequency fits to the whole."""
-        frequency, cycles = self._nominal, _SURE_CYCLES
-        while True:
-            count = min(len(drive), int(cycles * self._rate / self._nominal))
-            fit = fit_sine(drive[:count], self._rate, frequency, harmonics=_ORDERS)
-            if count == len(drive):
-                return fit
-            frequency, cycles = fit.frequency, 2 * cycles
 
     def _uncertainty(self, fit: SineFit, drive: NDArray[np.float64]) -> float:
         """By the Cramer-Rao bound of a sine's frequency in white noise."""

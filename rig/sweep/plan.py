@@ -131,7 +131,11 @@ def seconds_of(points: Iterable[Point]) -> float:
 
 def lasting(sweep: Sweep, points: Iterable[Point]) -> str:
     """How long points of a sweep take, in words; less where their records end with enough impacts."""
-    return f"{'about' if sweep.until is None else 'at most'} {in_words(seconds_of(points))}"
+    minutes, seconds = divmod(round(seconds_of(points)), 60)
+    hours, minutes = divmod(minutes, 60)
+    short = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    words = f"{hours} h {minutes} min" if hours else short
+    return f"{'about' if sweep.until is None else 'at most'} {words}"
 
 
 def real_instruments(bench: Bench) -> tuple[str, ...]:
@@ -188,12 +192,3 @@ def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
         yield f"guard      {limit.channel}: {', '.join(levels)}{held}"
     if not any(limit.abort is not None for limit in scenario.limits):
         yield "guard      no abort limit on any channel ([limits] in the scenario)"
-
-
-def in_words(seconds: float) -> str:
-    """A time as a person reads it."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes} min"
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"

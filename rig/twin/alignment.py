@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.signals.sine import SineFit, fit_sine
+from daq.signals.sine import fit_growing, fit_sine
 from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
@@ -52,11 +52,12 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     begun = int(np.argmax(np.abs(finite) > _STARTED * level))
     period = sample_rate / drive.frequency
     running_before = begun < period / 8
-    fit = _fit_growing(finite if running_before else finite[begun:], sample_rate, drive.frequency)
+    steady = finite if running_before else finite[begun:]
+    fit = fit_growing(steady, sample_rate, drive.frequency, _SAFE_CYCLES)
     if running_before and begun > 0 and abs(np.sin(fit.phase)) > 2 * _STARTED:
         # The first samples were at rest where the sine was not: a slow drive that began just then.
-        running_before, fit = False, _fit_growing(finite[begun:], sample_rate, drive.frequency)
-    steady = finite if running_before else finite[begun:]
+        running_before, steady = False, finite[begun:]
+        fit = fit_growing(steady, sample_rate, drive.frequency, _SAFE_CYCLES)
     span = FREQUENCY_TOLERANCE * drive.frequency
     frequency = float(np.clip(fit.frequency, drive.frequency - span, drive.frequency + span))
     if frequency != fit.frequency:
@@ -70,17 +71,6 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     since = (phase / (2 * np.pi) + frequency / sample_rate * start) % 1.0
     onset = float(start - since / (frequency / sample_rate)) if since < 1 / 8 else float(start)
     return Alignment(frequency, phase, onset, trusted)
-
-
-def _fit_growing(force: NDArray[np.floating], sample_rate: float, frequency: float) -> SineFit:
-    """Fit a long record from a short one on, so that no start is off by more than a quarter of a cycle."""
-    cycles = _SAFE_CYCLES
-    while True:
-        count = min(len(force), int(cycles * sample_rate / frequency))
-        fit = fit_sine(force[:count], sample_rate, frequency)
-        if count == len(force):
-            return fit
-        frequency, cycles = fit.frequency, 2 * cycles
 
 
 _FEWEST_MARKS = 2

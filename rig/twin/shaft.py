@@ -81,7 +81,6 @@ class _Stretch:
         return int((time_s - self.start_s) / self.span_s * self.steps)
 
     def step_s(self, k: int) -> float:
-        """When step `k` begins."""
         return self.start_s + self._share(k) * self.span_s
 
     def speed_in(self, k: int) -> float:
@@ -133,7 +132,6 @@ class ShaftCourse:
         return angle_after(self._motor.shape, self._motor.start_angle, turned)
 
     def turning_at(self, time_s: float) -> SpeedChange:
-        """Where it is at `time_s`, and how it turns."""
         stretch = self._at(time_s)
         return self._change(time_s, stretch.speed_in(stretch.step_at(time_s)))
 

@@ -76,7 +76,6 @@ class RunSetting:
         return {name: record[cut] for name, record in records.items()}
 
     def cycles_in(self, records: Mapping[str, Array]) -> Cycles:
-        """The cycles of measured or simulated records."""
         model = self.twin.model
         return model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
 

@@ -52,7 +52,6 @@ class Effort:
 
     @property
     def motions(self) -> int:
-        """All of them."""
         return self.search + self.judge
 
 

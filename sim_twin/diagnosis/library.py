@@ -67,7 +67,6 @@ class Library:
         return tuple(self._values)
 
     def count(self, hypothesis: Hypothesis) -> int:
-        """How many observations there are of it."""
         return len(self._values.get(hypothesis, ()))
 
     def values(self, hypothesis: Hypothesis) -> Array:

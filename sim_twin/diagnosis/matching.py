@@ -97,7 +97,8 @@ def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence
             # where the rig lies: the campaign draws it from the same seed
             rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
             kept.append((drawn_places(twin, twin.model.tolerances(twin), rng), moments(shown[0])))
-    names = tolerances_of(campaign)
+    twin = campaign.runs[0].twin
+    names = tuple(each.name for each in twin.model.lasting_tolerances(twin))
     if len(kept) < 2 * len(names):
         raise SimulationFailed(
             f"only {len(kept)} of {len(draws)} healthy rigs could be simulated",
@@ -105,12 +106,6 @@ def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence
         )
     places, features = zip(*kept, strict=True)
     return Rigs(names, np.array(places), np.array(features))
-
-
-def tolerances_of(campaign: Campaign) -> tuple[str, ...]:
-    """Names of the tolerances that belong to the campaign's rig, not to one run."""
-    twin = campaign.runs[0].twin
-    return tuple(each.name for each in twin.model.lasting_tolerances(twin))
 
 
 def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:

@@ -79,7 +79,6 @@ class OneByOne:
 
     @property
     def statuses(self) -> Sequence[Status]:
-        """How each run stands."""
         return [truth.status for truth in self._truths]
 
 

@@ -25,7 +25,6 @@ class Between:
     high: Any
 
     def drawn(self, rng: Generator) -> Any:
-        """One of them."""
         numbers = {}
         for each in fields(self.low):
             low, high = getattr(self.low, each.name), getattr(self.high, each.name)

@@ -61,7 +61,6 @@ class Simulation(Generic[P]):
 
     @property
     def steps(self) -> int:
-        """How many steps the integrator has taken."""
         return int(self._run.counts[STEPS])
 
     @property

@@ -46,7 +46,6 @@ class SpeedDrive:
         return self.speed
 
     def at_cycle_hz(self, cycle_hz: float) -> SpeedDrive:
-        """The same with another mean speed."""
         return replace(self, speed=2 * pi * cycle_hz / sqrt(1 - self.fluctuation**2))
 
     def phase_after(self, phase: float, cycle_hz: float, time: float) -> float:

@@ -90,7 +90,6 @@ class Deferred:
     where: str
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Call it."""
         return resolve_name(self.where)(*arguments, **named)
 
 

@@ -111,7 +111,8 @@ def build_tables(system: SwitchedSystem, omega: float, fine_step: float) -> Tabl
     steps = []
     for regime, each in zip(system.regimes, padded, strict=True):
         factors = [np.exp(np.outer(span, each.lam)) for span in (dt, dt / 2)]
-        factors += [_push(regime, each, span) for span in (dt, dt / 2)]
+        direction = np.zeros(each.to_slot.shape[1]) if regime.residual is None else regime.residual.direction
+        factors += [held(each.lam, span[:, None]) * (each.to_slot @ direction) for span in (dt, dt / 2)]
         steps.append(np.stack([part for factor in factors for part in (factor.real, factor.imag)], axis=1))
     planes = np.array(steps)
     laws = [regime.residual for regime in system.regimes]
@@ -222,12 +223,6 @@ def _row(row: Row, modes: _RegimeModes, first_drive: int) -> tuple[Complex, floa
     if row.drive is not None:
         slots[first_drive : first_drive + len(row.drive)] += row.drive
     return slots, constant
-
-
-def _push(regime: Regime, modes: _RegimeModes, dt: Real) -> Complex:
-    if regime.residual is None:
-        return np.zeros((len(dt), len(modes.lam)), dtype=complex)
-    return held(modes.lam, dt[:, None]) * (modes.to_slot @ regime.residual.direction)
 
 
 def held(rate: Complex, span: float | Real) -> Complex:

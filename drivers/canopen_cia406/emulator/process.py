@@ -86,18 +86,14 @@ class EncoderSetup:
         return self.counts_per_revolution * self.revolutions
 
 
-def start_encoder(
-    shaft: Callable[[], Shaft],
-    setup: EncoderSetup | None = None,
-    name: str = "emulated encoder",
-    deadline_s: float = START_DEADLINE_S,
-) -> EmulatedInstrument:
+def start_encoder(shaft: Callable[[], Shaft], setup: EncoderSetup | None = None) -> EmulatedInstrument:
     """Start an emulated CANopen encoder; its address is the `host:port` of its socketcand server.
 
     `shaft` is called in the new process, so it must be picklable, and returns the angle over time. Raises
     `InstrumentAbsent` where it does not start in time.
     """
-    return start(partial(_encoder, shaft, setup or EncoderSetup()), name, deadline_s)
+    make = partial(_encoder, shaft, setup or EncoderSetup())
+    return start(make, "emulated encoder", START_DEADLINE_S)
 
 
 def _encoder(shaft: Callable[[], Shaft], setup: EncoderSetup) -> EmulatedEncoder:

@@ -91,7 +91,6 @@ class OutputSink(Protocol):
 
     def send(self, output: InverterOutput, /) -> None:
         """Pass on what is put out; OSError where nobody is there any more."""
-        ...
 
 
 class FreeMotor:
@@ -101,11 +100,9 @@ class FreeMotor:
         self._on = False
 
     def drive(self, output: InverterOutput) -> None:
-        """Take what is put out."""
         self._on = output.on and (output.frequency_hz > 0.0 or output.target_hz > 0.0)
 
     def current_a(self) -> float:
-        """Return the current in A."""
         return NO_LOAD_A if self._on else 0.0
 
 
@@ -121,14 +118,12 @@ class RemoteLoad:
         self._current_a: float | None = None
 
     def drive(self, output: InverterOutput) -> None:
-        """Pass on what is put out."""
         self._free.drive(output)
         if self._outputs is not None:
             with suppress(OSError):  # the plant is gone; the drive goes on
                 self._outputs.send(output)
 
     def current_a(self) -> float:
-        """Return the current in A."""
         with suppress(EOFError, OSError):
             while self._currents is not None and self._currents.poll():
                 self._current_a = float(self._currents.recv())

@@ -175,12 +175,11 @@ class CardServicer(DeviceCalls):
         return messages.ClearTaskResponse()
 
     def CreateAIVoltageChan(self, request: Any, context: Any) -> Any:
-        self._add(request, Input(request.physical_channel, 1.0, request.max_val))
+        self._add(request, 1.0)
         return messages.CreateAIVoltageChanResponse()
 
     def CreateAIForceIEPEChan(self, request: Any, context: Any) -> Any:
-        volts_per_unit = request.sensitivity * 1e-3
-        self._add_iepe(request, Input(request.physical_channel, volts_per_unit, request.max_val, iepe=True))
+        self._add_iepe(request, request.sensitivity * 1e-3)
         return messages.CreateAIForceIEPEChanResponse()
 
     def CreateAIAccelChan(self, request: Any, context: Any) -> Any:
@@ -188,23 +187,18 @@ class CardServicer(DeviceCalls):
         if request.sensitivity_units_raw == AccelSensitivityUnits.MILLIVOLTS_PER_G.value:
             per_g *= 1e-3
         in_g = request.units_raw == AccelUnits.G.value
-        volts_per_unit = per_g if in_g else per_g / STANDARD_GRAVITY
-        self._add_iepe(request, Input(request.physical_channel, volts_per_unit, request.max_val, iepe=True))
+        self._add_iepe(request, per_g if in_g else per_g / STANDARD_GRAVITY)
         return messages.CreateAIAccelChanResponse()
 
     def CreateTEDSAIForceIEPEChan(self, request: Any, context: Any) -> Any:
         teds = self._sheet(request.physical_channel)
-        self._add_iepe(
-            request, Input(request.physical_channel, teds.volts_per_unit, request.max_val, iepe=True)
-        )
+        self._add_iepe(request, teds.volts_per_unit)
         self._keep(request, {0x2F81: teds.volts_per_unit * 1e3})  # ai_force_iepe_sensor_sensitivity
         return messages.CreateTEDSAIForceIEPEChanResponse()
 
     def CreateTEDSAIAccelChan(self, request: Any, context: Any) -> Any:
         teds = self._sheet(request.physical_channel)
-        self._add_iepe(
-            request, Input(request.physical_channel, teds.volts_per_unit, request.max_val, iepe=True)
-        )
+        self._add_iepe(request, teds.volts_per_unit)
         self._keep(request, {0x0692: teds.volts_per_unit * STANDARD_GRAVITY * 1e3})  # ai_accel_sensitivity
         return messages.CreateTEDSAIAccelChanResponse()
 
@@ -393,14 +387,15 @@ class CardServicer(DeviceCalls):
             raise DaqmxError(DAQmxErrors.CHAN_ALREADY_IN_TASK, text)
         task.counter = CounterInput(request.counter, measure, dtype)
 
-    def _add_iepe(self, request: Any, item: Input) -> None:
+    def _add_iepe(self, request: Any, volts_per_unit: float) -> None:
         if abs(request.current_excit_val - EXCITATION_A) > 1e-6:
             text = f"excitation of {request.current_excit_val * 1e3:g} mA; the card has 2 mA"
             raise DaqmxError(DAQmxErrors.INVALID_ATTRIBUTE_VALUE, text)
-        self._add(request, item)
+        self._add(request, volts_per_unit, iepe=True)
 
-    def _add(self, request: Any, item: Input) -> None:
+    def _add(self, request: Any, volts_per_unit: float, iepe: bool = False) -> None:
         task = self._task(request)
+        item = Input(request.physical_channel, volts_per_unit, request.max_val, iepe=iepe)
         device = item.physical.partition("/")[0]
         if item.physical not in self._devices.get(device, ()):
             text = f"there is no physical channel {item.physical}"

@@ -161,9 +161,7 @@ class Emulated33220A:
         self._change(output=output, burst_running=self._state.burst_running and output)
 
     def _next_error(self) -> str:
-        if not self._errors:
-            return '+0,"No error"'
-        error = self._errors.popleft()
+        error = self._errors.popleft() if self._errors else CommandError(0)
         return f'{error.code:+d},"{error}"'
 
     def _trigger(self) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 TEXTS = {
+    0: "No error",
     -101: "Invalid character",
     -108: "Parameter not allowed",
     -109: "Missing parameter",

@@ -132,11 +132,7 @@ class Case:
     def run_numbers(self) -> list[int]:
         return sorted({cell.run for cell in self.cells})
 
-    def judged_of(self, name: str) -> Judged | None:
-        return next((each for each in self.findings.judged if each.cause.name == name), None)
-
     def run_name(self, number: int) -> str:
-        """Name of a run, or its number where nobody gave one."""
         return self.runs[number].name if number < len(self.runs) else f"run {number + 1}"
 
     def unit(self, run: int, channel: str) -> str:

@@ -33,15 +33,14 @@ def parts(case: Case) -> list[Part]:
     if case.repaired:
         states["after"] = case.cell_gaps(after=True)
     names = {name: (lambda cell, name=name: cell.channel == name) for name in case.channels}
-    caption = "Gap of each channel"
-    if len(case.run_numbers) > 1:
+    caption, several = "Gap of each channel", len(case.run_numbers) > 1
+    if several:
         names |= {case.run_name(k): (lambda cell, k=k: cell.run == k) for k in case.run_numbers}
         caption += " and run"
     rows = [
         [name, *(floors(case.gap_of(chosen, state == "after")) for state in states)]
         for name, chosen in names.items()
     ]
-    several = len(case.run_numbers) > 1
     largest = [
         [
             cell_words(case.cells[k]),

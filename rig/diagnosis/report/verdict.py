@@ -63,8 +63,9 @@ def _effect(case: Case) -> tuple[str, str]:
 
 def _single(case: Case, one: Judged) -> str:
     sure = f"{what_and_where(one.cause)} (probability {probability(one.probability)})"
-    others = [case.judged_of(name) for name in one.indistinguishable_from]
-    alike = [f"{what_and_where(each.cause)} ({probability(each.probability)})" for each in others if each]
+    by_name = {each.cause.name: each for each in case.findings.judged}
+    others = [by_name[name] for name in one.indistinguishable_from if name in by_name]
+    alike = [f"{what_and_where(each.cause)} ({probability(each.probability)})" for each in others]
     if alike:
         return f"{listed([sure, *alike], 'or from')}, which these sensors and settings cannot tell apart"
     if not one.cause.parameters:

@@ -107,7 +107,6 @@ def orders(run: RunRecord) -> list[Part]:
 
 
 def _amplitudes(run: RunRecord, channels: Sequence[str]) -> dict[str, dict[str, Array]]:
-    """By channel and by whose they are; only those that there are."""
     found: dict[str, dict[str, Array]] = {name: {} for name in channels}
     for origin in ORIGINS:
         names = list(beside_turns(run, origin, channels))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -86,7 +86,6 @@ def _comparison(run: RunRecord) -> list[Part]:
 
 
 def _peak_numbers(run: RunRecord) -> list[BigNumber]:
-    """*First* and *max* of the half cycles, where there are any."""
     measured, nominal, predicted = (half_cycle_statistics(run, origin) for origin in ORIGINS)
     if not (measured or predicted):
         return []
@@ -99,15 +98,12 @@ def _peak_numbers(run: RunRecord) -> list[BigNumber]:
     return [_peaks("Peak force, first", "N", first), _peaks("Peak force, max", "N", largest)]
 
 
-def _impact_numbers(run: RunRecord) -> list[BigNumber]:
-    """One for each group of channels on which there are impacts."""
-    numbers = []
+def _impact_numbers(run: RunRecord) -> Iterator[BigNumber]:
     for group, by_whose in impacts_by_group(run).items():
         if any(len(each.peak) for each in by_whose.values()):
             unit = next(iter(by_whose.values())).unit
             peaks = {whose: each.spread for whose, each in by_whose.items()}
-            numbers.append(_peaks(f"Peak of an impact, {group}", unit, peaks))
-    return numbers
+            yield _peaks(f"Peak of an impact, {group}", unit, peaks)
 
 
 def _peaks(label: str, unit: str, peaks: Mapping[str, tuple[float, float] | None]) -> BigNumber:
@@ -123,7 +119,6 @@ def _peaks(label: str, unit: str, peaks: Mapping[str, tuple[float, float] | None
 
 
 def _speed_numbers(run: RunRecord) -> list[BigNumber]:
-    """One, where a crank's speed is known."""
     found = {whose: speed_figures(speed) for whose, speed in speeds(run).items()}
     if not found:
         return []

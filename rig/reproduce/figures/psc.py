@@ -25,6 +25,7 @@ _FRAME = (
 )
 _CHANNELS = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
 _SETTINGS_MM = ((1.0, 1.0), (1.0, 2.0), (2.0, 2.0))
+_LABELS = [f"{first:g} and {second:g} mm" for first, second in _SETTINGS_MM]
 _SPEEDS_RPM = (150.0, 200.0)
 _RATE = 51_200.0
 _SETTLE_TURNS = 3
@@ -106,7 +107,7 @@ def _compute(effort: paper.Effort) -> paper.Outcome:
     for row, name in enumerate(_CHANNELS):
         for column, setting in enumerate(_SETTINGS_MM):
             cell = row * len(_SETTINGS_MM) + column
-            title = f"{name.replace('.acceleration', '')}, {_label(setting)}"
+            title = f"{name.replace('.acceleration', '')}, {_LABELS[column]}"
             chart.axes(cell, title, "crank angle, degrees", "m/s²", x_axis={"range": [0, 720], "dtick": 180})
             for speed, style in ((200.0, paper.OURS_LINE), (150.0, paper.SECOND_LINE)):
                 trace = runs[speed, setting].accelerations[row, :2].ravel()
@@ -126,14 +127,10 @@ def _smallest(what: str, text: str, pairs: Sequence[tuple[Turns, Turns]]) -> lis
     return found
 
 
-def _label(setting: tuple[float, float]) -> str:
-    return f"{setting[0]:g} and {setting[1]:g} mm"
-
-
 def _bars(runs: Runs) -> Figure:
     chart = Plots(rows=1, columns=3, row_px=240, legend=True)
     for cell, name in enumerate(_CHANNELS):
-        ticks = {"tickvals": [0, 1, 2], "ticktext": [_label(g) for g in _SETTINGS_MM], "range": [-0.3, 2.3]}
+        ticks = {"tickvals": [0, 1, 2], "ticktext": _LABELS, "range": [-0.3, 2.3]}
         title = name.replace(".acceleration", "")
         chart.axes(cell, title, "clearance c₁ and c₂", "rms, m/s²", x_axis=ticks, y_axis=FROM_ZERO)
         for speed, style in zip(_SPEEDS_RPM, _STYLES, strict=True):

@@ -115,7 +115,6 @@ class BeamTruths:
 
     @property
     def statuses(self) -> Sequence[Status]:
-        """How each run stands."""
         on_lanes = [] if self._lanes is None else self._lanes.statuses
         found = dict(zip(self._on_lanes, on_lanes, strict=True))
         return [found[run] if run in found else self._alone[run].status for run in range(len(self._twins))]

@@ -66,20 +66,17 @@ class ImpactBeam:
 
     @property
     def model(self) -> RigModel:
-        """Effects, tolerances and motion of every such rig."""
         from sim_twin.rigs.impact_beam.rig import MODEL  # they are made of these parameters
 
         return MODEL
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that a twin of it predicts."""
         covered = isinstance(self.base, FlexibleBase) and self.base.cover is not None
         return channel_names(self.stations, covered)
 
     @property
     def modes(self) -> int:
-        """Number of modes kept."""
         return len(self.modal_damping)
 
 
@@ -174,7 +171,6 @@ class SineDrive:
 
     @property
     def cycle_hz(self) -> float:
-        """Cycles a second."""
         return self.frequency
 
     @property
@@ -183,7 +179,6 @@ class SineDrive:
         return self.amplitude + abs(self.offset)
 
     def at_cycle_hz(self, cycle_hz: float) -> SineDrive:
-        """The same at another frequency."""
         return replace(self, frequency=cycle_hz)
 
     def phase_after(self, phase: float, cycle_hz: float, time: float) -> float:

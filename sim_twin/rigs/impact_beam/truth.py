@@ -42,7 +42,6 @@ class BeamTruth:
         self._force = lambda times: drive.force(omega * (times - reference) + phase)
 
     def advance(self, steps: int) -> Array:
-        """Next `steps` of the grid, shape (channels, steps)."""
         trace = self._simulation.advance(steps)
         upper, lower, *accelerations = trace.outputs
         drive = self._force(np.asarray(trace.start + np.arange(steps) * trace.step))

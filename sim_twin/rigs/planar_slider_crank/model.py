@@ -134,14 +134,12 @@ class PlanarSliderCrank:
 
     @property
     def model(self) -> RigModel:
-        """Effects, tolerances and motion of every such rig."""
         from sim_twin.rigs.planar_slider_crank.rig import MODEL  # they are made of these parameters
 
         return MODEL
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that its twin predicts."""
         return tuple(CHANNELS)
 
     @property

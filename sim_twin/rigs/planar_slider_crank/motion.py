@@ -212,5 +212,4 @@ class CrankTruth:
 
     @property
     def status(self) -> Status:
-        """How the integration stands."""
         return self._status

@@ -93,14 +93,12 @@ class SpatialSliderCrank:
 
     @property
     def model(self) -> RigModel:
-        """Effects, tolerances and motion of every such rig."""
         from sim_twin.rigs.spatial_slider_crank.rig import MODEL  # they are made of these parameters
 
         return MODEL
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that a twin of it predicts."""
         return tuple(CHANNELS)
 
     @property
@@ -110,12 +108,10 @@ class SpatialSliderCrank:
 
     @property
     def socket(self) -> SphericalJoint:
-        """Ball joint at the crank."""
         return SphericalJoint(self.socket_clearance, linear(self.socket_stiffness, self.socket_damping))
 
     @property
     def guide(self) -> PrismaticJoint:
-        """Slider on its guide."""
         law: ContactLaw = linear(self.guide_stiffness, self.guide_damping)
         friction = Friction(self.friction, *self.friction_ramp)
         return PrismaticJoint(

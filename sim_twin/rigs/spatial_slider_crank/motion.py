@@ -156,5 +156,4 @@ class SpatialTruth:
 
     @property
     def status(self) -> Status:
-        """How the integration stands."""
         return self._status
