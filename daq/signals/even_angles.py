@@ -260,3 +260,15 @@ class CycleAverage:
         error = np.sqrt(self._squares / (count - 1) / count)
         one = 0 if self._single else slice(None)
         return SynchronousAverage(self._mean[one].copy(), error[one], np.asarray(self._count[one]).copy())
+
+
+def synchronous_average(
+    values: NDArray[np.floating],
+    turns: NDArray[np.floating],
+    points: int,
+    flagged: NDArray[np.bool_] | None = None,
+) -> SynchronousAverage:
+    """What `CycleAverage` finds in a whole record."""
+    average = CycleAverage(points)
+    average.add(values, turns, flagged)
+    return average.result()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from daq.signals.even_angles import CycleAverage, SynchronousAverage
+from daq.signals.even_angles import CycleAverage, SynchronousAverage, synchronous_average
 from tests.daq.signals.cuts import blocks, cuts_of, drive_turns
 
 POINTS = 4096
@@ -15,14 +15,6 @@ def wave(turns: np.ndarray) -> np.ndarray:
     """One cycle with content up to the 60th harmonic."""
     angle = 2 * np.pi * turns
     return 1.0 + np.sin(angle) + 0.3 * np.cos(11 * angle + 0.5) + 0.1 * np.sin(60 * angle)
-
-
-def synchronous_average(
-    values: np.ndarray, turns: np.ndarray, points: int, flagged: np.ndarray | None = None
-) -> SynchronousAverage:
-    average = CycleAverage(points)
-    average.add(values, turns, flagged)
-    return average.result()
 
 
 def rms(values: np.ndarray) -> float:
