@@ -15,6 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from daq.plugins import UNUSED
+
 # What has been told to end may take this long to be gone: a killed child is reaped, a gRPC thread polls.
 GRACE_S = 5.0
 # Python keeps one process for the resources that spawned processes share, and its pipe, until it ends itself.
@@ -50,6 +52,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(item.path.is_relative_to(_TESTS / place) for place in _ALONE):
             item.add_marker(pytest.mark.alone)
+
+
+@pytest.fixture(autouse=True)
+def _packages_of_one_test() -> Iterator[None]:
+    yield
+    UNUSED.clear()  # a process is one command, but that of the tests
 
 
 class _Held:
