@@ -6,6 +6,7 @@ A package says in its `[project.entry-points."rattle.report_sections"]`, or in w
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,8 +17,11 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
+GROUPS: Final = tuple(
+    f"rattle.{each}" for each in ("rigs", "instruments", "sensors", "effects", "formats", "report_sections")
+)
 UNUSED: Final[list[str]] = []
-"""A sentence for each entry of an open table that this process passed over; the command tells them."""
+"""A sentence for each thing of another package that this process passed over; the command tells them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +36,8 @@ def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str =
     """Import what installed packages offer in `group`, each an instance of `kind`.
 
     `taken` are the names that the group has already. What has a `name` is offered under it, or not used. With
-    an `owner` only what is offered as owner.name counts, under the name alone.
+    an `owner` only what is offered as owner.name counts, under the name alone. What stands in a group that
+    nobody knows is told with the nearest one. The faults go to `UNUSED` as well.
     Looks through all installed packages (milliseconds) and runs their code: called once for a table, by
     whoever needs it, never as a module is imported.
     """
@@ -40,15 +45,21 @@ def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str =
 
     found: dict[str, T] = {}
     faults: list[str] = []
+    holders = dict.fromkeys(taken, "rattle itself")
     before = f"{owner}." if owner else ""
-    offered = sorted(entry_points(group=group), key=lambda point: (point.name, _package(point)))
-    for point in offered:
+    installed = entry_points()
+    groups = (each for each in installed.groups if group in (each, _meant(each)))
+    offered = (point for each in groups for point in installed.select(group=each))
+    for point in sorted(offered, key=lambda point: (point.name, _package(point))):
         if not point.name.startswith(before):
             continue
         name = point.name.removeprefix(before)
-        whose = f"{group}: {point.name} of {_package(point)} is not used"
-        if name in taken or name in found:
-            faults.append(f"{whose}: there is one of that name already")
+        whose = f"{point.group}: {point.name} of {_package(point)} is not used"
+        if point.group != group:
+            faults.append(f"{whose}: there is no such group; did you mean {group}?")
+            continue
+        if name in holders:
+            faults.append(f"{whose}: that of {holders[name]} has the name")
             continue
         try:
             thing: Any = point.load()
@@ -61,7 +72,8 @@ def plugins(group: str, kind: type[T], taken: Collection[str] = (), owner: str =
         elif called != name:
             faults.append(f"{whose}: {point.value} calls itself {called}")
         else:
-            found[name] = thing
+            found[name], holders[name] = thing, _package(point)
+    UNUSED.extend(fault for fault in faults if fault not in UNUSED)
     return Plugins(found, tuple(faults))
 
 
@@ -78,9 +90,7 @@ class OpenTable(Mapping[str, T], Generic[T]):
     @cached_property
     def added(self) -> Mapping[str, T]:
         """Those of other packages; what is wrong with them goes to `UNUSED`."""
-        offered = plugins(self._group, self._kind, self.own, self.owner)
-        UNUSED.extend(offered.faults)
-        return offered.found
+        return plugins(self._group, self._kind, self.own, self.owner).found
 
     def __getitem__(self, name: str) -> T:
         if name not in self.own:
@@ -96,6 +106,12 @@ class OpenTable(Mapping[str, T], Generic[T]):
 
     def __len__(self) -> int:
         return len(self.own) + len(self.added)
+
+
+def _meant(group: str) -> str:
+    """The group that an unknown one is meant for; empty where it is known, or not of rattle."""
+    ours = group.lower().startswith("rattle.") and group not in GROUPS
+    return difflib.get_close_matches(group, GROUPS, n=1, cutoff=0.0)[0] if ours else ""
 
 
 def _package(point: EntryPoint) -> str:

@@ -13,6 +13,8 @@ def main() -> None:
     """Run the command line."""
     # gRPC would tell the terminal of every connection that ends; whatever runs here inherits this.
     os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+    # Threads of OpenBLAS spin while they wait for the next product: beside the acquisition, a core's worth.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from rig.commands.cli import main as rattle
 
     rattle()

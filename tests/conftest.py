@@ -15,6 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from daq.plugins import UNUSED
+
 # What has been told to end may take this long to be gone: a killed child is reaped, a gRPC thread polls.
 GRACE_S = 5.0
 # Python keeps one process for the resources that spawned processes share, and its pipe, until it ends itself.
@@ -56,6 +58,12 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
         return None
     alone = any(collection_path.is_relative_to(_TESTS / place) for place in _ALONE)
     return True if alone != (part == "alone") else None
+
+
+@pytest.fixture(autouse=True)
+def _packages_of_one_test() -> Iterator[None]:
+    yield
+    UNUSED.clear()  # a process is one command, but that of the tests
 
 
 class _Held:

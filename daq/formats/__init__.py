@@ -3,6 +3,7 @@ another package in the group `rattle.formats` (an object of `daq.formats.content
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -10,7 +11,7 @@ from types import MappingProxyType
 from daq.errors import LogError
 from daq.formats import arrays, comma_separated, mat, parquet, tdms, uff
 from daq.formats.contents import FileFormat
-from daq.plugins import Plugins, plugins
+from daq.plugins import plugins
 
 FORMATS = MappingProxyType(
     {
@@ -28,15 +29,14 @@ FORMATS = MappingProxyType(
 
 
 @cache
-def all_formats() -> Plugins[FileFormat]:
-    """Those of the table and of other packages, with what is wrong with the latter."""
-    added = plugins("rattle.formats", FileFormat, FORMATS)
-    return Plugins(FORMATS | added.found, added.faults)
+def all_formats() -> Mapping[str, FileFormat]:
+    """Those of the table and of other packages, by name."""
+    return FORMATS | plugins("rattle.formats", FileFormat, FORMATS).found
 
 
 def format_of(path: Path) -> FileFormat:
     """The format of a file by its ending; raises LogError if no format has it."""
-    formats = all_formats().found
+    formats = all_formats()
     for each in formats.values():
         if path.suffix.lower() in each.suffixes:
             return each

@@ -37,11 +37,9 @@ def export(
     from daq.log.reader import LogReader
 
     screen, formats = Screen(Terminal()), all_formats()
-    for fault in formats.faults:
-        screen.warn(fault)
-    chosen = formats.found.get(to)
+    chosen = formats.get(to)
     if chosen is None or chosen.write is None:
-        names = ", ".join(name for name, each in formats.found.items() if each.write is not None)
+        names = ", ".join(name for name, each in formats.items() if each.write is not None)
         raise typer.BadParameter(f"--to {to}: one of {names}")
     target = out or run.with_suffix(chosen.suffixes[0])
     with LogReader(run) as log, Scratch(target.parent) as scratch:
@@ -108,7 +106,7 @@ def import_files(
     files: Sequence[Path], scenario_file: Path | None, target: Path, answers: Answers, screen: Screen
 ) -> None:
     """Make the new log `target` of `files`; raises ConfigurationError, LogError, RecorderFailed."""
-    from daq.formats import all_formats, format_of
+    from daq.formats import format_of
     from daq.formats.contents import Contents
     from daq.formats.recording import write_log
     from daq.formats.samples import Scratch
@@ -133,7 +131,7 @@ def import_files(
             # what is no column comes from the first that says it
             rest = dataclasses.replace(found[0].rest, impacts=impacts)
             contents = Contents(columns, rest, [note for each in found for note in each.notes])
-        for note in dict.fromkeys((*all_formats().faults, *contents.notes)):
+        for note in dict.fromkeys(contents.notes):
             screen.warn(note)
         text = contents.rest.metadata.get("scenario", {}).get("toml", "")
         if given is None and not text:

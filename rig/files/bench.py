@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any, Final, Literal, TypeVar
@@ -11,7 +12,8 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.ni_daq.channels import CardSettings
-from rig.files.faults import Faults, read_toml
+from rig.files.effects_file import load_effects
+from rig.files.faults import Faults, raised_by, read_toml
 from rig.files.file_kind import read_file
 from rig.files.table import read_table, unknown_keys
 from rig.instruments import INSTRUMENTS
@@ -122,27 +124,22 @@ def tables_of(bench: Bench) -> dict[str, Any]:
 
 def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) -> Bench:
     """Read a bench's text; paths in it start from `folder`. Raises ConfigurationError with every fault."""
-    faults = Faults(source)
-    given = read_toml(text, source)
+    faults, given = Faults(source), read_toml(text, source)
     kind = RIGS[_inferred_rig(given) if rig is None else rig]
     for name, instrument in INSTRUMENTS.items():
         if name in given and name not in _known(kind):
-            driven = f"none: the {kind.name} is driven by [{kind.actuator}]"
-            faults.add(
-                name, given[name], driven if instrument.actuator else f"none: the {kind.name} has none"
-            )
+            why = f"is driven by [{kind.actuator}]" if instrument.actuator else "has none"
+            faults.add(name, given[name], f"none: the {kind.name} {why}")
     table = _with_defaults(given, kind, faults)
     unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
     instruments: dict[str, Any] = {}  # the settings of each; None where some of them are wrong
     for name in (name for name in _known(kind) if name in table):
         read, settings = INSTRUMENTS[name].reader, resolve_name(INSTRUMENTS[name].settings)
-        instruments[name] = (
-            resolve_name(read)(table[name], name, faults)
-            if read
-            else read_table(settings, table[name], name, faults)
-        )
+        reader = resolve_name(read) if read else partial(read_table, settings)
+        instruments[name] = reader(table[name], name, faults)
     emulated = tuple(name for name in table if name in INSTRUMENTS and _emulated(table[name]))
-    emulation = _emulation(table.get("emulation", {}), kind, emulated, folder, faults)
+    meant = (kind, *(RIGS.values() if rig is None else ()))  # a bench alone may be any rig's
+    emulation = _emulation(table.get("emulation", {}), meant, emulated, folder, faults)
     actuator, card = instruments[kind.actuator], instruments[_CARD]
     if "emulation" in given and actuator and card and not emulated:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
@@ -203,15 +200,19 @@ def _emulated(table: object) -> bool:
 
 
 def _emulation(
-    table: Any, kind: RigKind, emulated: Iterable[str], folder: Path, faults: Faults
+    table: Any, meant: Sequence[RigKind], emulated: Iterable[str], folder: Path, faults: Faults
 ) -> Emulation | None:
-    """Read the table of a bench whose instruments `emulated` are so."""
-    emulation = read_table(Emulation, table, "emulation", faults)
+    """Read the table of a bench whose instruments `emulated` are so; its effects are of one of `meant`."""
+    kind, emulation = meant[0], read_table(Emulation, table, "emulation", faults)
     if emulation is None:
         return None
     effects = None if emulation.effects is None else folder / emulation.effects
     if effects is not None and not effects.is_file():
         faults.add("emulation.effects", table["effects"], f"an existing file (looked for {effects})")
+    elif effects is not None:
+        wrong = [raised_by(partial(load_effects, effects, each.nominal().model.effects)) for each in meant]
+        for problem in wrong[0] if all(wrong) else ():
+            faults.note(replace(problem, key=f"emulation.effects {problem.key}"))
     if "rest_offset" in table and "rest_offset" not in kind.model:
         faults.add_from(table, "rest_offset", "emulation", f"none: the {kind.name} has no such place")
     if "encoder_lag" in table and "encoder" not in {*kind.extras} & {*emulated}:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeAlias
 
-from daq.plugins import plugins
+from daq.plugins import UNUSED, plugins
 from rig.pages.content import Part, Section, Sentence, page
 from rig.report.record import RunRecord
 from rig.report.sections import impacts, log, overlays, spectra, speed, summary
@@ -48,6 +48,7 @@ def render(run: RunRecord) -> str:
         except Exception as error:  # another package's code: it costs its own section
             told = f"{GROUP}: {name} failed ({type(error).__name__}: {error})"
             beyond.append((section.heading, [Sentence(told, warning=True)]))
+            UNUSED.append(told)
     own, at = list(made.values()), list(made).index("events")
     identity = run.metadata.get("run", {})
     subtitle = [run.facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]

@@ -38,12 +38,12 @@ def test_objects_come_by_name_and_faults_as_sentences(
         f"{GROUP}: absent {whose} it does not load "
         "(AttributeError: module 'added_numbers' has no attribute 'THREE')",
         f"{GROUP}: broken {whose} it does not load (RuntimeError: no licence)",
-        f"{GROUP}: built_in {whose} there is one of that name already",
+        f"{GROUP}: built_in {whose} that of rattle itself has the name",
         f"{GROUP}: word {whose} added_numbers:WORD is of str, wanted is int",
     )
 
 
-def test_of_two_packages_with_one_name_the_first_is_used_and_the_other_told(
+def test_of_two_packages_with_one_name_the_first_is_used_and_told_with_the_other(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     for name, value in (("pack-b", 2), ("pack-a", 1)):
@@ -51,4 +51,22 @@ def test_of_two_packages_with_one_name_the_first_is_used_and_the_other_told(
         install(monkeypatch, tmp_path, name, GROUP, {"same": f"{module}:THING"}, f"THING = {value}\n")
     offered = plugins(GROUP, int)
     assert offered.found == {"same": 1}
-    assert offered.faults == (f"{GROUP}: same of pack-b 1.2 is not used: there is one of that name already",)
+    assert offered.faults == (f"{GROUP}: same of pack-b 1.2 is not used: that of pack-a 1.2 has the name",)
+
+
+@pytest.mark.parametrize("mistyped", ["rattle.rig", "rattle.rgis", "Rattle.rigs"])
+def test_a_group_that_is_mistyped_is_told_with_the_one_that_is_meant(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, mistyped: str
+) -> None:
+    install(monkeypatch, tmp_path, "pack-a", mistyped, {"shaking_table": "pack_a:KIND"})
+    told = f"{mistyped}: shaking_table of pack-a 1.2 is not used: there is no such group; did you mean"
+    assert plugins("rattle.rigs", int).faults == (f"{told} rattle.rigs?",)
+    assert plugins("rattle.formats", int).faults == ()  # told once, and beside what it is nearest to
+
+
+@pytest.mark.parametrize("known", ["rattle.sensors", "pytest11", "rattlesnake.rigs"])
+def test_a_group_that_is_known_or_another_programs_is_no_mistyped_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, known: str
+) -> None:
+    install(monkeypatch, tmp_path, "pack-a", known, {"shaking_table": "pack_a:KIND"})
+    assert plugins("rattle.rigs", int).faults == ()

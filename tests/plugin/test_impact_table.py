@@ -38,12 +38,12 @@ from rig.rigs import RIGS
 formats, sections = all_formats(), plugins(GROUP, Section, taken=SECTIONS)
 effects = [f"{rig}.{e}" for rig in RIGS for e in RIGS[rig].nominal().model.effects.added]
 print(json.dumps({
-    "unused": [*UNUSED, *formats.faults, *sections.faults],
+    "unused": UNUSED,
     "rattle.rigs": sorted(RIGS.added),
     "rattle.instruments": sorted(INSTRUMENTS.added),
     "rattle.sensors": sorted(SENSORS.added),
     "rattle.effects": sorted(effects),
-    "rattle.formats": sorted(formats.found.keys() - FORMATS.keys()),
+    "rattle.formats": sorted(formats.keys() - FORMATS.keys()),
     GROUP: sorted(sections.found),
 }))
 """

@@ -67,6 +67,18 @@ def test_the_list_of_commands_loads_no_command(imported: Imported) -> None:
     assert not {where.partition(":")[0] for _, where, _ in COMMANDS} & imported()
 
 
+def test_no_thread_of_linear_algebra_spins_beside_an_acquisition(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor in a process that it starts, which inherits it."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    pools = "[print(pool['num_threads']) for pool in threadpoolctl.threadpool_info()]"
+    begin = (
+        "import rig.commands.cli; rig.commands.cli.main = lambda: None; import rig.start; rig.start.main()"
+    )
+    code = f"{begin}; import numpy, scipy.linalg, threadpoolctl; {pools}"
+    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)  # noqa: S603
+    assert set(told.stdout.split()) == {"1"}
+
+
 @pytest.mark.parametrize("where", [where for _, where, _ in COMMANDS])
 def test_each_command_is_where_the_table_says(where: str) -> None:
     assert callable(resolve_name(where))

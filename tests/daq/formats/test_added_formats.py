@@ -9,6 +9,8 @@ import pytest
 
 from daq.errors import LogError
 from daq.formats import FORMATS, all_formats, format_of
+from daq.formats.contents import FileFormat
+from daq.plugins import plugins
 from tests.fake_packages import install
 
 CODE = """
@@ -36,7 +38,7 @@ def added(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
 
 @pytest.mark.usefixtures("added")
 def test_a_format_of_another_package_is_found_by_name_and_by_ending() -> None:
-    assert list(all_formats().found) == [*FORMATS, "tape"]
+    assert list(all_formats()) == [*FORMATS, "tape"]
     assert format_of(Path("run.tape")).name == "tape"
     assert format_of(Path("run.csv")).name == "csv"  # the endings of the formats here come first
     with pytest.raises(LogError, match=r"known are .*\.npz, \.npy, \.tape"):
@@ -45,9 +47,11 @@ def test_a_format_of_another_package_is_found_by_name_and_by_ending() -> None:
 
 @pytest.mark.usefixtures("added")
 def test_what_is_wrong_with_it_is_told_and_the_rest_works() -> None:
-    taken, no_format = sorted(all_formats().faults, key=lambda fault: "wanted" in fault)
-    assert taken == "rattle.formats: uff of added-tape 1.2 is not used: there is one of that name already"
+    taken, no_format = sorted(
+        plugins("rattle.formats", FileFormat, FORMATS).faults, key=lambda fault: "wanted" in fault
+    )
+    assert taken == "rattle.formats: uff of added-tape 1.2 is not used: that of rattle itself has the name"
     assert no_format.endswith(
         "reel of added-tape 1.2 is not used: added_tape:read is of function, wanted is FileFormat"
     )
-    assert all_formats().found["uff"] is FORMATS["uff"]
+    assert all_formats()["uff"] is FORMATS["uff"]

@@ -37,7 +37,7 @@ def rattle(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         (
             {"impact_beam": "added:KIND"},
             BEAM,
-            "impact_beam of added 1.2 is not used: there is one of that name already",
+            "impact_beam of added 1.2 is not used: that of rattle itself has the name",
         ),
         (
             {"shaking_table": "added:KIND"},
@@ -78,7 +78,7 @@ def test_an_instrument_that_cannot_be_used_costs_only_itself(
     checked = rattle(tmp_path, "check", str(SCENARIO))
     assert checked.returncode == 0
     assert checked.stderr == (
-        "! rattle.instruments: inverter of added 1.2 is not used: there is one of that name already\n"
+        "! rattle.instruments: inverter of added 1.2 is not used: that of rattle itself has the name\n"
         "! rattle.instruments: laser of added 1.2 is not used: it does not load "
         "(AttributeError: module 'added' has no attribute 'X')\n"
     )
@@ -108,4 +108,4 @@ def test_an_effect_of_another_package_is_one_of_its_rig(
     names = [each["name"] for each in json.loads(listed.stdout)]
     assert [name for name in names if name in ("clearance", "worn_stops")] == ["clearance", "worn_stops"]
     whose = "impact_beam.clearance of added 1.2"
-    assert listed.stderr == f"! rattle.effects: {whose} is not used: there is one of that name already\n"
+    assert listed.stderr == f"! rattle.effects: {whose} is not used: that of rattle itself has the name\n"

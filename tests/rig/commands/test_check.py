@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -271,3 +272,38 @@ def test_a_bench_beside_a_faulty_scenario_is_checked_as_far_as_it_can_be(
     assert answer.code == 2
     assert f'{back}: drive.speed = "-200 rpm"' in answer.err
     assert f"{blind_bench}: daq_card.channels = crank_frame.acceleration_y: one that shows" in answer.err
+
+
+@pytest.mark.parametrize("beside", [(), (SCENARIOS / "impact_beam.toml",)])
+def test_what_a_bench_hides_in_the_rig_is_checked_with_it(
+    call: Call, tmp_path: Path, beside: tuple[Path, ...]
+) -> None:
+    bench, hidden = tmp_path / "bench.toml", tmp_path / "hidden.json"
+    bench.write_text('[emulation]\neffects = "hidden.json"\n')
+    arguments = (*beside, "--bench", bench) if beside else (bench,)
+    hidden.write_text('[{"name": "clearence"}, {"name": "clearance", "parameters": {"scale": 9, "size": 1}}]')
+    answer = call("check", *arguments)
+    assert answer.code == 2
+    assert 'emulation.effects [1].name = "clearence": unknown effect; did you mean clearance?' in answer.err
+    assert "emulation.effects [2].clearance.scale = 9: 0.5 to 0.9 or 1.1 to 2" in answer.err
+    assert "emulation.effects [2].clearance.size = 1: unknown key" in answer.err
+    hidden.write_text('[{"name": "clearance", "parameters": {"scale": 1.5}}]')
+    assert call("check", *arguments).code == 0
+
+
+def test_a_bench_alone_may_hide_what_any_rig_can_have_and_beside_a_scenario_what_that_rig_can(
+    call: Call, tmp_path: Path
+) -> None:
+    bench, hidden = tmp_path / "bench.toml", tmp_path / "hidden.json"
+    bench.write_text('[emulation]\neffects = "hidden.json"\n')
+    names = {name: {*kind.nominal().model.effects} for name, kind in RIGS.items()}
+    only = next(name for name in names["planar_slider_crank"] if name not in names["impact_beam"])
+    effect = RIGS["planar_slider_crank"].nominal().model.effects[only]
+    values = {
+        name: each.words[0] if each.words else each.intervals[0][0] for name, each in effect.asked.items()
+    }
+    hidden.write_text(json.dumps([{"name": only, "parameters": values}]))
+    assert call("check", bench).code == 0
+    beside_the_beam = call("check", SCENARIOS / "impact_beam.toml", "--bench", bench)
+    assert beside_the_beam.code == 2
+    assert f'emulation.effects [1].name = "{only}": unknown effect' in beside_the_beam.err

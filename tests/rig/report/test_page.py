@@ -10,6 +10,7 @@ from plotly.offline import get_plotlyjs
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.writer import LogWriter
+from daq.plugins import UNUSED
 from rig.report.page import GROUP, SECTIONS, write_report
 from rig.report.record import read_run
 from tests.fake_packages import install
@@ -149,9 +150,12 @@ def test_another_package_adds_sections_and_what_is_wrong_with_them_costs_no_othe
     assert "It has 5 channels &amp; &lt;b&gt;no&lt;/b&gt; wear." in text
     summary = text.split("<h2>")[1]
     whose = "of rattle-wear 1.2 is not used: "
-    assert f"{GROUP}: orders {whose}there is one of that name already" in summary
+    assert f"{GROUP}: orders {whose}that of rattle itself has the name" in summary
     assert f"{GROUP}: lost {whose}it does not load" in summary
-    assert f"{GROUP}: bearings failed (ValueError: no such bearing)" in text
+    failed = f"{GROUP}: bearings failed (ValueError: no such bearing)"
+    assert failed in text
+    assert failed in UNUSED  # which the command tells
+    assert any("lost of rattle-wear 1.2" in told for told in UNUSED)
 
 
 def test_a_short_last_block_is_no_hole(tmp_path: Path) -> None:
