@@ -164,16 +164,16 @@ def rule(
     keys: tuple[str, ...],
     sound: Callable[[Mapping[str, Any]], bool],
     fault: str | tuple[str, ...],
-    allowed: str,
+    allowed: str | Callable[[Mapping[str, Any]], str],
 ) -> Check:
     """The check that the values are `sound`; else `fault` is the key at fault, and `allowed` may stand there.
 
-    A key in braces in `allowed` is that setting's value.
+    A key in braces in `allowed` is that setting's value; it may also be made from all of them.
     """
 
     def find(values: Mapping[str, Any]) -> Iterator[tuple[str | tuple[str, ...], str]]:
         if not sound(values):
-            yield fault, allowed.format_map(values)
+            yield fault, allowed.format_map(values) if isinstance(allowed, str) else allowed(values)
 
     return Check(keys, find)
 

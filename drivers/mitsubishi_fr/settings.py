@@ -50,11 +50,8 @@ def _reachable(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "port", wrong
 
 
-def _within_its_output(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    output_hz = inverter["maximum_speed"] / inverter["rpm_per_hz"]
-    if output_hz > _MOST_HZ:
-        allowed = f"at most {_MOST_HZ:g} Hz of output, not {output_hz:g} Hz: maximum_speed / rpm_per_hz"
-        yield "maximum_speed", allowed
+def _output_hz(inverter: Mapping[str, Any]) -> float:
+    return float(inverter["maximum_speed"] / inverter["rpm_per_hz"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +82,15 @@ class InverterSettings:
     name: str = "inverter"
     CHECKS: ClassVar = (
         Check(("port", "emulated"), _reachable),
-        Check(("maximum_speed", "rpm_per_hz"), _within_its_output),
+        rule(
+            ("maximum_speed", "rpm_per_hz"),
+            lambda inverter: _output_hz(inverter) <= _MOST_HZ,
+            "maximum_speed",
+            lambda inverter: (
+                f"at most {_MOST_HZ:g} Hz of output, not {_output_hz(inverter):g} Hz: "
+                "maximum_speed / rpm_per_hz"
+            ),
+        ),
         rule(
             ("baudrate",),
             lambda inverter: inverter["baudrate"] in _BAUDRATES,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.quantity import Bound, Check, Key, Quantity, Whole, rule
+from daq.quantity import Bound, Key, Quantity, Whole, rule
 from sim_twin.effects import BaseMass
 from sim_twin.parts.beam import Beam
 from sim_twin.ranges import require, require_bounds
@@ -113,22 +113,26 @@ def nominal(
     )
 
 
-def _mesh_has_modes(model: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
-    modes, elements = model["modes"], model["elements"]
-    most = freedoms(elements, model["beam"] == "aluminium")
-    if modes > most:
-        allowed = f"no more modes than the mesh has: {most} for {elements} elements, {modes} asked for"
-        yield ("modes", "elements"), allowed
-
-
-def _rests_inside(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if abs(model["rest_offset"]) >= model["clearance"]:
-        yield "rest_offset", f"less than the clearance, {model['clearance'] * 1e3:g} mm, to either side"
+def _most_modes(model: Mapping[str, Any]) -> int:
+    return freedoms(model["elements"], model["beam"] == "aluminium")
 
 
 CHECKS: Final = (
-    Check(("beam", "modes", "elements"), _mesh_has_modes),
-    Check(("clearance", "rest_offset"), _rests_inside),
+    rule(
+        ("beam", "modes", "elements"),
+        lambda model: model["modes"] <= _most_modes(model),
+        ("modes", "elements"),
+        lambda model: (
+            f"no more modes than the mesh has: {_most_modes(model)} for {model['elements']} elements, "
+            f"{model['modes']} asked for"
+        ),
+    ),
+    rule(
+        ("clearance", "rest_offset"),
+        lambda model: abs(model["rest_offset"]) < model["clearance"],
+        "rest_offset",
+        lambda model: f"less than the clearance, {model['clearance'] * 1e3:g} mm, to either side",
+    ),
     rule(
         ("base", "cover"),
         lambda model: model["cover"] == "none" or model["base"] == "flexible",
@@ -146,10 +150,8 @@ CHECKS: Final = (
 _LARGEST_FORCE_N: Final = 100.0
 
 
-def _peak_in_range(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    peak = drive["amplitude"] + abs(drive["offset"])
-    if peak > _LARGEST_FORCE_N:
-        yield "offset", f"amplitude and offset together up to {_LARGEST_FORCE_N:g} N, not {peak:g} N"
+def _peak_n(drive: Mapping[str, Any]) -> float:
+    return float(drive["amplitude"] + abs(drive["offset"]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +166,16 @@ class SineDrive:
     offset: Annotated[float, Quantity("N", -_LARGEST_FORCE_N, _LARGEST_FORCE_N), Bound("", -1e6, 1e6)] = 0.0
     second: Annotated[float, Bound("", -1e6, 1e6)] = 0.0
     third: Annotated[float, Bound("", -1e6, 1e6)] = 0.0
-    CHECKS: ClassVar = (Check(("amplitude", "offset"), _peak_in_range),)
+    CHECKS: ClassVar = (
+        rule(
+            ("amplitude", "offset"),
+            lambda drive: _peak_n(drive) <= _LARGEST_FORCE_N,
+            "offset",
+            lambda drive: (
+                f"amplitude and offset together up to {_LARGEST_FORCE_N:g} N, not {_peak_n(drive):g} N"
+            ),
+        ),
+    )
 
     def __post_init__(self) -> None:
         require_bounds("SineDrive", self)
