@@ -119,6 +119,10 @@ def _named(name: str) -> tuple[float, dict[str, float]]:
     if name in _USUAL:
         factor, powers = _USUAL[name]
         return factor, {key: power for key, power in zip(_BASE, powers, strict=True) if power}
+    return _by_pint(name)
+
+
+def _by_pint(name: str) -> tuple[float, dict[str, float]]:
     import pint  # half a second, which commands that read no file need not pay
 
     try:
