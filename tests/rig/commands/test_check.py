@@ -271,3 +271,12 @@ def test_a_bench_beside_a_faulty_scenario_is_checked_as_far_as_it_can_be(
     assert answer.code == 2
     assert f'{back}: drive.speed = "-200 rpm"' in answer.err
     assert f"{blind_bench}: daq_card.channels = crank_frame.acceleration_y: one that shows" in answer.err
+
+
+def test_a_bench_is_told_to_read_an_emergency_stop_or_none(
+    call: Call, tmp_path: Path, lasting_bench: Path
+) -> None:
+    assert "emergency stop: none is read\n" in call("check", lasting_bench).out
+    watched = tmp_path / "watched.toml"
+    watched.write_text(f'{lasting_bench.read_text()}\n[emergency_stop]\nline = "inverter/RH"\n')
+    assert "emergency stop: inverter/RH is read, normally closed\n" in call("check", watched).out
