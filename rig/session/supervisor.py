@@ -157,9 +157,6 @@ def _supervise(
     line: Callable[[], LineReader] | None,
 ) -> None:
     run = os.getppid()
-    os.environ["GRPC_ENABLE_FORK_SUPPORT"] = (
-        "0"  # it forks beside a card's line, which its child leaves alone
-    )
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
         spare()  # so that all that its driver needs is loaded while everything is still well
