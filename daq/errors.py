@@ -10,6 +10,7 @@
     |   +-- InstrumentSilent  it did not answer in time         (TimeoutError)
     |   +-- DeviceLost        it went away during the run       (ConnectionError)
     +-- InterlockTripped      a limit was passed; rig is safe   (RuntimeError)
+    |   +-- EmergencyStop     a person frees it and starts anew (InstrumentRefused)
     +-- LogError              the file cannot be trusted        (ValueError)
     +-- RecorderFailed        stop the rig: samples are lost    (OSError)
 
@@ -102,6 +103,18 @@ class DeviceLost(InstrumentError, ConnectionError):
 
 class InterlockTripped(RattleError, RuntimeError):
     """A channel passed its abort limit; the rig was brought to its safe state."""
+
+
+class EmergencyStop(InstrumentRefused, InterlockTripped):
+    """Its line is open, or cannot be read, since `at_s` (s of the monotonic clock)."""
+
+    def __init__(self, address: str, what: str, at_s: float) -> None:
+        self.at_s = at_s
+        check = "that nobody is in danger, free it where it was pressed (a broken wire opens it too)"
+        super().__init__("emergency stop", address, what, check, "emergency_stop")
+
+    def __reduce__(self) -> tuple[type[EmergencyStop], tuple[str, str, float]]:
+        return type(self), (self.address, self.what, self.at_s)
 
 
 class LogError(RattleError, ValueError):

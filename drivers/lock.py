@@ -61,10 +61,28 @@ class InstrumentLock:
                 os.close(again)
 
 
+class Latch:
+    """What it is set to outlives its program, until it is set to nothing. OSError as of files."""
+
+    def __init__(self, address: str) -> None:
+        self._path = _path(address, "latch")
+
+    def set(self, text: str) -> None:
+        with open(_opened(self._path), "r+", encoding="utf-8") as file:
+            file.truncate()
+            file.write(text[:_LONGEST])
+
+    def told(self) -> str:
+        """What it is set to; empty where it is not."""
+        if not os.path.lexists(self._path):
+            return ""
+        with open(_opened(self._path), encoding="utf-8", errors="replace") as file:
+            return "".join(filter(str.isprintable, file.read(_LONGEST)))
+
+
 def lock(instrument: str, address: str) -> InstrumentLock:
     """Hold the instrument at an address; raises `InstrumentRefused`, which says who has it."""
-    name = f"rattle-{hashlib.sha256(_one_name(address).encode()).hexdigest()[:16]}.lock"
-    path = os.path.join(next((each for each in FOLDERS if os.access(each, os.W_OK)), FOLDERS[-1]), name)
+    path = _path(address, "lock")
     try:
         while True:
             file = _opened(path)
@@ -83,6 +101,11 @@ def lock(instrument: str, address: str) -> InstrumentLock:
                 os.close(file)
     except OSError as error:
         raise InstrumentRefused(instrument, address, f"cannot be locked: {error}", path) from error
+
+
+def _path(address: str, kind: str) -> str:
+    name = f"rattle-{hashlib.sha256(_one_name(address).encode()).hexdigest()[:16]}.{kind}"
+    return os.path.join(next((each for each in FOLDERS if os.access(each, os.W_OK)), FOLDERS[-1]), name)
 
 
 def _one_name(address: str) -> str:

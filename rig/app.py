@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pkgutil import resolve_name
 
+from drivers.lock import Latch
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.scpi.settings import GeneratorSettings
@@ -37,7 +38,15 @@ def connect(
     devices: Devices = resolve_name(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
     loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
-    return replace(devices, loggers=loggers), notes
+    card, latch = emulated.reached("daq_card", bench.daq_card), None
+    if card.stop_line is not None:
+        from drivers.ni_daq.stop_line import CardLine
+
+        devices = replace(devices, line=partial(CardLine, card))
+    for settings, device in ((bench.daq_card, devices.card), (bench.actuator, devices.actuator)):
+        if (line := getattr(settings, "stop_line", None)) is not None and not settings.emulated:
+            latch = Latch(f"{line.line} of {device.address}")
+    return replace(devices, loggers=loggers, latch=latch), notes
 
 
 def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
@@ -69,6 +78,7 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
         card_of(scenario, bench, emulated),
         None if encoder is None else INSTRUMENTS["encoder"].driver_of(encoder)(encoder),
+        emergency_stop=lambda: drive.emergency_stop if settings.stop_line else None,
     )
 
 

@@ -15,7 +15,7 @@ from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
 from rig.emulated_rig import EmulatedRig, drawn_rig
-from rig.files.bench import Bench, Emulation, tables_of
+from rig.files.bench import STOP_TABLE, Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
@@ -131,7 +131,8 @@ def wiring_of(bench: Bench) -> CardWiring:
                 else ChargeStage(amplifier.corner_hz, amplifier.output_v or _RANGES_V[-1]),
                 low_pass=None if low_pass is None else LowPassStage(low_pass.corner_hz, low_pass.order),
             )
-    return CardWiring(wires, counters=counters)
+    line = bench.daq_card.stop_line
+    return CardWiring(wires, counters=counters, lines={} if line is None else {line.line: line.healthy})
 
 
 def encoder(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedInstrument:
@@ -200,4 +201,4 @@ def bench_reaching(bench: Bench, addresses: Mapping[str, str]) -> str:
             head: dict[str, Any] = {key: kept.pop(key) for key in _FIRST if key in kept}
             table = {**head, **place, **{key: value for key, value in kept.items() if key not in place}}
         reached[name] = table
-    return toml_of(reached)
+    return toml_of(reached | {name: tables[name] for name in (STOP_TABLE,) if name in tables})

@@ -9,7 +9,7 @@ from concurrent.futures import TimeoutError as NotDone
 from typing import Any, TypeVar
 
 from daq.clock import Clock, SystemClock
-from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, EmergencyStop, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.lock import lock
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
@@ -51,6 +51,12 @@ class FrInverter:
     def health(self) -> LineHealth | None:
         """What went wrong on its line since it was opened; None while it is closed."""
         return self._open.line.health if self._open else None
+
+    @property
+    def emergency_stop(self) -> EmergencyStop | None:
+        """What its terminal has shown of the emergency stop since it was opened."""
+        error = self._open.poller.error if self._open else None
+        return error if isinstance(error, EmergencyStop) else None
 
     @property
     def step_rpm(self) -> float:

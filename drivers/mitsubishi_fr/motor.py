@@ -160,6 +160,12 @@ class Motor:
         )
         return self.state
 
+    async def heed_stop_line(self) -> None:
+        """Read the terminal of the emergency stop, if it has one; raises EmergencyStop where that is open."""
+        if (line := self._settings.stop_line) is not None:
+            (inputs,) = await self._talk.read(fr.TERMINAL_BLOCK, self.silence_ends_s())
+            line.heed(bool(inputs & fr.Terminal[line.terminal]), self._settings.port)
+
     def longest_stop_s(self, from_hz: float) -> float:
         """Return how long the ramps of a stop take at worst, in s: one down, and one each withdrawal."""
         return (1 + WITHDRAWALS) * self._longest_ramp_s(from_hz)

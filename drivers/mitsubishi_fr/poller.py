@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 from daq.clock import Clock
-from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, EmergencyStop, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
 from drivers.mitsubishi_fr.line import LineHealth
 from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor, Notices
@@ -56,6 +56,7 @@ class Poller:
         wrong = problems(found, self._settings)
         if wrong:
             raise InverterMisconfigured(self._settings.name, self._settings.port, wrong)
+        await self._motor.heed_stop_line()
         state = await self._motor.look()
         if state.fault:
             raise self._tripped(state)
@@ -133,7 +134,7 @@ class Poller:
                     traceback.print_exc(file=sys.stderr)
                 return
             self._looked_s = began_s
-            await asyncio.sleep(max(self._settings.poll_s - (self._clock.monotonic_s() - began_s), 0.0))
+            await asyncio.sleep(max(self._settings.period_s - (self._clock.monotonic_s() - began_s), 0.0))
 
     async def _look_after(self, now_s: float) -> None:
         # A process that was frozen (SIGSTOP, swap) for longer than the watchdog waits finds a drive that has
@@ -145,6 +146,8 @@ class Poller:
         orders = self._motor.orders
         given = orders.given  # an order that comes while the drive is asked makes the answer one of before
         try:
+            if self.error is None:
+                await self._motor.heed_stop_line()
             state = await self.look()
         except InstrumentSilent:
             # A drive that is always busy is not silent and tells nothing either.
@@ -188,10 +191,11 @@ class Poller:
         self._latch(error)
         if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
             return
-        # Of a drive that has tripped or is silent no ramp can be seen: run is withdrawn at once.
+        # Of a drive that has tripped or is silent no ramp can be seen, an emergency stop waits for none: run
+        # is withdrawn at once.
         tripped = self._motor.state is not None and self._motor.state.fault != ""
         stop: Callable[[], Coroutine[Any, Any, None]] = self._motor.stop
-        if tripped or isinstance(error, InstrumentSilent):
+        if tripped or isinstance(error, InstrumentSilent | EmergencyStop):
             stop = self._motor.withdraw
         try:
             await self._carry_through(stop())

@@ -97,6 +97,16 @@ class Command(IntFlag):
     OUTPUT_SHUT_OFF = 512  # the motor coasts: no stop of ours uses it
 
 
+class Terminal(IntFlag):
+    """Register 40215: which input terminals are on (place and bits: M, as in FR-A700 and FR-E700)."""
+
+    STF = 1
+    STR = 2
+    RL = 16
+    RM = 32
+    RH = 64
+
+
 # Register 40010 (p. 210, D; values M): what is written to choose a mode, and how it reads then.
 CHOOSE_PANEL, CHOOSE_NETWORK = 0x11, 0x14
 PANEL_MODE, NETWORK_MODE = 1, 4
@@ -108,6 +118,7 @@ RUNNING_FREQUENCY = Register(40014, "running frequency, RAM", 0.01, "Hz", writab
 OUTPUT_FREQUENCY = Register(40201, "output frequency", 0.01, "Hz")
 OUTPUT_CURRENT = Register(40202, "output current", 0.01, "A", page="p. 211 (M)")
 OUTPUT_VOLTAGE = Register(40203, "output voltage", 0.1, "V", page="p. 211 (M)")
+INPUT_TERMINALS = Register(40215, "input terminal status", page="p. 211 (M)")
 FAULTS = tuple(Register(40501 + n, f"fault history {n + 1}", page="p. 212 (D)") for n in range(8))
 
 
@@ -145,10 +156,12 @@ def block(*registers: Register) -> Block:
     return Block(registers[0].number, registers[-1].number - registers[0].number + 1)
 
 
-# The two exchanges before any of these have answers of other lengths, see `conversation`.
+# The exchange before any of these has an answer of another length, see `conversation`; without the terminals
+# the two before have.
 STATUS_BLOCK = block(STATUS_AND_COMMAND, OPERATION_MODE)
 MONITOR_BLOCK = block(OUTPUT_FREQUENCY, OUTPUT_VOLTAGE)
 SET_BLOCK = block(RUNNING_FREQUENCY)
+TERMINAL_BLOCK = block(INPUT_TERMINALS)
 MARKS = tuple(block(FAULTS[0], FAULTS[last]) for last in range(4, 8))
 
 # FR-D700 manual, chapter 5, "List of fault displays" and data codes of the fault history (M).

@@ -11,11 +11,13 @@ from daq.errors import InstrumentRefused, Problem
 from daq.quantity import Check, Key, Quantity, Text, Whole, rule
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Register
+from drivers.protocols.emergency_stop import StopLine
 from drivers.protocols.instrument import misplaced
 
 LONGEST_WATCHDOG_S = 2.0
 SHORTEST_WATCHDOG_S = 0.5  # a silence that long happens on a disturbed line without anybody being gone
 WATCHDOG_OFF = 9999
+_STOP_LINE_POLL_S = 0.05
 PARITY_SETTINGS = {"N": 0, "O": 1, "E": 2}
 _PROTOCOL_MODBUS = 1
 _STOPS = {0: "coasts", 1: "ramps down"}
@@ -62,7 +64,8 @@ class InverterSettings:
     nobody knows it yet. It is polled every `poll_s`, given up after `silent_s` without an answer, and stopped
     when nobody has looked after the running motor for `unattended_s` (all in s); an answer may take
     `answer_s`. `parity` is E, O or N (the drive then has two stop bits). A pty takes N only: with E or O its
-    second setting fails (EINVAL). `socket://` takes and ignores any parity.
+    second setting fails (EINVAL). `socket://` takes and ignores any parity. An emergency stop's line on
+    one of its terminals, `stop_line`, is read with each poll, every 0.05 s or as fast as its answers come.
     """
 
     rpm_per_hz: Annotated[float, Quantity("", 0, 10_000, above=True)]
@@ -80,6 +83,7 @@ class InverterSettings:
     unattended_s: Annotated[float, Quantity("s", 1, 60, key="unattended")] = 5.0
     emulated: Annotated[bool, Key()] = False
     name: str = "inverter"
+    stop_line: StopLine | None = None
     CHECKS: ClassVar = (
         Check(("port", "emulated"), _reachable),
         rule(
@@ -111,6 +115,11 @@ class InverterSettings:
 
     def at(self, address: str) -> InverterSettings:
         return replace(self, port=address)
+
+    @property
+    def period_s(self) -> float:
+        """Time between two polls, s."""
+        return self.poll_s if self.stop_line is None else min(self.poll_s, _STOP_LINE_POLL_S)
 
     @property
     def maximum_speed(self) -> float:

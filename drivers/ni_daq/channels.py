@@ -22,6 +22,7 @@ from drivers.ni_daq.sensing import (
     sensitivity_of,
 )
 from drivers.ni_daq.sensors import SENSORS, Sensor, sensor_of
+from drivers.protocols.emergency_stop import StopLine
 from drivers.protocols.instrument import misplaced
 
 _INPUT = re.compile(r"[^/]+/_?(ai|ctr)[0-9]+", re.IGNORECASE)
@@ -191,7 +192,8 @@ class CardSettings:
     """The table [daq_card] of a bench: a card with its channels.
 
     `grpc` is `host:port` of a device server, None for this machine's driver. `buffer_s` is how long the
-    driver keeps samples that nobody has read, in s. `sample_rate_hz` is the rate asked for, by a scenario.
+    driver keeps samples that nobody has read, in s. `sample_rate_hz` is the rate asked for, by a scenario,
+    `stop_line` an emergency stop's line on one of its digital inputs.
     """
 
     driver: Annotated[Literal["nidaqmx"], Key()] = "nidaqmx"
@@ -201,6 +203,7 @@ class CardSettings:
     channels: tuple[CardChannel, ...] = ()
     sample_rate_hz: float = 0.0
     name: str = "DAQ card"
+    stop_line: StopLine | None = None
     CHECKS: ClassVar = (Check(("grpc",), _reachable),)
 
     @staticmethod

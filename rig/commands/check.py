@@ -69,6 +69,9 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
     loaded = load_any(file)
     if isinstance(loaded, Bench):
         check_bench(loaded, today)
+        line = loaded.stop_line
+        read = "none is read" if line is None else f"{line.line} is read, {line.contact}"
+        typer.echo(f"emergency stop: {read}")
         return loaded
     _check(loaded, None, str(file), today)
     # Another bench may well allow it: no fault of the scenario.

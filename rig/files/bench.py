@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.ni_daq.channels import CardSettings
+from drivers.protocols.emergency_stop import StopLine
 from rig.files.effects_file import load_effects
 from rig.files.faults import Faults, raised_by, read_toml
 from rig.files.file_kind import read_file
@@ -34,6 +35,8 @@ _BESIDE: Final = {
     "speed guard would end every run. Or leave [{name}] out",
 }
 """By whether the actuator is emulated: what else looks at its shaft has to be, and why."""
+
+STOP_TABLE: Final = "emergency_stop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +93,11 @@ class Bench:
         return next((each for each in self.instruments.values() if isinstance(each, EncoderSettings)), None)
 
     @property
+    def stop_line(self) -> StopLine | None:
+        """The emergency stop's line, which one of them reads."""
+        return self.daq_card.stop_line or getattr(self.actuator, "stop_line", None)
+
+    @property
     def loggers(self) -> tuple[str, ...]:
         """The tables of those that measure beside the card, whatever the rig is."""
         return tuple(table for table in self.instruments if INSTRUMENTS[table].logs)
@@ -131,7 +139,7 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
             why = f"is driven by [{kind.actuator}]" if instrument.actuator else "has none"
             faults.add(name, given[name], f"none: the {kind.name} {why}")
     table = _with_defaults(given, kind, faults)
-    unknown_keys(table, (*INSTRUMENTS, "emulation"), "", faults)
+    unknown_keys(table, (*INSTRUMENTS, "emulation", STOP_TABLE), "", faults)
     instruments: dict[str, Any] = {}  # the settings of each; None where some of them are wrong
     for name in (name for name in _known(kind) if name in table):
         read, settings = INSTRUMENTS[name].reader, resolve_name(INSTRUMENTS[name].settings)
@@ -141,6 +149,7 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     meant = (kind, *(RIGS.values() if rig is None else ()))  # a bench alone may be any rig's
     emulation = _emulation(table.get("emulation", {}), meant, emulated, folder, faults)
     actuator, card = instruments[kind.actuator], instruments[_CARD]
+    watch_line(given, kind, instruments, faults)
     if "emulation" in given and actuator and card and not emulated:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
     if kind.turns and kind.actuator in given and actuator and card:  # what else shows its shaft
@@ -154,6 +163,21 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     if faults or emulation is None:
         raise faults.error()
     return Bench(kind.name, instruments, emulation, source, text)
+
+
+def watch_line(given: Mapping[str, Any], kind: RigKind, instruments: dict[str, Any], faults: Faults) -> None:
+    """Have the instrument that an emergency stop's line is on read it, where a bench has one."""
+    line = read_table(StopLine, given[STOP_TABLE], STOP_TABLE, faults) if STOP_TABLE in given else None
+    if line is None or None in instruments.values():
+        return
+    table = "inverter" if line.terminal else _CARD
+    if table not in instruments:
+        faults.add(f"{STOP_TABLE}.line", line.line, f"one of the card: the {kind.name} has no [{table}]")
+    elif instruments[table].emulated and not instruments[kind.actuator].emulated:
+        allowed = f"a line of a real instrument: an emulated one knows of nobody who stops [{kind.actuator}]"
+        faults.add(f"{STOP_TABLE}.line", line.line, allowed)
+    else:
+        instruments[table] = replace(instruments[table], stop_line=line)
 
 
 def _known(kind: RigKind) -> Iterable[str]:

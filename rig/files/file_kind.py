@@ -20,7 +20,7 @@ def _keys() -> Mapping[FileKind, frozenset[str]]:
     """The tables and keys at the top of each; `name` could be anybody's."""
     return {
         "scenario": frozenset({"rig", "model", "drive", "acquisition", "limits"}),
-        "bench": frozenset({*INSTRUMENTS, "emulation"}),
+        "bench": frozenset({*INSTRUMENTS, "emulation", "emergency_stop"}),
         "sweep": frozenset({"sweep", "scenario", "axes", "acquisition"}),
         "model": frozenset({"rig", "runs", "scenarios", "tolerances"}),
     }

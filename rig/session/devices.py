@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from daq.channel import Channel
-from daq.errors import InstrumentError
-from drivers.lock import InstrumentLock, lock
+from daq.errors import EmergencyStop, InstrumentError
+from drivers.lock import InstrumentLock, Latch, lock
 from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.emergency_stop import LineReader, refuse_open
 from drivers.protocols.encoder import PositionEncoder
 from drivers.protocols.instrument import Actuator, Logger
 from rig.files.bench import Bench
@@ -36,6 +37,8 @@ class Devices:
     one can be opened beside the first. `motion(wait, measured_rpm)` is what the actuator does in a run:
     `wait` waits that many seconds and may raise, `measured_rpm` gives the speed of the shaft as the
     instruments on it see it, NaN where they do not. `loggers` measure beside the card, by their tables.
+    `line` makes a reader of the emergency stop's line on the card (picklable, for the supervisor);
+    `emergency_stop` is what an actuator has seen of one that it reads itself. `latch` keeps what was seen.
     """
 
     actuator: Actuator
@@ -45,6 +48,9 @@ class Devices:
     encoder: PositionEncoder | None = None
     loggers: Mapping[str, Logger] = field(default_factory=dict)
     locks: list[InstrumentLock] = field(default_factory=list)
+    line: Callable[[], LineReader] | None = None
+    emergency_stop: Callable[[], EmergencyStop | None] = lambda: None
+    latch: Latch | None = None
 
     @property
     def logged(self) -> tuple[Channel, ...]:
@@ -58,6 +64,7 @@ class Devices:
         # what somebody else uses is not even connected to, nor is anything beside it
         self._each(devices.values(), lambda device: self.locks.append(lock(device.name, device.address)))
         self._each(filter(None, all_devices), lambda device: device.open())
+        self._each(filter(None, [self.line]), refuse_open)
 
     def close(self) -> None:
         """Close all; never raises. First what moves the rig, for its closing is a way to stop it."""
@@ -96,6 +103,10 @@ def connected(
     stop.check()
     with screen.busy("connecting"):
         devices.open()
+    if devices.latch is not None and (seen := devices.latch.told()):
+        screen.confirm(f"{seen}. Enter once nobody is in danger and it may start again: ")
+        stop.check()
+        devices.latch.set("")
     stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))
     screen.say(f"drive      {devices.actuator.identity} at {devices.actuator.address}")
     screen.say(f"card       {len(devices.card.channels)} channels at {devices.card.sample_rate:g} Hz, "

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.clock import Clock
-from daq.errors import InstrumentError, InterlockTripped, RattleError, RecorderFailed
+from daq.errors import EmergencyStop, InstrumentError, InterlockTripped, RattleError, RecorderFailed
 from daq.log.records import STOPPING, Event
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
@@ -122,7 +122,7 @@ class DrivenRig:
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
-        self._supervisor = Supervisor(devices.spare, devices.locks, bench.actuator.emulated)
+        self._supervisor = Supervisor(devices.spare, devices.locks, bench.actuator.emulated, devices.line)
         self.stream = Stream()
         self.logbook = Logbook(clock, self.stream, screen)
         self.recorder: Recorder
@@ -210,7 +210,7 @@ class DrivenRig:
                 raise Hung(f"{self._hung}, and the drive was switched off")
 
         acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
-        self.watch.checks += [acquisition.check, self.shaft.check]
+        self.watch.checks += [self.heed_emergency_stop, acquisition.check, self.shaft.check]
         self.watch.at_times(motion.check)
         self.watch.checks += [heed_hung, self._supervisor.check]
         actuator = self.devices.actuator.name
@@ -240,8 +240,15 @@ class DrivenRig:
         """Supervised, acquiring and with its logbook open; the drive is off on every way out."""
         gc.collect()
         gc.freeze()  # no pause for what is there to stay
+
+        def latch() -> None:
+            if (seen := self.emergency_stop) is not None and self.devices.latch is not None:
+                with suppress(OSError):
+                    self.devices.latch.set(f"{seen.instrument} at {seen.address} ended a run: {seen.what}")
+
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
+            running.callback(latch)
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
@@ -285,6 +292,15 @@ class DrivenRig:
             self.watch.until(self.acquisition, lambda: encoder.ended)
 
     @property
+    def emergency_stop(self) -> EmergencyStop | None:
+        """What was seen of its line, for good."""
+        return self._supervisor.emergency_stop or self.devices.emergency_stop()
+
+    def heed_emergency_stop(self) -> None:
+        if (seen := self.emergency_stop) is not None:
+            raise seen
+
+    @property
     def recorded(self) -> bool:
         """Whether the record is complete; what asks for less may have brought its end nearer."""
         until = self.acquisition.record_until
@@ -299,15 +315,18 @@ class DrivenRig:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
-                text = f"stopping before its time{f' ({cause})' if (cause := sys.exc_info()[1]) else ''}"
+                cause, stopped_ns = sys.exc_info()[1], self._stopped_ns or self._stopping_ns()
+                if (seen := self.emergency_stop) is not None:
+                    cause = seen
+                    self.stream(Event(stopped_ns, "error", "rig", seen.code, str(seen)))
+                text = f"stopping before its time{f' ({cause})' if cause else ''}"
                 if self.on_stopping is not None:
                     self.on_stopping()
                     text += ": what is recorded from here on has no prediction"
                 with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
-                    stopped_ns = self._stopped_ns or self.clock.unix_ns()
                     self.stream(Event(stopped_ns, "warning", "rig", STOPPING, text))
         finally:  # nothing that goes wrong with a log may keep the drive on
-            self._bring_to_rest(self.motion.off)
+            self._bring_to_rest(self.motion.cut if self.emergency_stop else self.motion.off)
 
     def warn(self, code: str, text: str) -> None:
         self.logbook.tell("warning", code, text)
@@ -323,6 +342,11 @@ class DrivenRig:
             self._met, self._stops = self._dangers(), True
         self.watch.excuse(self.motion.longest_stop_s)
         stop()
+
+    def _stopping_ns(self) -> int:
+        """When the emergency stop was seen; now, where something else stops it."""
+        seen = self.emergency_stop
+        return self.clock.unix_ns() if seen is None else self.clock.at_ns(seen.at_s)
 
     def _hand_over(self) -> str:
         self.devices.actuator.close()
@@ -346,10 +370,10 @@ class DrivenRig:
         while not ended.wait(_LOOK_S):
             with self._deciding:
                 if (found := self._dangers()) > self._met:
-                    # what comes while it stops already, and a person who asks twice, waits for no ramp
-                    cut = self._stops or self._stop.asked > 1
+                    # what comes while it stops already, a person who asks twice, an emergency stop: no ramp
+                    cut = self._stops or self._stop.asked > 1 or self.emergency_stop is not None
                     self._met, self._stops, self._unsafe = found, True, self._unsafe + 1
-                    self._stopped_ns = self._stopped_ns or self.clock.unix_ns()
+                    self._stopped_ns = self._stopped_ns or self._stopping_ns()
                     self.shaft.disarm()
                     if self.devices.spare is None:  # else the supervisor may act beside it
                         self.watch.excuse(self.motion.longest_stop_s)
@@ -373,7 +397,8 @@ class DrivenRig:
             each for each in (self.acquisition, self.encoder) if each is not None and each.error is not None
         ]
         again = max(self._stop.asked - 1, 0)
-        return self.acquisition.trips + self.shaft.tripped + len(lost) + bool(self._hung) + again
+        stopped = self.emergency_stop is not None
+        return self.acquisition.trips + self.shaft.tripped + len(lost) + bool(self._hung) + again + stopped
 
     def _late(self) -> str:
         """Who hangs by now, while it moves."""

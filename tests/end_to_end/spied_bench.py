@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
+from types import MappingProxyType
 
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq.emulator.process import start_daq_card
@@ -76,11 +77,20 @@ def spied_generator(onward: Connection | None = None) -> Iterator[tuple[Emulated
 
 
 @contextmanager
-def light_card() -> Iterator[tuple[EmulatedInstrument, Connection]]:
-    """A card whose force channels all show the drive, and where to send the drive."""
+def light_card(
+    lines: Mapping[str, bool] = MappingProxyType({}), rehearsal: Connection | None = None
+) -> Iterator[tuple[EmulatedInstrument, Connection]]:
+    """A card whose force channels all show the drive, and where to send the drive.
+
+    What `rehearsal` brings is on its digital inputs then, instead of `lines`.
+    """
     wires = {
         channel.physical: Wire("acceleration" if channel.unit == "m/s2" else "force", channel.volts_per_unit)
         for channel in embedded_bench().daq_card.channels
     }
-    with DriveLink.new() as link, start_daq_card(SinePlant, CardWiring(wires), link.receiver) as card:
+    wiring = CardWiring(wires, lines=dict(lines))
+    with (
+        DriveLink.new() as link,
+        start_daq_card(SinePlant, wiring, link.receiver, rehearsal=rehearsal) as card,
+    ):
         yield card, link.sender

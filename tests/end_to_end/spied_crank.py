@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.mitsubishi_fr.emulator.drive import InverterSetup
+from drivers.mitsubishi_fr.emulator.drive import NO_TERMINAL, DriveFaults, InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
+from drivers.mitsubishi_fr.registers import Terminal
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
@@ -181,9 +182,12 @@ class SpiedCrank:
 
 @contextmanager
 def spied_crank(
-    folder: Path, slips_after_s: float = math.inf, encoder: EncoderSetup | None = None
+    folder: Path,
+    slips_after_s: float = math.inf,
+    encoder: EncoderSetup | None = None,
+    stop: Terminal = NO_TERMINAL,
 ) -> Iterator[SpiedCrank]:
-    """A crank's bench without physics but for its shaft."""
+    """A crank's bench without physics but for its shaft; `stop` is the terminal of an emergency stop."""
     wiring = CardWiring(
         {"cDAQ1Mod1/ai0": Wire("crank.marker", 1.0, range_v=10.0)},
         counters={"cDAQ1Mod3/ctr0": CounterWire("crank.angle", 1024)},
@@ -192,7 +196,9 @@ def spied_crank(
     rehearsal, ordered = get_context("spawn").Pipe()
     with DriveLink.new() as spied, DriveLink.new() as shown, DriveLink.new() as sensed:
         fork = Fork((spied.sender, shown.sender, sensed.sender))
-        inverter = start_inverter(InverterWiring(fork, None, ordered), InverterSetup(parameters))
+        inverter = start_inverter(
+            InverterWiring(fork, None, ordered), InverterSetup(parameters, DriveFaults(terminals=stop))
+        )
         ordered.close()
         card = start_daq_card(Slipping(slips_after_s), wiring, shown.receiver)
         sensor = start_encoder(partial(LinkedShaft, MOTOR, sensed.receiver), encoder)
@@ -202,6 +208,8 @@ def spied_crank(
         text = BENCH.format(
             inverter=inverter.address, rpm_per_hz=RPM_PER_HZ, card=card.address, host=host, port=port
         )
+        if stop:
+            text += f'[emergency_stop]\nline = "inverter/{stop.name}"\n'
         scenario, bench = folder / "scenario.toml", folder / "bench.toml"
         scenario.write_text(SCENARIO)
         bench.write_text(re.sub(r"valid_until = 2036", "valid_until = 2096", text))

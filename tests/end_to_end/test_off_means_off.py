@@ -137,9 +137,8 @@ def test_a_second_run_leaves_the_first_alone(bench: SpiedBench, tmp_path: Path) 
 
 @pytest.mark.parametrize("how", ["frozen", "killed"])
 def test_a_run_that_is_stopped_dead_is_safe_within_a_second(
-    mortal_bench: SpiedBench, tmp_path: Path, freeze: Callable[[int], None], how: str
+    bench: SpiedBench, tmp_path: Path, freeze: Callable[[int], None], how: str
 ) -> None:
-    bench = mortal_bench  # a card whose user is killed stays in use
     scenario = write_scenario(tmp_path / "scenario.toml", duration_s=30.0)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
         bench.spy.await_on()  # in its ramp

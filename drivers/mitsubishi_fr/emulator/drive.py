@@ -16,7 +16,7 @@ from typing import Protocol
 from pymodbus.constants import ExcCodes
 
 from drivers.mitsubishi_fr import registers as fr
-from drivers.mitsubishi_fr.registers import Command, Status
+from drivers.mitsubishi_fr.registers import Command, Status, Terminal
 from drivers.protocols.speed_drive import InverterOutput, MotorLoad
 
 # Raw values. Pr.3 to 6 are those of the manual's example of a read; the rest is as rattle needs it.
@@ -47,6 +47,7 @@ WATCHDOG_OFF = 9999
 RAMP_ON_SILENCE = 1
 _NO_RAMP_HZ_PER_S = 1e6  # where Pr.7 or Pr.8 is 0
 _VOLTS_PER_HZ = 200.0 / 60.0  # constant V/f: 200 V at 60 Hz
+NO_TERMINAL = Terminal(0)
 _MODES = {0x10: 0, fr.CHOOSE_PANEL: fr.PANEL_MODE, fr.CHOOSE_NETWORK: fr.NETWORK_MODE}
 
 
@@ -56,12 +57,13 @@ class DriveFaults:
 
     `not_obeyed`: registers (manual numbers) whose writes are acknowledged and forgotten. `stuck`: orders are
     kept, the output stays as it is. `exceptions`: by register the Modbus exception that its next accesses are
-    answered with, and how many of them.
+    answered with, and how many of them. `terminals` are the inputs that are on: what is wired to them.
     """
 
     not_obeyed: frozenset[int] = frozenset()
     stuck: bool = False
     exceptions: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+    terminals: Terminal = NO_TERMINAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +233,7 @@ class EmulatedDrive:
             fr.OUTPUT_FREQUENCY.number: lambda: output_hz / fr.OUTPUT_FREQUENCY.scale,
             fr.OUTPUT_CURRENT.number: lambda: self._load.current_a() / fr.OUTPUT_CURRENT.scale,
             fr.OUTPUT_VOLTAGE.number: lambda: output_hz * _VOLTS_PER_HZ / fr.OUTPUT_VOLTAGE.scale,
+            fr.INPUT_TERMINALS.number: lambda: self.faults.terminals,
         }
         if number in readings:
             return min(max(round(readings[number]()), 0), 0xFFFF)

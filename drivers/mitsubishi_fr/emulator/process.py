@@ -12,7 +12,9 @@ from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator.drive import (
+    NO_TERMINAL,
     PARAMETERS,
+    DriveFaults,
     EmulatedDrive,
     InverterSetup,
     OutputSink,
@@ -75,4 +77,7 @@ def matching_setup(settings: InverterSettings, ramp_s: float) -> InverterSetup:
         fr.ACCELERATION_TIME: fr.ACCELERATION_TIME.raw(ramp_s),
         fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
     }
-    return InverterSetup({register.number - fr.PARAMETERS: value for register, value in raw.items()})
+    line = settings.stop_line
+    on = fr.Terminal[line.terminal] if line is not None and line.healthy else NO_TERMINAL
+    parameters = {register.number - fr.PARAMETERS: value for register, value in raw.items()}
+    return InverterSetup(parameters, DriveFaults(terminals=on))

@@ -25,15 +25,17 @@ def start_daq_card(
     initial: Output | None = None,
     name: str = "emulated DAQ card",
     deadline_s: float = START_DEADLINE_S,
+    rehearsal: Connection | None = None,
 ) -> EmulatedInstrument:
     """Start an emulated card on a gRPC device server; its address is `host:port`.
 
     `plant` is called in the new process, so it must be picklable. The plant hears of `initial` when sampling
-    starts, and of what comes through `drive`. Raises `ConfigurationError` for a wiring that no card has,
+    starts, and of what comes through `drive`. `rehearsal` brings what is on the digital inputs, as
+    `CardWiring.lines` says it. Raises `ConfigurationError` for a wiring that no card has,
     `InstrumentAbsent` where it does not start in time.
     """
     wiring.devices()
-    return start(partial(_Card, plant, wiring, drive, initial), name, deadline_s)
+    return start(partial(_Card, plant, wiring, drive, initial, rehearsal), name, deadline_s)
 
 
 class _Card:
@@ -45,27 +47,28 @@ class _Card:
         wiring: CardWiring,
         drive: Connection | None,
         initial: Output | None,
+        rehearsal: Connection | None,
     ) -> None:
         # Here, in the new process: whoever starts it needs neither server nor converter.
         from drivers.ni_daq.emulator.acquisition import DriveInbox
         from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
 
         self._inbox: DriveInbox[Any] = DriveInbox(initial)
-        self._drive = drive
-        self._server = CardServer(CardServicer(plant(), wiring, self._inbox, SystemClock()))
+        servicer = CardServicer(plant(), wiring, self._inbox, SystemClock())
+        self._server = CardServer(servicer)
+        self._heard = ((drive, self._inbox.put), (rehearsal, servicer.put_lines))
         self._stopped = threading.Event()
 
     def open(self) -> tuple[str]:
-        address, drive = self._server.open(), self._drive
-        if drive is not None:
+        def receive(heard: Connection, put: Callable[[Any], None]) -> None:
+            with suppress(EOFError, OSError):  # who tells is gone; all stays as it was
+                while True:
+                    put(heard.recv())
 
-            def receive() -> None:
-                with suppress(EOFError, OSError):  # the generator is gone; the drive stays as it was
-                    while True:
-                        self._inbox.put(drive.recv())
-
-            threading.Thread(target=receive, daemon=True).start()
-        return (address,)
+        for heard, put in self._heard:
+            if heard is not None:
+                threading.Thread(target=receive, args=(heard, put), daemon=True).start()
+        return (self._server.open(),)
 
     def serve(self) -> None:
         self._stopped.wait()

@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -57,6 +58,7 @@ from drivers.protocols.card import Plant
 
 STANDARD_GRAVITY = 9.80665  # m/s2, in which clients give sensitivities
 _DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}
+_ESTABLISHED = "01"
 _LEAST_COUNTER_BUFFER = 10_000  # samples
 VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update of the driver
 
@@ -150,7 +152,22 @@ class CardServicer(DeviceCalls):
             problems = [Problem("plant channel", name, allowed) for name in sorted(unknown)]
             raise ConfigurationError("wiring of the emulated card", problems)
         self._tasks: dict[str, Task] = {}
+        self._lines = wiring.lines
         self._lock = threading.Lock()
+
+    def put_lines(self, lines: Mapping[str, bool]) -> None:
+        """What is on the digital inputs from now on; one that is not among them cannot be read."""
+        self._lines = lines
+
+    def heard(self, request: Any, client: str) -> None:
+        """Take note of whose a task is; before a new one, free those whose client has gone without a word."""
+        if isinstance(request, messages.CreateTaskRequest):
+            with self._lock:
+                for left in [each for each in self._tasks.values() if not _is_connected(each.client)]:
+                    left.stop()
+                    del self._tasks[left.name]
+        elif hasattr(request, "task") and (task := self._tasks.get(request.task.name)) is not None:
+            task.client = client
 
     def close(self) -> None:
         with self._lock:
@@ -165,7 +182,7 @@ class CardServicer(DeviceCalls):
                 if request.session_name:
                     raise DaqmxError(DAQmxErrors.INVALID_TASK, f"there is a task {name} already")
                 number += 1
-            self._tasks[name] = Task(name)
+            self._tasks[name] = Task(name, context.peer())
         return messages.CreateTaskResponse(task={"name": name}, new_session_initialized=True)
 
     def ClearTask(self, request: Any, context: Any) -> Any:
@@ -239,6 +256,22 @@ class CardServicer(DeviceCalls):
         self._add_counter(request, pulse_frequency, np.float64)
         return messages.CreateCIFreqChanResponse()
 
+    def CreateDIChan(self, request: Any, context: Any) -> Any:
+        if request.lines not in self._wiring.lines:
+            text = f"there is no digital line {request.lines}"
+            raise DaqmxError(DAQmxErrors.PHYSICAL_CHAN_DOES_NOT_EXIST, text)
+        if any(task.line == request.lines for task in self._tasks.values()):
+            raise DaqmxError(DAQmxErrors.PAL_RESOURCE_RESERVED, f"{request.lines} is in use")
+        self._task(request).line = request.lines
+        return messages.CreateDIChanResponse()
+
+    def ReadDigitalLines(self, request: Any, context: Any) -> Any:
+        if (on := self._lines.get(self._task(request).line)) is None:
+            raise DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the module does not answer")
+        return messages.ReadDigitalLinesResponse(
+            read_array=bytes([on]), samps_per_chan_read=1, num_bytes_per_samp=1
+        )
+
     def CfgSampClkTiming(self, request: Any, context: Any) -> Any:
         task = self._task(request)
         task.clock = request.source
@@ -300,6 +333,8 @@ class CardServicer(DeviceCalls):
         task = self._task(request)
         with self._lock:
             counter = task.counter
+            if task.line:
+                return messages.StartTaskResponse()
             if counter is None:
                 self._commit(task).start()
                 return messages.StartTaskResponse()
@@ -415,11 +450,25 @@ def _clock_of(task: Task) -> str:
     return f"/{chassis_of(device) or device}/ai/SampleClock"
 
 
+def _is_connected(client: str) -> bool:
+    """Whether the far end of a connection is still there, by the kernel's table: gRPC tells no servicer."""
+    far = f":{int(client.rpartition(':')[2]):04X}"
+    tables = [Path(f"/proc/net/{table}") for table in ("tcp", "tcp6")]
+    lines = [line.split() for table in tables if table.exists() for line in table.read_text().splitlines()]
+    return any(line[2].endswith(far) and line[3] == _ESTABLISHED for line in lines)
+
+
 CALLS_AT_ONCE = 8  # a read waits in its call; others must get through
 
 
 class _DaqmxErrors(grpc.ServerInterceptor):
-    """Sends a `DaqmxError` the way NI's server does: status UNKNOWN and the code in the trailing metadata."""
+    """Sends a `DaqmxError` the way NI's server does: status UNKNOWN and the code in the trailing metadata.
+
+    The servicer hears who calls.
+    """
+
+    def __init__(self, heard: Callable[[Any, str], None]) -> None:
+        self._heard = heard
 
     def intercept_service(self, continuation: Callable[..., Any], details: Any) -> Any:
         handler = continuation(details)
@@ -428,6 +477,7 @@ class _DaqmxErrors(grpc.ServerInterceptor):
 
         def call(request: Any, context: Any) -> Any:
             try:
+                self._heard(request, context.peer())
                 return handler.unary_unary(request, context)
             except DaqmxError as error:
                 # From here nidaqmx takes the code of its DaqError.
@@ -448,7 +498,9 @@ class CardServer:
 
     def open(self) -> str:
         """Listen on a free port; return `host:port`."""
-        self._server = grpc.server(ThreadPoolExecutor(CALLS_AT_ONCE), interceptors=[_DaqmxErrors()])
+        self._server = grpc.server(
+            ThreadPoolExecutor(CALLS_AT_ONCE), interceptors=[_DaqmxErrors(self._servicer.heard)]
+        )
         nidaqmx_pb2_grpc.add_NiDAQmxServicer_to_server(self._servicer, self._server)
         port = self._server.add_insecure_port("127.0.0.1:0")
         self._server.start()

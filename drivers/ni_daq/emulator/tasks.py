@@ -21,9 +21,14 @@ DEFAULT_BUFFER = 100_000  # samples per channel at 10 kHz to 1 MHz: NI-DAQmx man
 
 @dataclass(slots=True)
 class Task:
-    """A task with analog inputs, or with one counter whose sample clock is the terminal `clock`."""
+    """A task with analog inputs, with one counter whose sample clock is the terminal `clock`, or with a line.
+
+    `client` is who created or used it last, as gRPC names the far end of a connection.
+    """
 
     name: str
+    client: str = ""
+    line: str = ""
     inputs: list[Input] = field(default_factory=list)
     counter: CounterInput | None = None
     clock: str = ""

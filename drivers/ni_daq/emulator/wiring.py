@@ -98,6 +98,7 @@ class CardWiring:
     Each device has `inputs_per_device` inputs, more where more are wired; those without a wire show noise of
     `idle_noise_v` rms (V) made from `seed`. `counters` are wired by name as well (`cDAQ1Mod3/ctr0`).
     `stamps_start`: the chassis is network-synchronized, as a cDAQ-9189 is, and knows when a task began.
+    `lines` are digital inputs (`cDAQ1Mod4/port0/line0`) that are on (true) or off, to begin with.
     """
 
     wires: Mapping[str, Wire]
@@ -110,6 +111,7 @@ class CardWiring:
     counter_product_type: str = "NI 9401"
     counters_per_device: int = 4
     stamps_start: bool = True
+    lines: Mapping[str, bool] = field(default_factory=dict)
 
     def devices(self) -> dict[str, list[str]]:
         """Return the analog inputs of each device, none for one that counts.

@@ -307,3 +307,12 @@ def test_a_bench_alone_may_hide_what_any_rig_can_have_and_beside_a_scenario_what
     beside_the_beam = call("check", SCENARIOS / "impact_beam.toml", "--bench", bench)
     assert beside_the_beam.code == 2
     assert f'emulation.effects [1].name = "{only}": unknown effect' in beside_the_beam.err
+
+
+def test_a_bench_is_told_to_read_an_emergency_stop_or_none(
+    call: Call, tmp_path: Path, lasting_bench: Path
+) -> None:
+    assert "emergency stop: none is read\n" in call("check", lasting_bench).out
+    watched = tmp_path / "watched.toml"
+    watched.write_text(f'{lasting_bench.read_text()}\n[emergency_stop]\nline = "inverter/RH"\n')
+    assert "emergency stop: inverter/RH is read, normally closed\n" in call("check", watched).out

@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigurationError
+from drivers.protocols.emergency_stop import StopLine
 from drivers.scpi.settings import GeneratorSettings
+from rig.emulation import bench_reaching
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
 from tests.rig.files.faulty import only_problem, problems_of
 
@@ -282,3 +284,33 @@ def test_value_where_a_table_belongs_is_told(text: str) -> None:
 def test_any_text_gives_a_bench_or_a_configuration_error(text: str) -> None:
     with contextlib.suppress(ConfigurationError):
         assert parse(text).daq_card.emulated
+
+
+CARD_LINE = '[emergency_stop]\nline = "cDAQ1Mod4/port0/line0"'
+TERMINAL = '[emergency_stop]\nline = "inverter/RH"'
+UNSEEN = REAL.replace('grpc = "127.0.0.1:31763"', "emulated = true")
+
+
+def test_an_emergency_stop_is_read_by_the_instrument_that_its_line_is_on() -> None:
+    bench = parse(f'{REAL}\n{CARD_LINE}\ncontact = "normally open"')
+    assert bench.daq_card.stop_line == bench.stop_line == StopLine("cDAQ1Mod4/port0/line0", "normally open")
+    crank = parse(f"{TERMINAL}\n[inverter]\nemulated = true\n[daq_card]\nemulated = true")
+    assert crank.actuator.stop_line == crank.stop_line == StopLine("inverter/RH", "normally closed")
+    assert crank.daq_card.stop_line is None
+    assert parse(REAL).stop_line is None
+    again = parse_bench(
+        bench_reaching(crank, {"inverter": "socket://127.0.0.1:5020", "daq_card": "127.0.0.1:1"}), "", Path()
+    )
+    assert again.stop_line == crank.stop_line
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"{REAL}\n{TERMINAL}", "one of the card: the impact_beam has no [inverter]"),
+        (f'{REAL}\n[emergency_stop]\nline = "ai0"', "a digital input of the card, such as"),
+        (f"{UNSEEN}\n{CARD_LINE}", "a line of a real instrument: an emulated"),
+    ],
+)
+def test_an_emergency_stop_that_nobody_could_read_is_refused(text: str, said: str) -> None:
+    assert said in only_problem(lambda: parse(text), "emergency_stop.line").allowed

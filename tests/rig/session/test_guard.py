@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,8 +15,12 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import InstrumentRefused, InterlockTripped
+from daq.errors import EmergencyStop, InstrumentRefused, InterlockTripped
+from daq.log.records import STOPPING
+from daq.log.writer import LogWriter
 from daq.time_base.run_clock import RunClock
+from drivers import lock as locks
+from drivers.lock import Latch
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Limit, parse_scenario
 from rig.session import driven_rig
@@ -282,3 +287,93 @@ def test_a_limit_that_stops_a_motor_stops_it_on_its_ramp(tmp_path: Path) -> None
     ended(bench, InterlockTripped, r"contact\.force_upper", during)
     assert "cut" not in motor.told
     assert "off" in motor.told
+
+
+PRESSED_S = 3.0
+"""Before it is heard of, so that its own time can be told from that."""
+
+
+def pressed() -> EmergencyStop:
+    return EmergencyStop("port0/line0 of a card", "its line is open", time.monotonic() - PRESSED_S)
+
+
+@pytest.mark.parametrize("by", ["supervisor", "actuator"])
+def test_an_emergency_stop_switches_off_while_the_sequence_looks_at_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    bench = Bench(tmp_path, None)
+    kept, seen = Kept(), list[EmergencyStop]()
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    devices = replace(bench.rig.devices, latch=Latch("the line"))
+    bench.rig.devices = replace(devices, emergency_stop=lambda: seen[0] if seen else None)
+
+    def during(rig: DrivenRig) -> None:
+        rig.stream[:] = [kept]
+        if by == "actuator":
+            seen.append(pressed())
+        else:
+            monkeypatch.setattr(Beats, "emergency_stop", pressed())
+        since_s = time.monotonic()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        assert (bench.generator.off_s or 0.0) - since_s < SOON_S
+        # the power that it takes away is no reason of its own
+        raise InstrumentRefused("signal generator", "fake", "no answer")
+
+    ended(bench, EmergencyStop, "emergency stop at port0/line0 of a card: its line is open", during)
+    (told,) = [event for event in kept.events if event.code == "emergency_stop"]
+    (stopping,) = [event for event in kept.events if event.code == STOPPING]
+    assert "(emergency stop at port0/line0 of a card: its line is open" in stopping.text
+    assert told.time_ns == stopping.time_ns
+    off_ns = RunClock(SystemClock()).unix_ns()
+    assert off_ns - stopping.time_ns > 0.9 * PRESSED_S * 1e9
+    assert Latch("the line").told() == "emergency stop at port0/line0 of a card ended a run: its line is open"
+
+
+def test_an_emergency_stop_waits_for_no_ramp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    motor = RampingMotor()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def during(rig: DrivenRig) -> None:
+        monkeypatch.setattr(Beats, "emergency_stop", pressed())
+        rig.watch.wait(1.0)
+
+    ended(bench, EmergencyStop, "its line is open", during)
+    assert motor.told[1] == "cut"
+    assert "off" not in motor.told
+
+
+def test_one_that_is_seen_before_the_start_starts_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path, None)
+    monkeypatch.setattr(Beats, "emergency_stop", pressed())
+    ended(bench, EmergencyStop, "its line is open", lambda rig: None)
+    assert ("start",) not in bench.generator.told
+    assert bench.generator.off_s is not None
+
+
+def test_a_disk_that_hangs_at_the_end_delays_no_off(tmp_path: Path) -> None:
+    """What is written last is written by whoever closes the log: the drive is off by then."""
+    bench, goes_on, close = Bench(tmp_path, None), threading.Event(), LogWriter.close
+    was_off: list[bool] = []
+
+    def hang(writer: LogWriter) -> None:
+        was_off.append(bench.generator.off_s is not None)
+        goes_on.wait()
+        close(writer)
+
+    def run() -> None:
+        ended(bench, InterlockTripped, "60 N", during)
+
+    def during(rig: DrivenRig) -> None:
+        bench.level = 60.0
+        rig.watch.wait(1.0)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(LogWriter, "close", hang)
+        running = threading.Thread(target=run)
+        running.start()
+        await_true("the log is closed", lambda: was_off)
+        goes_on.set()
+        running.join()
+    assert was_off == [True]

@@ -16,7 +16,7 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import InterlockTripped, RattleError
+from daq.errors import EmergencyStop, InterlockTripped, RattleError
 from daq.log.reader import LogReader
 from rig.derived import derivation
 from rig.files.bench import embedded_bench
@@ -65,6 +65,7 @@ class Idle:
     """A worker process that is never started, and a supervisor that finds fault where it is told to."""
 
     error, lost = "", False
+    emergency_stop: EmergencyStop | None = None
 
     def __init__(self, *_: Any) -> None:
         pass

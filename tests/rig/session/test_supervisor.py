@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -11,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daq.errors import InstrumentAbsent, InstrumentRefused
+from daq.errors import EmergencyStop, InstrumentAbsent, InstrumentRefused
 from drivers import lock as locks
 from drivers.lock import lock
 from rig.session.supervisor import SILENCE_S, Supervisor, SupervisorTripped
@@ -34,6 +36,23 @@ class FarGenerator(RecordingGenerator):
         (self._folder / "off").touch()
 
 
+class FileLine:
+    """An emergency stop's line that is open while the file `pressed` is."""
+
+    address = "here"
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def open(self) -> None: ...
+
+    def heed(self) -> None:
+        if (self._folder / "pressed").exists():
+            raise EmergencyStop(self.address, "its line is open", time.monotonic())
+
+    def close(self) -> None: ...
+
+
 @pytest.fixture(autouse=True)
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
@@ -43,8 +62,9 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def launched(tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
     with lock("generator", "here") as held:
 
-        def launch(emulated: bool = False) -> Supervisor:
-            supervisor = Supervisor(partial(FarGenerator, tmp_path), [held], emulated)
+        def launch(emulated: bool = False, line: bool = False) -> Supervisor:
+            watched = partial(FileLine, tmp_path) if line else None
+            supervisor = Supervisor(partial(FarGenerator, tmp_path), [held], emulated, watched)
             supervisor.launch()
             return supervisor
 
@@ -119,3 +139,55 @@ def test_one_that_is_killed_is_gone(launched: Callable[..., Supervisor]) -> None
         supervisor._child.process.join()
         with pytest.raises(SupervisorTripped, match="the supervisor is gone"):
             supervisor.check()
+
+
+def test_an_emergency_stop_is_told_and_left_to_a_run_that_lives(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    (tmp_path / "there").touch()
+    with launched(line=True) as supervisor:
+        beating = threading.Event()
+
+        def beat() -> None:
+            while not beating.wait(0.01):
+                supervisor.beat()
+
+        run = threading.Thread(target=beat)
+        run.start()
+        assert supervisor.emergency_stop is None
+        pressed_s = time.monotonic()
+        (tmp_path / "pressed").touch()
+        await_true("seen", lambda: supervisor.emergency_stop)
+        assert time.monotonic() - pressed_s < 0.15
+        (tmp_path / "pressed").unlink()
+        time.sleep(0.2)
+        seen = supervisor.emergency_stop
+        beating.set()
+        run.join()
+        assert seen is not None
+        assert pressed_s < seen.at_s < pressed_s + 0.1
+        assert not (tmp_path / "off").exists()
+
+
+def test_an_emergency_stop_that_finds_the_run_silent_is_the_supervisors(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    """Sooner than the silence alone would be noticed."""
+    (tmp_path / "there").touch()
+    with launched(line=True) as supervisor:
+        supervisor.beat()
+        pressed_s = time.monotonic()
+        (tmp_path / "pressed").touch()
+        await_true("switched off", (tmp_path / "off").exists)
+        assert time.monotonic() - pressed_s < SILENCE_S / 2
+
+
+def test_one_that_is_open_before_anything_moves_moves_nothing(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    (tmp_path / "pressed").touch()
+    with launched(line=True) as supervisor:
+        await_true("seen", lambda: supervisor.emergency_stop)
+        time.sleep(0.3)
+        supervisor.check()
+        assert not (tmp_path / "off").exists()

@@ -1,0 +1,47 @@
+"""A digital input of a card, read on demand by a task of its own: NI-DAQmx lets one at a time have a line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import nidaqmx
+from nidaqmx.stream_readers import DigitalSingleChannelReader
+
+from drivers.ni_daq import session
+from drivers.ni_daq.channels import CardSettings
+from drivers.ni_daq.tasks import give_back
+
+
+class CardLine:
+    """A `LineReader`. A device server answers within half a second, or its reading counts as lost."""
+
+    def __init__(self, card: CardSettings) -> None:
+        assert card.stop_line is not None  # noqa: S101 - who has none makes no reader
+        self._card, self._line = card, card.stop_line
+        self.address = card.grpc or "the NI driver of this machine"
+        self._channel: Any = None
+        self._task: Any = None
+        self._reader: Any = None
+
+    def open(self) -> None:
+        """Connect and start; raises `InstrumentAbsent`, `InstrumentRefused`."""
+        if self._card.grpc is not None:
+            self._channel = session.connect("emergency stop", self._card.grpc)
+        with session.translated("emergency stop", self.address, f"declaring {self._line.line}"):
+            remote = self._channel and nidaqmx.GrpcSessionOptions(self._channel, "")
+            self._task = nidaqmx.Task(grpc_options=remote)
+            self._task.di_channels.add_di_chan(self._line.line)
+            self._task.start()
+            self._reader = DigitalSingleChannelReader(self._task.in_stream)
+
+    def heed(self) -> None:
+        """Read it; see `LineReader.heed`."""
+        with session.translated("emergency stop", self.address, f"reading {self._line.line}"):
+            on = self._reader.read_one_sample_one_line(0.0)
+        self._line.heed(on, self.address)
+
+    def close(self) -> None:
+        if self._task is not None:
+            give_back(self._task)
+        if self._channel is not None:
+            self._channel.close()

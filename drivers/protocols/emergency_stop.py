@@ -1,0 +1,122 @@
+"""The emergency stop as this program knows it: a line that is read and heeded, and never written.
+
+What stops the machine is the hard-wired chain, with this program or without it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal, Protocol
+
+from daq.errors import EmergencyStop, InstrumentError
+from daq.quantity import Key, Text
+
+LOOK_S: Final = 0.02
+_UNREAD: Final = 25
+"""Looks without a reading: half a second, of which a machine that stands still takes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopLine:
+    """The table [emergency_stop] of a bench: where a contact of the hard-wired chain is read.
+
+    `line` is a digital input of the card, or a terminal of the inverter. A normally closed contact opens
+    where it is pressed, and its line where a wire breaks.
+    """
+
+    line: Annotated[
+        str,
+        Text(
+            'a digital input of the card, such as "cDAQ1Mod4/port0/line0", or a terminal of the inverter: '
+            '"inverter/STF", STR, RL, RM or RH',
+            r"inverter/(STF|STR|RL|RM|RH)|(?!inverter/)[A-Za-z0-9_.-]+/port\d{1,3}/line\d{1,3}",
+        ),
+    ]
+    contact: Annotated[Literal["normally closed", "normally open"], Key()] = "normally closed"
+
+    @property
+    def terminal(self) -> str:
+        """Of the inverter; empty for a line of the card."""
+        return self.line.partition("inverter/")[2]
+
+    @property
+    def healthy(self) -> bool:
+        """Whether its input is on while nobody presses it."""
+        return self.contact == "normally closed"
+
+    def heed(self, on: bool, address: str) -> None:
+        """Raise EmergencyStop unless the input is as a healthy line has it."""
+        if on != self.healthy:
+            raise EmergencyStop(f"{self.line} of {address}", "its line is open", time.monotonic())
+
+
+class LineReader(Protocol):
+    """Reads a line of the card; one of the inverter is read by who polls that."""
+
+    @property
+    def address(self) -> str:
+        """Where it is."""
+
+    def open(self) -> None:
+        """Connect. Raises any `InstrumentError`."""
+
+    def heed(self) -> None:
+        """Read it. Raises EmergencyStop where it is open, another `InstrumentError` where it is not read."""
+
+    def close(self) -> None:
+        """Hang up. Never raises."""
+
+
+def refuse_open(make: Callable[[], LineReader]) -> None:
+    """Read the line once; raises as `LineReader` does."""
+    reader = make()
+    try:
+        reader.open()
+        reader.heed()
+    finally:
+        reader.close()
+
+
+class LineWatch:
+    """Reads a line every 20 ms, in a thread of its own, for a driver may hang. What it sees stays seen."""
+
+    def __init__(self, make: Callable[[], LineReader]) -> None:
+        self._reader = make()
+        self._seen: EmergencyStop | None = None
+        self._unread, self._looked_s = 0, time.monotonic()
+
+    def __enter__(self) -> LineWatch:
+        try:
+            self._reader.open()
+            self._reader.heed()
+        except InstrumentError as error:
+            self._see(error)
+        threading.Thread(target=self._read, name="emergency stop", daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._reader.close()
+
+    def look(self) -> EmergencyStop | None:
+        """What was seen; to be called every 20 ms. A line of which no reading comes counts as open."""
+        if (now_s := time.monotonic()) - self._looked_s >= LOOK_S:
+            self._looked_s, self._unread = now_s, self._unread + 1
+        if self._unread > _UNREAD and self._seen is None:
+            self._seen = EmergencyStop(self._reader.address, "its line gives no reading", now_s)
+        return self._seen
+
+    def _read(self) -> None:
+        while self._seen is None:
+            try:
+                self._reader.heed()
+            except InstrumentError as error:
+                self._see(error)
+            self._unread = 0
+            time.sleep(LOOK_S)
+
+    def _see(self, error: InstrumentError) -> None:
+        lost = EmergencyStop(self._reader.address, f"its line cannot be read: {error.what}", time.monotonic())
+        self._seen = error if isinstance(error, EmergencyStop) else lost

@@ -1,0 +1,265 @@
+"""The emergency stop's line: read on the card or the inverter, seen in time, never taken for healthy."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymodbus.constants import ExcCodes
+
+from daq.clock import SystemClock
+from daq.errors import DeviceLost, EmergencyStop, InstrumentAbsent, InstrumentRefused, InstrumentSilent
+from drivers import lock as locks
+from drivers.lock import Latch
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults
+from drivers.mitsubishi_fr.emulator.process import matching_setup
+from drivers.mitsubishi_fr.registers import INPUT_TERMINALS, Terminal
+from drivers.ni_daq.card import NiDaqCard
+from drivers.ni_daq.channels import CardSettings
+from drivers.ni_daq.emulator.acquisition import DriveInbox
+from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
+from drivers.ni_daq.stop_line import CardLine
+from drivers.protocols.emergency_stop import LOOK_S, LineWatch, StopLine, refuse_open
+from tests.drivers.conftest import FORCE, WIRING, card_settings
+from tests.drivers.fr_bench import HZ, SETTINGS, Bench, latched, on_bench
+from tests.drivers.plants import SinePlant
+from tests.end_to_end.command import await_true
+
+LINE = "cDAQ1Mod4/port0/line0"
+CLOSED, OPENED = {LINE: True}, {LINE: False}
+WITHIN_S = 0.15
+"""From the line to the off: as quick as a limit."""
+
+
+def test_an_error_that_tells_of_it_goes_to_another_process() -> None:
+    seen = EmergencyStop(LINE, "its line is open", 12.5)
+    again = pickle.loads(pickle.dumps(seen))  # noqa: S301 - our own
+    assert (str(again), again.at_s) == (str(seen), 12.5)
+    assert "that nobody is in danger" in str(seen)
+
+
+@pytest.mark.parametrize("contact", ["normally closed", "normally open"])
+def test_a_contact_says_what_an_open_line_is(contact: str) -> None:
+    line = StopLine(LINE, contact)  # type: ignore[arg-type]
+    line.heed(contact == "normally closed", "here")
+    with pytest.raises(EmergencyStop, match="its line is open"):
+        line.heed(contact != "normally closed", "here")
+
+
+@pytest.fixture
+def servicer() -> Iterator[tuple[CardServicer, CardSettings]]:
+    """An emulated card, and the settings by which it is reached."""
+    servicer = CardServicer(SinePlant(), replace(WIRING, lines=CLOSED), DriveInbox(), SystemClock())
+    server = CardServer(servicer)
+    yield servicer, replace(card_settings(server.open(), FORCE), stop_line=StopLine(LINE))
+    server.close()
+
+
+def test_a_digital_input_of_the_card_is_read_beside_its_samples(
+    servicer: tuple[CardServicer, CardSettings],
+) -> None:
+    emulator, settings = servicer
+    card, line = NiDaqCard(settings), CardLine(settings)
+    card.open()
+    try:
+        card.start()
+        line.open()
+        line.heed()
+        with pytest.raises(InstrumentRefused, match=r"-50103.*in use"):
+            refuse_open(lambda: CardLine(settings))
+        emulator.put_lines(OPENED)
+        with pytest.raises(
+            EmergencyStop, match=f"emergency stop at {LINE} of {settings.grpc}: its line is open"
+        ):
+            line.heed()
+        assert np.isfinite(card.read(100).values).all()
+        emulator.put_lines({})
+        with pytest.raises(DeviceLost, match="the module does not answer"):
+            line.heed()
+    finally:
+        line.close()
+        card.close()
+
+
+def test_a_line_that_the_card_lacks_is_told(servicer: tuple[CardServicer, CardSettings]) -> None:
+    settings = replace(servicer[1], stop_line=StopLine("cDAQ1Mod4/port0/line7"))
+    with pytest.raises(InstrumentRefused, match="there is no digital line cDAQ1Mod4/port0/line7"):
+        refuse_open(lambda: CardLine(settings))
+
+
+def test_what_a_dead_client_left_is_free_again(servicer: tuple[CardServicer, CardSettings]) -> None:
+    _, settings = servicer
+    died, line, next_one = NiDaqCard(settings), CardLine(settings), NiDaqCard(settings)
+    died.open()
+    died.start()
+    line.open()
+    next_one.open()
+    with pytest.raises(InstrumentRefused, match="-50103"):
+        next_one.start()
+    next_one.close()
+    for channel in (died._grpc_channel, line._channel):  # without a word, as the kernel closes it
+        channel.close()
+
+    def freed() -> bool:
+        try:
+            next_one.open()
+            next_one.start()
+        except InstrumentRefused:
+            next_one.close()
+            return False
+        return True
+
+    await_true("free", freed, 5.0)
+    assert next_one.read(100).values.shape == (1, 100)
+    refuse_open(lambda: CardLine(settings))
+    next_one.close()
+
+
+class ScriptedLine:
+    """Is read as `error` says; hangs where it is told to."""
+
+    address = "here"
+
+    def __init__(self) -> None:
+        self.error: Exception | None = None
+        self.goes_on = threading.Event()
+        self.goes_on.set()
+
+    def open(self) -> None: ...
+
+    def heed(self) -> None:
+        self.goes_on.wait()
+        if self.error is not None:
+            raise self.error
+
+    def close(self) -> None:
+        self.goes_on.set()
+
+
+def seen_within(watch: LineWatch, seconds: float) -> EmergencyStop | None:
+    end_s = time.monotonic() + seconds
+    while (seen := watch.look()) is None and time.monotonic() < end_s:
+        time.sleep(LOOK_S / 4)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("error", "what"),
+    [
+        (EmergencyStop("here", "its line is open", 1.0), "its line is open"),
+        (
+            DeviceLost("emergency stop", "here", "the module is gone"),
+            "its line cannot be read: the module is gone",
+        ),
+    ],
+)
+def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
+    line = ScriptedLine()
+    with LineWatch(lambda: line) as watch:
+        assert seen_within(watch, 0.7) is None
+        line.error = error
+        seen = seen_within(watch, 1.0)
+        line.error = None
+        time.sleep(3 * LOOK_S)
+        assert watch.look() is seen
+    assert seen is not None
+    assert seen.what == what
+
+
+def test_a_reading_that_does_not_come_counts_as_open() -> None:
+    line = ScriptedLine()
+    with LineWatch(lambda: line) as watch:
+        line.goes_on.clear()
+        seen = seen_within(watch, 1.5)
+    assert seen is not None
+    assert seen.what == "its line gives no reading"
+
+
+def test_one_that_cannot_be_reached_counts_as_open() -> None:
+    settings = CardSettings(grpc="127.0.0.1:1", stop_line=StopLine(LINE))
+    with LineWatch(lambda: CardLine(settings)) as watch:
+        seen = watch.look()
+    assert seen is not None
+    assert "its line cannot be read: nobody answers" in seen.what
+    with pytest.raises(InstrumentAbsent, match="nobody answers"):
+        refuse_open(lambda: CardLine(settings))
+
+
+def test_a_latch_outlives_its_program_until_it_is_lifted(
+    tmp_path: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    assert Latch("here").told() == ""
+    Latch("here").set("pressed")
+    assert (Latch("here").told(), Latch("there").told()) == ("pressed", "")
+    Latch("here").set("")
+    assert Latch("here").told() == ""
+
+
+WATCHED = replace(SETTINGS, stop_line=StopLine("inverter/RH"))
+HEALTHY = matching_setup(WATCHED, 1.0).faults
+PRESSED = DriveFaults()
+
+
+def test_an_inverter_whose_terminal_is_open_is_refused_and_nothing_is_written() -> None:
+    async def check_in(bench: Bench) -> list[tuple[int, int]]:
+        with pytest.raises(EmergencyStop, match="emergency stop at inverter/RH of nowhere: its line is open"):
+            await bench.poller.check_in()
+        return bench.line.writes()
+
+    assert on_bench(check_in, settings=WATCHED, faults=PRESSED) == []
+
+
+def test_one_that_has_no_such_register_is_refused() -> None:
+    async def check_in(bench: Bench) -> None:
+        with pytest.raises(InstrumentRefused, match=r"exception 02 .* at 40215 \(input terminal status"):
+            await bench.poller.check_in()
+
+    lacks = replace(HEALTHY, exceptions={INPUT_TERMINALS.number: (ExcCodes.ILLEGAL_ADDRESS, 9)})
+    on_bench(check_in, settings=WATCHED, faults=lacks)
+
+
+@pytest.mark.parametrize("phase_s", np.linspace(0.0, 0.1, 11))
+def test_run_is_withdrawn_in_time_wherever_a_poll_is(phase_s: float) -> None:
+    """At 19200 baud, on a line that carries nothing but polls."""
+
+    async def press(bench: Bench) -> tuple[float, float]:
+        await bench.run_at(HZ)
+        await bench.wait(phase_s)
+        pressed_s = bench.loop.time()
+        bench.drive.put_faults(PRESSED)
+        error = await latched(bench, 0.5)
+        await bench.wait(0.1)
+        bench.drive.put_faults(HEALTHY)
+        await bench.wait(1.0)
+        assert bench.poller.error is error  # for good
+        assert isinstance(error, EmergencyStop)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return pressed_s, bench.withdrawn_s()
+
+    pressed_s, withdrawn_s = on_bench(press, settings=WATCHED, faults=HEALTHY)
+    assert withdrawn_s - pressed_s < WITHIN_S
+
+
+def test_a_normally_open_contact_and_another_terminal() -> None:
+    async def check_in(bench: Bench) -> None:
+        await bench.poller.check_in()
+        bench.drive.put_faults(DriveFaults(terminals=Terminal.STR))
+        assert isinstance(await latched(bench, 0.5), EmergencyStop)
+
+    line = StopLine("inverter/STR", "normally open")
+    on_bench(check_in, settings=replace(SETTINGS, stop_line=line), faults=DriveFaults(terminals=Terminal.RH))
+
+
+def test_a_line_that_falls_silent_counts_as_open() -> None:
+    async def silence(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.line.mute = True
+        assert isinstance(await latched(bench, 2.0), InstrumentSilent)
+
+    on_bench(silence, settings=WATCHED, faults=HEALTHY)
