@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +26,7 @@ from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker, drive_off_after
-from rig.session.encoder_record import EncoderRecord, encoder_channel
+from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
 from rig.session.frequency import ON_THEIR_WAY_S
 from rig.session.interlock import ForceWatch, LimitWatch
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
@@ -242,6 +243,7 @@ class DrivenRig:
         gc.freeze()  # no pause for what is there to stay
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
+            running.callback(self._account)
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
@@ -323,6 +325,30 @@ class DrivenRig:
             self._met, self._stops = self._dangers(), True
         self.watch.excuse(self.motion.longest_stop_s)
         stop()
+
+    def _account(self) -> None:
+        """What was due of the record by now and does not come is a gap."""
+        acquisition, recorder = self.acquisition, self.recorder
+        begin, until = acquisition.record_from, acquisition.record_until
+        if begin is None or until is None:
+            return
+        now = math.ceil(float(acquisition.base.card_s(acquisition.base.now_s())) * self.sample_rate)
+        came = min(until, acquisition.acquired) - begin
+        due = came if self._rests else min(until, now) - begin
+
+        def why(name: str, error: RattleError | None) -> str:
+            return "stopped before its time" if error is None else f"the {name} was lost"
+
+        with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
+            for name in self.names:
+                recorder.due("measured", name, due, why(acquisition.name, acquisition.error))
+                recorder.due("predicted", name, came, "not predicted")
+            if self.encoder is not None:
+                because = why("encoder", self.encoder.error)
+                recorder.due("measured", ENCODER_CHANNEL, self.encoder.due, because)
+            for logger, record in zip(self.devices.loggers.values(), self.loggers, strict=True):
+                for channel in logger.channels:
+                    recorder.due("measured", channel.name, record.due, f"the {logger.name} was lost")
 
     def _hand_over(self) -> str:
         self.devices.actuator.close()

@@ -21,6 +21,7 @@ from drivers.canopen_cia406 import objects
 from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
 from drivers.canopen_cia406.objects import Entry
+from drivers.emulator_truth import Truth
 from drivers.protocols.encoder import Shaft
 
 ERROR_REGISTER = Entry(0x1001, 0, "error register", 8, "", "CiA 301")
@@ -52,6 +53,7 @@ class EmulatedEncoder:
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
         self._silent = False
+        self._truth = Truth("encoder")
         self._stuck_s = math.inf
         self._frame, self._start_s = -1, 0.0
         self._beat_s, self._beat_due_s = 0.0, math.inf  # period of the heartbeat, and when the next is due, s
@@ -72,6 +74,9 @@ class EmulatedEncoder:
         self._node.add_write_callback(self._on_write)
         self._network.subscribe(0x80, self._on_sync)
         self._boot()
+        self._truth.tell(
+            counts_per_revolution=self._setup.counts_per_revolution, range=self._setup.total_range
+        )
         self._thread.start()
         return (self._bus.address,)
 
@@ -88,6 +93,7 @@ class EmulatedEncoder:
         self._thread.join()
         self._node.nmt.stop_heartbeat()
         self._network.disconnect()
+        self._truth.close()
 
     def _boot(self) -> None:
         self._node.nmt.state = "INITIALISING"
@@ -151,7 +157,15 @@ class EmulatedEncoder:
         kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
         for kind, value in kinds.items():
             self._fail(kind, value, due_s)
-        if self._silent or kinds.keys() & {"missing", "receive_overrun"}:
+        lost = self._silent or bool(kinds.keys() & {"missing", "receive_overrun"})
+        self._truth.tell(
+            since_s=self._start_s,
+            frame=frame,
+            unix_s=self._unix_s + due_s - self._origin_s,
+            counts=self._position(due_s),
+            sent=not lost and "wrong_length" not in kinds,
+        )
+        if lost:
             return
         data = b"".join(
             self._position(due_s).to_bytes(4, "little")
