@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
+from typing import IO
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel as ChannelRecord
@@ -34,8 +35,13 @@ class LogWriter:
     can be read where all others are lost. Not thread-safe but for `sync`: one thread owns a writer.
     """
 
-    def __init__(self, path: Path, library: str = "rattle") -> None:
-        self.path = path
+    def __init__(
+        self,
+        path: Path,
+        library: str = "rattle",
+        opened: Callable[[Path], IO[bytes]] = lambda path: path.open("xb"),
+    ) -> None:
+        self.path, self._opened = path, opened
         self._library = library
         self._next_sample: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
@@ -53,7 +59,7 @@ class LogWriter:
     def open(self) -> LogWriter:
         """Create the file; refuses to overwrite one."""
         try:
-            self._file = self.path.open("xb")
+            self._file = self._opened(self.path)
         except FileExistsError as error:
             raise RecorderFailed(f"{self.path} exists already; name another file") from error
         except OSError as error:

@@ -34,6 +34,7 @@ from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
+from rig.session.spoilt_disk import disk_of
 from rig.session.supervisor import Supervisor
 from rig.stream import Stream
 
@@ -146,14 +147,14 @@ class DrivenRig:
 
     def open_log(self, stack: ExitStack, folder: Path, name: str) -> Path:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
-        log = new_log(folder, name, self.clock)
+        log, disk = new_log(folder, name, self.clock), disk_of(self._bench.emulation.rehearsed("disk"))
 
         @stack.push
         def tell_of_partial(kind: object, error: object, trace: object) -> None:
             if kind is not None:
                 self.screen.say(f"log so far {log}")
 
-        self.recorder = stack.enter_context(Recorder(LogWriter(log), self.clock))
+        self.recorder = stack.enter_context(Recorder(LogWriter(log, opened=disk), self.clock))
         self.stream.insert(0, logged_by(self.recorder))
         return log
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
-from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
@@ -174,9 +173,6 @@ class SpiedCrank:
     encoder: EmulatedInstrument
     spy: InverterSpy
     rehearsal: Connection
-
-    def spoil_line(self, faults: LineFaults) -> None:
-        self.rehearsal.send(faults)
 
 
 @contextmanager

@@ -14,9 +14,8 @@ from daq.block import NS_PER_S
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import recover_log
 from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
-from drivers.mitsubishi_fr.emulator.drive import Trip
-from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.protocols.speed_drive import InverterOutput
+from drivers.rehearsal import rehearsed
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
 from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
 
@@ -172,7 +171,7 @@ def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
     with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
         tripped_ns = time.time_ns()
-        mortal_crank.rehearsal.send(Trip(OVERCURRENT))
+        mortal_crank.rehearsal.send(rehearsed(f"inverter.trips:code={OVERCURRENT}"))
         ended = stopped(run, mortal_crank)
     assert ended.code == 1
     assert f"inverter at {mortal_crank.inverter.address}: it has tripped: E.OC1" in ended.err
@@ -218,7 +217,7 @@ def test_a_killed_run_leaves_a_drive_that_trips_by_itself_and_that_no_run_resets
 def test_a_lost_inverter_is_left_to_its_watchdog(mortal_crank: SpiedCrank, tmp_path: Path) -> None:
     with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
-        mortal_crank.spoil_line(LineFaults(1.0, ("drop",)))
+        mortal_crank.rehearsal.send(rehearsed("inverter.drop"))
         ended = stopped(run, mortal_crank)
     assert ended.code == 1
     assert "inverter at" in ended.err

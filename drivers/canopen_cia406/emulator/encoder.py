@@ -23,6 +23,7 @@ from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
 from drivers.canopen_cia406.objects import Entry
 from drivers.emulator_truth import Truth
 from drivers.protocols.encoder import Shaft
+from drivers.rehearsal import Rehearsal
 
 ERROR_REGISTER = Entry(0x1001, 0, "error register", 8, "", "CiA 301")
 OFFSET = Entry(0x6509, 0, "offset value", 32, "counts", "CiA 406")
@@ -49,6 +50,7 @@ class EmulatedEncoder:
         self._faults: defaultdict[int, list[EncoderFault]] = defaultdict(list)
         for fault in setup.faults:
             self._faults[fault.at_frame].append(fault)
+        self._rehearsal = Rehearsal(setup.rehearsed)
         # Jitter of the bus by a seed, so that a fault that a test finds comes again.
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
@@ -155,6 +157,8 @@ class EmulatedEncoder:
 
     def _send_position(self, frame: int, due_s: float) -> None:
         kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
+        for rehearsed in self._rehearsal.due(due_s - self._start_s):
+            kinds[rehearsed.kind] = rehearsed.number("value") if "value" in rehearsed.known else 0.0
         for kind, value in kinds.items():
             self._fail(kind, value, due_s)
         lost = self._silent or bool(kinds.keys() & {"missing", "receive_overrun"})

@@ -3,49 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.encoder import Shaft
+from drivers.rehearsal import FAULTS, Rehearsed
 
 if TYPE_CHECKING:
     from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
 
 
-FaultKind = Literal[
-    "duplicate",  # the frame is sent again 130 us later, as after a lost acknowledgement
-    "reorder",  # it comes after the next one
-    "missing",  # it is not sent
-    "wrong_length",  # it has three bytes
-    "error_frame",  # a bus error is reported before it
-    "receive_overrun",  # it is lost in the interface, which says so
-    "bus_off",  # this and everything later is not sent
-    "hang_up",  # the server closes its connections
-    "garbage",  # the server sends what is no frame
-    "heartbeat_stops",
-    "positions_stop",
-    "stuck",  # it goes on sending the position that it has, as when its coupling came off
-    "emergency",  # value: its code; 0 takes all back
-    "pre_operational",
-    "restart",  # boot-up message, then pre-operational
-    "clock_jump",  # value: by how many seconds the interface's clock is set
-]
-
-
 @dataclass(frozen=True, slots=True)
 class EncoderFault:
-    """A fault at the position frame `at_frame` (from 0, counted since the node was started); happens once."""
+    """A fault of the table at the position frame `at_frame` (from 0 since the node was started), once."""
 
-    kind: FaultKind
+    kind: str
     at_frame: int
     value: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(FaultKind):
-            raise ValueError(f"no fault {self.kind}; there are {', '.join(get_args(FaultKind))}")
+        if (name := f"encoder.{self.kind}") not in FAULTS:
+            raise ValueError(f"no fault {name}; there are {', '.join(FAULTS)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +36,7 @@ class EncoderSetup:
     `device_type`, `mapped` (objects in TPDO 1) and `transmission_type` are what it says. `offset_counts` is
     the position at angle 0. Its own timer runs slow by `period_ppm`; the clock of the timestamps is ahead by
     `clock_offset_s` and fast by `clock_ppm`; each frame is up to `jitter_s` late on the bus, by `seed`, and
-    shows where the shaft stood `lag_s` before it was due.
+    shows where the shaft stood `lag_s` before it was due. `rehearsed` faults come by time, `faults` by frame.
     """
 
     node: int = 7
@@ -79,11 +60,24 @@ class EncoderSetup:
     lag_s: float = 0.0
     seed: int = 0
     faults: tuple[EncoderFault, ...] = ()
+    rehearsed: tuple[Rehearsed, ...] = ()
 
     @property
     def total_range(self) -> int:
         """Counts until the position starts again at 0."""
         return self.counts_per_revolution * self.revolutions
+
+
+def spoilt(setup: EncoderSetup) -> EncoderSetup:
+    """The encoder with what its rehearsed faults make of it from the start."""
+    for fault in setup.rehearsed:
+        if fault.kind == "wrong_device":
+            setup = replace(setup, device_type=0)
+        elif fault.kind == "period_off":
+            setup = replace(setup, period_ppm=fault.number("ppm"))
+        elif fault.kind == "rolls_over":
+            setup = replace(setup, offset_counts=setup.total_range - 1)
+    return setup
 
 
 def start_encoder(
@@ -97,7 +91,7 @@ def start_encoder(
     `shaft` is called in the new process, so it must be picklable, and returns the angle over time. Raises
     `InstrumentAbsent` where it does not start in time.
     """
-    return start(partial(_encoder, shaft, setup or EncoderSetup()), name, deadline_s)
+    return start(partial(_encoder, shaft, spoilt(setup or EncoderSetup())), name, deadline_s)
 
 
 def _encoder(shaft: Callable[[], Shaft], setup: EncoderSetup) -> EmulatedEncoder:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
-from drivers.ni_daq.emulator.wiring import CardWiring
+from drivers.ni_daq.emulator.wiring import CardWiring, spoilt
 from drivers.protocols.card import Plant
 from drivers.protocols.instrument import ActuatorOutput
 
@@ -49,10 +49,12 @@ class _Card:
         # Here, in the new process: whoever starts it needs neither server nor converter.
         from drivers.ni_daq.emulator.acquisition import DriveInbox
         from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
+        from drivers.ni_daq.emulator.spoilt import SpoiltPlant
 
         self._inbox: DriveInbox[Any] = DriveInbox(initial)
         self._drive = drive
-        self._server = CardServer(CardServicer(plant(), wiring, self._inbox, SystemClock()))
+        shown: Plant[Any] = SpoiltPlant(plant(), wiring.faults, wiring.seed) if wiring.faults else plant()
+        self._server = CardServer(CardServicer(shown, spoilt(wiring), self._inbox, SystemClock()))
         self._stopped = threading.Event()
 
     def open(self) -> tuple[str]:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from nidaqmx.error_codes import DAQmxErrors
 
 from daq.errors import ConfigurationError, Problem
+from drivers.rehearsal import Rehearsed
 
 FASTEST_HZ = 51200.0  # 13.1072 MHz / 256
 DIVISORS = range(1, 32)  # n of 51.2 kHz / n
@@ -98,6 +99,7 @@ class CardWiring:
     Each device has `inputs_per_device` inputs, more where more are wired; those without a wire show noise of
     `idle_noise_v` rms (V) made from `seed`. `counters` are wired by name as well (`cDAQ1Mod3/ctr0`).
     `stamps_start`: the chassis is network-synchronized, as a cDAQ-9189 is, and knows when a task began.
+    `faults` come to it by `seed`.
     """
 
     wires: Mapping[str, Wire]
@@ -110,6 +112,7 @@ class CardWiring:
     counter_product_type: str = "NI 9401"
     counters_per_device: int = 4
     stamps_start: bool = True
+    faults: tuple[Rehearsed, ...] = ()
 
     def devices(self) -> dict[str, list[str]]:
         """Return the analog inputs of each device, none for one that counts.
@@ -133,6 +136,22 @@ class CardWiring:
     def product(self, device: str) -> str:
         """What a device says it is."""
         return self.product_type if self.devices()[device] else self.counter_product_type
+
+
+def spoilt(wiring: CardWiring) -> CardWiring:
+    """The wiring with what its faults do to it from the start."""
+    wires, counters = dict(wiring.wires), dict(wiring.counters)
+    for fault in wiring.faults:
+        if fault.kind in ("open", "short"):
+            physical = next(
+                each for each, wire in wires.items() if wire.plant_channel.endswith(fault.channel)
+            )
+            shorted = fault.kind == "short"
+            wires[physical] = replace(wires[physical], connected=shorted, shorted=shorted)
+        elif fault.kind == "rolls_over":
+            preset = 2**32 - int(fault.number("before"))
+            counters = {name: replace(each, preset=preset) for name, each in counters.items()}
+    return replace(wiring, wires=wires, counters=counters)
 
 
 def chassis_of(device: str) -> str | None:
