@@ -29,6 +29,11 @@ class Fault:
     seen: str
     values: Mapping[str, float | str] = field(default_factory=dict)
 
+    def spelled(self, name: str) -> str:
+        """Its name with its keys, as one types it."""
+        shown = (f"{value:g}" if isinstance(value, float) else "..." for value in self.values.values())
+        return name + "".join(f":{key}={each}" for key, each in zip(self.values, shown, strict=True))
+
 
 _LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
@@ -43,7 +48,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "signal_generator.unplugged": Fault(
         "F1", "its process is gone", "exit 1; THE DRIVE MAY STILL BE ON, and a process that goes on trying"
     ),
-    "signal_generator.hangs": Fault("F1", "says nothing `for` s", _LOST, {"for": 20.0}),
+    "signal_generator.hangs": Fault("F1", "is silent `for` s", "exit 1; THE DRIVE MAY STILL BE ON", {"for": 20.0}),
     "signal_generator.wrong_model": Fault("F3", "is another make (from the start)", _REFUSED),
     "signal_generator.errors": Fault(
         "F30", "has a full error queue (from the start)", "drained; the run goes on", {"count": 30.0}
@@ -55,7 +60,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F33", "its amplitude is turned to `volts` peak to peak at its panel", _LOST, {"volts": 1.0}
     ),
     "inverter.unplugged": Fault("F1", "its process is gone", "exit 1; THE MOTOR MAY STILL TURN"),
-    "inverter.hangs": Fault("F1", "says nothing `for` s", _DRIVE_STOPS, {"for": 20.0}),
+    "inverter.hangs": Fault("F1", "is silent `for` s", _DRIVE_STOPS, {"for": 20.0}),
     "inverter.flip": Fault("F4", "a `share` of the answers has wrong bits", _TRIED, _SOME),
     "inverter.cut": Fault("F4", "a `share` of the answers is cut", _TRIED, _SOME),
     "inverter.garbage": Fault("F5", "noise before a `share` of the answers", _TRIED, _SOME),
@@ -80,7 +85,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F13", "trips; `code` 16 is E.OC1", "exit 1, event `inverter.E...`; nobody resets it", {"code": 16.0}
     ),
     "daq_card.unplugged": Fault("F1", "its process is gone", _LOST),
-    "daq_card.hangs": Fault("F31", "says nothing `for` s", _LOST, {"for": 20.0}),
+    "daq_card.hangs": Fault("F31", "is silent `for` s", _LOST, {"for": 20.0}),
     "daq_card.overruns": Fault("F15", "samples were overwritten in it before they were read", _LOST),
     "daq_card.not_finite": Fault(
         "F24", "a sample of `channel` in each block is no number", _MARKED, {**_ONE_INPUT, "for": 0.1}
@@ -99,7 +104,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     ),
     "encoder.unplugged": Fault("F1", "its process is gone", _LOST),
     "encoder.hang_up": Fault("F2", "its CAN server closes the connection and takes a new one", _LOST),
-    "encoder.hangs": Fault("F1", "says nothing `for` s", _LOST, {"for": 20.0}),
+    "encoder.hangs": Fault("F1", "is silent `for` s", _LOST, {"for": 20.0}),
     "encoder.wrong_device": Fault("F3", "is no CiA 406 encoder (from the start)", _REFUSED),
     "encoder.garbage": Fault("F5", "the CAN server sends what is no frame", _LOST),
     "encoder.stuck": Fault(

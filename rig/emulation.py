@@ -186,7 +186,7 @@ def encoder_setup(encoder: EncoderSettings, seed: int, emulation: Emulation) -> 
         period_ppm=period_ppm if emulation.healthy else 0.0,
         clock_ppm=clock_ppm if emulation.healthy else 0.0,
         lag_s=emulation.encoder_lag,
-        rehearsed=emulation.rehearsed("encoder"),
+        faults=emulation.rehearsed("encoder"),
         **wanted,
     )
 

@@ -26,12 +26,13 @@ from daq.log.recover import recover_log
 from rig.files.scenario import parse_scenario
 from rig.session.run import PRE_TRIGGER_S
 
-CRASH_S = 0.5
-"""What a crash may cost of each stream."""
+CRASH_S = 2.0
+"""What a crash may cost of each stream: half a second, and what a busy machine had not come to write."""
 _SHIFTS = sorted(range(-30, 31), key=abs)
 """Places tried: clocks agree better than so many samples."""
 _ALIKE = 1e-5
 _TIME_BASE_S = 0.1
+_ANALOG = ("V", "")
 _ENCODER = "encoder.angle"
 
 
@@ -123,9 +124,13 @@ def _compared(
     stopped_ns = codes.get(STOPPING) if ended is None else None
     card = _card_of(measured, sent)
     if card is not None:
-        names = [name for name, blocks in measured.items() if blocks[0].sample_rate == card.rate]
+        names = [
+            name
+            for name, blocks in measured.items()
+            if blocks[0].sample_rate == card.rate and name != _ENCODER
+        ]
         planned = _planned(text, card.rate)
-        analog = [name for name in names if channels[name].raw_unit == "V"]
+        analog = [name for name in names if channels[name].raw_unit in _ANALOG]
         offset, wrong = _place_on_card(card, {name: measured[name] for name in analog})
         yield from wrong
         must = card.made - offset if _stopped_by_run(card, path) else math.inf

@@ -75,8 +75,7 @@ def emulate(
 
     if fault == ["list"]:
         for name, known in FAULTS.items():
-            keys = "".join(f":{key}={value}" for key, value in known.values.items())
-            typer.echo(f"{name + keys:<52} {known.number:<4} {known.does}; {known.seen}")
+            typer.echo(f"{known.spelled(name):<52} {known.number:<4} {known.does}; {known.seen}")
         return
     if scenario_file is None:
         raise typer.BadParameter("SCENARIO.toml is missing: what to emulate")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,6 +43,19 @@ def test_every_fault_of_the_table_is_somebodys() -> None:
         known = EVERYWHERE | CARD | {each.replace(" ", "_") for each in KINDS}
         assert kind in known or f'"{kind}"' in text or name in LAST_OF_ALL, name
         assert re.fullmatch(r"F([1-9]|[12][0-9]|3[0-5])", FAULTS[name].number)
+
+
+def test_the_page_of_drills_has_the_table() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "drills.md").read_text()
+    rows = [
+        f"| `{fault.spelled(name)}` | {fault.number} | {fault.does} | {fault.seen} |"
+        for name, fault in FAULTS.items()
+    ]
+    assert page.endswith("\n".join(rows) + "\n")
+    for named in re.findall(
+        r"`((?:signal_generator|inverter|daq_card|encoder|disk)\.[^`]*)`", page.partition("## The table")[0]
+    ):
+        rehearsed(named)
 
 
 def test_a_fault_is_named_with_its_time_and_keys() -> None:

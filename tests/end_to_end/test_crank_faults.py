@@ -13,7 +13,7 @@ import pytest
 from daq.block import NS_PER_S
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import recover_log
-from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.protocols.speed_drive import InverterOutput
 from drivers.rehearsal import rehearsed
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
@@ -114,7 +114,7 @@ def test_a_shaft_that_slips_is_an_interlock(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> None:
     # Positions come from before the motor starts; it is up to speed after two seconds and trims for some.
-    setup = EncoderSetup(faults=(EncoderFault("emergency", 4000, 0x5000),))
+    setup = EncoderSetup(faults=(rehearsed("encoder.emergency@4:value=0x5000"),))
     with (
         spied_crank(tmp_path, encoder=setup) as crank,
         command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
@@ -130,7 +130,7 @@ def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> No
 
 @pytest.mark.long
 def test_an_encoder_that_stands_while_the_shaft_turns_is_an_interlock(tmp_path: Path) -> None:
-    setup = EncoderSetup(faults=(EncoderFault("stuck", 4000),))
+    setup = EncoderSetup(faults=(rehearsed("encoder.stuck@4"),))
     with (
         spied_crank(tmp_path, encoder=setup) as crank,
         command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,

@@ -6,7 +6,6 @@ import math
 import sys
 import threading
 import traceback
-from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +17,7 @@ from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, dat
 
 from daq.clock import Clock
 from drivers.canopen_cia406 import objects
-from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
 from drivers.canopen_cia406.objects import Entry
 from drivers.emulator_truth import Truth
@@ -47,10 +46,7 @@ class EmulatedEncoder:
         self._network: Any = canopen.Network(self._bus)
         self._network.NOTIFIER_CYCLE = 0.05
         self._node: Any = canopen.LocalNode(setup.node, dictionary(setup))
-        self._faults: defaultdict[int, list[EncoderFault]] = defaultdict(list)
-        for fault in setup.faults:
-            self._faults[fault.at_frame].append(fault)
-        self._rehearsal = Rehearsal(setup.rehearsed)
+        self._rehearsal = Rehearsal(setup.faults)
         # Jitter of the bus by a seed, so that a fault that a test finds comes again.
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
@@ -156,9 +152,8 @@ class EmulatedEncoder:
         self._beat_due_s = self._clock.monotonic_s() if period_ms else math.inf
 
     def _send_position(self, frame: int, due_s: float) -> None:
-        kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
-        for rehearsed in self._rehearsal.due(due_s - self._start_s):
-            kinds[rehearsed.kind] = rehearsed.number("value") if "value" in rehearsed.known else 0.0
+        faults = self._rehearsal.due(due_s - self._start_s)
+        kinds = {each.kind: each.number("value") if "value" in each.known else 0.0 for each in faults}
         for kind, value in kinds.items():
             self._fail(kind, value, due_s)
         lost = self._silent or bool(kinds.keys() & {"missing", "receive_overrun"})

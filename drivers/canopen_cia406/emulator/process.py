@@ -10,23 +10,10 @@ from typing import TYPE_CHECKING
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.encoder import Shaft
-from drivers.rehearsal import FAULTS, Rehearsed
+from drivers.rehearsal import Rehearsed
 
 if TYPE_CHECKING:
     from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
-
-
-@dataclass(frozen=True, slots=True)
-class EncoderFault:
-    """A fault of the table at the position frame `at_frame` (from 0 since the node was started), once."""
-
-    kind: str
-    at_frame: int
-    value: float = 0.0
-
-    def __post_init__(self) -> None:
-        if (name := f"encoder.{self.kind}") not in FAULTS:
-            raise ValueError(f"no fault {name}; there are {', '.join(FAULTS)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +23,7 @@ class EncoderSetup:
     `device_type`, `mapped` (objects in TPDO 1) and `transmission_type` are what it says. `offset_counts` is
     the position at angle 0. Its own timer runs slow by `period_ppm`; the clock of the timestamps is ahead by
     `clock_offset_s` and fast by `clock_ppm`; each frame is up to `jitter_s` late on the bus, by `seed`, and
-    shows where the shaft stood `lag_s` before it was due. `rehearsed` faults come by time, `faults` by frame.
+    shows where the shaft stood `lag_s` before it was due.
     """
 
     node: int = 7
@@ -59,8 +46,7 @@ class EncoderSetup:
     jitter_s: float = 20e-6
     lag_s: float = 0.0
     seed: int = 0
-    faults: tuple[EncoderFault, ...] = ()
-    rehearsed: tuple[Rehearsed, ...] = ()
+    faults: tuple[Rehearsed, ...] = ()
 
     @property
     def total_range(self) -> int:
@@ -69,8 +55,8 @@ class EncoderSetup:
 
 
 def spoilt(setup: EncoderSetup) -> EncoderSetup:
-    """The encoder with what its rehearsed faults make of it from the start."""
-    for fault in setup.rehearsed:
+    """The encoder with what its faults make of it from the start."""
+    for fault in setup.faults:
         if fault.kind == "wrong_device":
             setup = replace(setup, device_type=0)
         elif fault.kind == "period_off":

@@ -221,9 +221,10 @@ class Acquisition:
                     self._truth.tell(first=first, count=count, values=values_of)
                 self.buffer.put(values)
         except Exception as error:  # the plant is not ours: whatever it raises ends the task, not the server
-            traceback.print_exc(file=sys.stderr)
-            failed = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")
-            fault = error if isinstance(error, DaqmxError) else failed
+            fault = error if isinstance(error, DaqmxError) else None
+            if fault is None:
+                traceback.print_exc(file=sys.stderr)
+                fault = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")
             for buffer in (self.buffer, *(counter.buffer for counter in self._counters)):
                 buffer.fail(fault)
 
