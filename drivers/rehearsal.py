@@ -35,6 +35,7 @@ class Fault:
         return name + "".join(f":{key}={each}" for key, each in zip(self.values, shown, strict=True))
 
 
+_MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON, and a process that goes on trying"
 _LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
 _TRIED = "the run goes on; tried again and never believed"
@@ -45,10 +46,8 @@ _SOME = {"share": 0.01}
 _ONE_INPUT = {"channel": ""}
 
 FAULTS: Final[Mapping[str, Fault]] = {
-    "signal_generator.unplugged": Fault(
-        "F1", "its process is gone", "exit 1; THE DRIVE MAY STILL BE ON, and a process that goes on trying"
-    ),
-    "signal_generator.hangs": Fault("F1", "is silent `for` s", "exit 1; THE DRIVE MAY STILL BE ON", {"for": 20.0}),
+    "signal_generator.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
+    "signal_generator.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
     "signal_generator.wrong_model": Fault("F3", "is another make (from the start)", _REFUSED),
     "signal_generator.errors": Fault(
         "F30", "has a full error queue (from the start)", "drained; the run goes on", {"count": 30.0}

@@ -114,15 +114,15 @@ def _compared(
         for whose_samples, block in log.blocks(("measured", "predicted", "nominal")):
             series.setdefault((whose_samples, block.channel), []).append(block)
         channels, text = log.channels("measured"), log.scenario
+    measured = {name: blocks for (origin, name), blocks in series.items() if origin == "measured"}
+    ended = min((codes[code] for code in (RECORD_END, "drive.off") if code in codes), default=None)
+    stopped_ns = codes.get(STOPPING) if ended is None else None
+    card, encoder = _card_of(measured, sent), _encoder_of(measured.get(_ENCODER, []), sent)
+    if card is None and encoder is None:
+        return  # it is of no emulator
     for (origin, name), blocks in series.items():
         whose = [gap for gap in gaps if gap.channel == name and gap.origin == origin]
         yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, whose))
-    measured = {name: blocks for (origin, name), blocks in series.items() if origin == "measured"}
-    if not measured:
-        return
-    ended = min((codes[code] for code in (RECORD_END, "drive.off") if code in codes), default=None)
-    stopped_ns = codes.get(STOPPING) if ended is None else None
-    card = _card_of(measured, sent)
     if card is not None:
         names = [
             name
@@ -144,7 +144,6 @@ def _compared(
             must = min(must, max(by_stop, 0) - offset if math.isinf(must) else must, card.made - offset)
         for name in names:
             yield from _complete(name, measured[name], gaps, card.made - offset, min(must, planned))
-    encoder = _encoder_of(measured.get(_ENCODER, []), sent)
     if encoder is not None and "encoder.numbering" not in codes:
         scale = channels[_ENCODER].scale or 1.0
         yield from _placed_on_encoder(encoder, measured[_ENCODER], scale, gaps, stopped_ns)

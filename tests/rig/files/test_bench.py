@@ -282,3 +282,14 @@ def test_value_where_a_table_belongs_is_told(text: str) -> None:
 def test_any_text_gives_a_bench_or_a_configuration_error(text: str) -> None:
     with contextlib.suppress(ConfigurationError):
         assert parse(text).daq_card.emulated
+
+
+def test_faults_to_rehearse_are_of_what_is_emulated_and_are_known() -> None:
+    bench = parse_bench('[emulation]\nfaults = ["daq_card.stuck@2:for=1", "disk.full"]\n', "x", Path())
+    (stuck,) = bench.emulation.rehearsed("daq_card")
+    assert (stuck.kind, stuck.at_s, stuck.number("for")) == ("stuck", 2.0, 1.0)
+    with pytest.raises(ConfigurationError) as caught:
+        parse_bench('[emulation]\nfaults = ["inverter.trips", "disk.ful"]\n', "x", Path())
+    trips, unknown = caught.value.problems
+    assert (trips.key, trips.allowed) == ("emulation.faults", "none: [inverter] is not emulated here")
+    assert unknown.allowed.endswith("disk.stalls, disk.slow, disk.full, disk.fails")
