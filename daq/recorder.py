@@ -80,6 +80,11 @@ class Recorder:
         host_ns = self._clock.unix_ns()
         self._put(lambda: self._writer.add_gap(gap, host_ns))
 
+    def due(self, origin: str, channel: str, end_sample: int, cause: str) -> None:
+        """What of a channel's samples up to `end_sample`, due by now, does not come is a gap."""
+        host_ns = self._clock.unix_ns()
+        self._put(lambda: self._writer.due(origin, channel, end_sample, host_ns, cause))
+
     def impact(self, impact: Impact) -> None:
         """Record an impact, stamped with the time at which it was found: now."""
         host_ns = self._clock.unix_ns()

@@ -60,7 +60,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
 
 def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig that a generator and its shaker move."""
-    from drivers.scpi.emulator.process import start_function_generator
+    from drivers.scpi.emulator.process import spoilt, start_function_generator
     from rig.twin.plant import ShakenPlant, compiled, resting_at
 
     drive, per_volt = scenario.drive, bench.the(GeneratorSettings).force_per_volt
@@ -74,7 +74,8 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
         started_s=SystemClock().monotonic_s(),
     )
     plant = partial(compiled, ShakenPlant, twin, per_volt, seed, run_seed, bench.emulation.healthy)
-    return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None)), output)
+    setup = spoilt(bench.emulation.rehearsed("signal_generator"))
+    return EmulatedRig(plant, lambda sinks: start_function_generator(next(iter(sinks), None), setup), output)
 
 
 def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
@@ -87,7 +88,7 @@ def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
     motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy)
     hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
     output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())
-    setup = matching_setup(inverter, RAMP_S)
+    setup = matching_setup(inverter, RAMP_S, bench.emulation.rehearsed("inverter"))
     return EmulatedRig(
         partial(compiled, CrankPlant, twin, motor, seed, run_seed, healthy),
         lambda sinks: start_inverter(InverterWiring(Fork(tuple(sinks))), setup),

@@ -5,12 +5,13 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 
+from daq.errors import ConfigurationError, Problem
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
@@ -101,7 +102,15 @@ def card(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedIns
     """An emulated card on the rig."""
     from drivers.ni_daq.emulator.process import start_daq_card
 
-    return start_daq_card(rig.plant, wiring_of(bench), heard.outputs, heard.initial, deadline_s=_COMPILED_S)
+    wiring = replace(wiring_of(bench), faults=bench.emulation.rehearsed("daq_card"), seed=seed)
+    names = ["", *(channel.name for channel in bench.daq_card.channels)]
+    if strange := [
+        Problem(each.name, each.channel, f"one of{' '.join(names)}")
+        for each in wiring.faults
+        if each.channel not in names
+    ]:
+        raise ConfigurationError("faults to rehearse", strange)
+    return start_daq_card(rig.plant, wiring, heard.outputs, heard.initial, deadline_s=_COMPILED_S)
 
 
 # An input takes 5 V or, with the modules for larger signals, 10 V.
@@ -178,6 +187,7 @@ def encoder_setup(encoder: EncoderSettings, seed: int, emulation: Emulation) -> 
         period_ppm=period_ppm if emulation.healthy else 0.0,
         clock_ppm=clock_ppm if emulation.healthy else 0.0,
         lag_s=emulation.encoder_lag,
+        faults=emulation.rehearsed("encoder"),
         **wanted,
     )
 

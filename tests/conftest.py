@@ -1,4 +1,5 @@
-"""A test that leaves a thread, a process, a socket or a file behind fails."""
+"""A test that leaves a thread, a process, a socket or a file behind fails, and one whose log does not account
+for what emulated instruments sent."""
 
 from __future__ import annotations
 
@@ -16,6 +17,7 @@ import psutil
 import pytest
 
 from daq.plugins import UNUSED
+from drivers.emulator_truth import TRUTH_FOLDER
 
 # What has been told to end may take this long to be gone: a killed child is reaped, a gRPC thread polls.
 GRACE_S = 5.0
@@ -116,3 +118,32 @@ def leaves_nothing_behind() -> Iterator[None]:
             pytest.fail(f"left behind: {'; '.join(leaked)}")
         gc.collect()
         time.sleep(0.02)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def truths(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where every emulated instrument, in whatever process, keeps what it sent."""
+    folder = tmp_path_factory.mktemp("truth")
+    os.environ[TRUTH_FOLDER] = str(folder)
+    yield folder
+    del os.environ[TRUTH_FOLDER]
+
+
+_CHECKED: set[Path] = set()
+
+
+@pytest.fixture(autouse=True)
+def accounts_for_every_sample(
+    truths: Path, tmp_path_factory: pytest.TempPathFactory, leaves_nothing_behind: None
+) -> Iterator[None]:
+    """No test that records from emulators can forget it."""
+    yield
+    if any(truths.iterdir()):
+        from tests.accounting import discrepancies, sent_in
+
+        logs = {*tmp_path_factory.getbasetemp().rglob("*.mcap")} - _CHECKED
+        sent = sent_in(truths) if logs else []
+        _CHECKED.update(logs)
+        wrong = [f"{log.name}: {each}" for log in logs for each in discrepancies(log, sent)]
+        if wrong:
+            pytest.fail("not accounted for: " + "; ".join(wrong))

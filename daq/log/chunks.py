@@ -131,6 +131,10 @@ class IndexedChunks:
             self._executor = None
         self._opened.clear()
 
+    def last_ns(self, ids: frozenset[int]) -> int:
+        """Log time at which the last chunk ends that holds any of the channels `ids`; 0 for none."""
+        return max((each.last_ns for each in self._indexes if ids & {*each.channel_ids}), default=0)
+
     def passing(
         self, ids: frozenset[int] | None, start_ns: int | None, end_ns: int | None, allowance: Allowance
     ) -> Iterator[tuple[int, Future[OpenedChunk]]]:

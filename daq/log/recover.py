@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from typing import get_args
 
+from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError, RecorderFailed
 from daq.log.codec import decode_block, decode_record
 from daq.log.front import CUT
@@ -15,7 +17,9 @@ from daq.log.reader import LoggedMessage, LogReader, Origin
 from daq.log.records import Gap
 from daq.log.writer import LogWriter
 
-LOST = "lost in a damaged log"
+LOST, UNWRITTEN = "lost in a damaged log", "not written before the log was cut"
+_SOONER = 0.25
+"""Of a block: by so much less than a block after the last one the next was due."""
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
 _SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock", "/impact": "Impact"}
 
@@ -146,9 +150,9 @@ def _apart(some: list[_Span], others: list[_Span]) -> int:
 def recover_log(damaged: Path, recovered: Path) -> LogReport:
     """Copy what is whole of `damaged` to the new file `recovered`, then verify what was written.
 
-    Samples that were lost in between are in its gap ledger, and counted in the report. How many came after
-    the last that could be read, no file tells: `recovered_from` says whether it was only cut there. Topics
-    that are none of the format's are left out.
+    Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
+    topics that end before others do. How many came after the last that could be read of all, no file tells:
+    `recovered_from` says whether it was only cut there. Topics that are none of the format's are left out.
     """
     with LogReader(damaged) as log:
         topics = {
@@ -164,7 +168,22 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
                     writer.add_metadata(name, record)
                 for topic, schema in topics.items():
                     writer.register(topic, schema, log.topic_metadata()[topic])
-                lost = sum(_copy(message, writer) for message in log.messages(topics, skip_damaged=True))
+                lost = 0
+                lasts: dict[str, tuple[int, SampleBlock]] = {}  # and when the host had it
+                for message in log.messages(topics, skip_damaged=True):
+                    missing, block = _copy(message, writer)
+                    lost += missing
+                    if block is not None:
+                        lasts[message.topic] = message.log_ns, block
+                read_ns = max((log_ns for log_ns, _ in lasts.values()), default=0)
+                cause = UNWRITTEN if log.damage == CUT else LOST
+                for topic, (log_ns, block) in lasts.items():
+                    _, origin, name = topic.split("/", 2)
+                    late_s = (max(read_ns, log.last_ns(topic)) - log_ns) / NS_PER_S
+                    behind = len(block) * math.floor(late_s * block.sample_rate / len(block) + _SOONER)
+                    if behind > 0 and origin != "derived":  # which come when a cycle ends
+                        writer.due(origin, name, block.end_sample + behind, log_ns, cause)
+                        lost += behind if cause == LOST else 0
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
                 raise
@@ -175,8 +194,8 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
         return replace(verify_log(recovered), recovered_from=log.damage, lost=lost)
 
 
-def _copy(message: LoggedMessage, writer: LogWriter) -> int:
-    """Samples missing before this message of which the log knew nothing."""
+def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:
+    """Samples missing before this message of which the log knew nothing, and its own, if it has any."""
     if message.topic == "/gap":
         writer.add_gap(decode_record(Gap, message.data), message.log_ns)
     elif message.topic in _SCHEMA_OF_TOPIC:
@@ -184,5 +203,5 @@ def _copy(message: LoggedMessage, writer: LogWriter) -> int:
     else:
         _, origin, name = message.topic.split("/", 2)
         block = decode_block(name, message.data)
-        return writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST)
-    return 0
+        return writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST), block
+    return 0, None

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
+from typing import IO
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel as ChannelRecord
@@ -34,13 +35,20 @@ class LogWriter:
     can be read where all others are lost. Not thread-safe but for `sync`: one thread owns a writer.
     """
 
-    def __init__(self, path: Path, library: str = "rattle") -> None:
-        self.path = path
+    def __init__(
+        self,
+        path: Path,
+        library: str = "rattle",
+        opened: Callable[[Path], IO[bytes]] = lambda path: path.open("xb"),
+    ) -> None:
+        self.path, self._opened = path, opened
         self._library = library
         self._next_sample: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._topics: dict[str, int] = {}
         self._told_gaps: dict[tuple[str, int], int] = {}  # their first sample, by topic and end
+        self._end_ns: dict[str, int] = {}
+        self._due: dict[str, tuple[int, int, str]] = {}
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
         self._declarations = bytearray()
@@ -51,7 +59,7 @@ class LogWriter:
     def open(self) -> LogWriter:
         """Create the file; refuses to overwrite one."""
         try:
-            self._file = self.path.open("xb")
+            self._file = self._opened(self.path)
         except FileExistsError as error:
             raise RecorderFailed(f"{self.path} exists already; name another file") from error
         except OSError as error:
@@ -119,6 +127,7 @@ class LogWriter:
             self._record("/gap", "Gap", gap, host_ns)
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
+        self._end_ns[topic] = sample_time_ns(block.time_ns, len(block), block.sample_rate)
         return missing
 
     def add_event(self, event: Event) -> None:
@@ -129,6 +138,14 @@ class LogWriter:
         topic = f"/{gap.origin or 'measured'}/{gap.channel}"
         self._told_gaps[topic, gap.first_sample + gap.count] = gap.first_sample
         self._record("/gap", "Gap", gap, host_ns)
+
+    def due(self, origin: str, channel: str, end_sample: int, time_ns: int, cause: str) -> None:
+        """Samples of a declared channel up to `end_sample` were to come by `time_ns`.
+
+        What of them is not there, and in no gap, when the log is closed is a gap at its end.
+        """
+        if (topic := f"/{origin}/{channel}") in self._topics:
+            self._due[topic] = end_sample, time_ns, cause
 
     def add_clock(self, clock: ClockRecord) -> None:
         self._record("/clock", "Clock", clock, clock.time_ns)
@@ -164,6 +181,7 @@ class LogWriter:
         self._open = False
         try:
             if self._failed is None:
+                self._close_tails()
                 self._writer.finish()
                 self._file.flush()
                 self.sync()
@@ -173,6 +191,17 @@ class LogWriter:
         finally:
             with suppress(OSError):  # what a failed write left in its buffer fails once more, and is told
                 self._file.close()
+
+    def _close_tails(self) -> None:
+        for topic, (end, time_ns, cause) in self._due.items():
+            first = self._next_sample.get(topic, 0)
+            told = {begin: until for (whose, until), begin in self._told_gaps.items() if whose == topic}
+            while first in told:
+                first = told.pop(first)
+            if first < end:
+                _, origin, channel = topic.split("/", 2)
+                gap = Gap(self._end_ns.get(topic, time_ns), channel, first, end - first, cause, origin)
+                self._record("/gap", "Gap", gap, time_ns)
 
     def register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
         """Declare a topic of the format by the name of its schema (`SampleBlock`, `Event` ...)."""

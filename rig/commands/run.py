@@ -6,11 +6,13 @@ import datetime
 import signal
 import threading
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
+from daq.errors import ConfigurationError, Problem
 from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
 from rig.session.progress import Screen, Terminal
 from rig.session.signals import Stopped
@@ -55,11 +57,38 @@ _NO_PARITY: Final = (
 )
 
 
-def emulate(scenario_file: ScenarioFile, bench_file: BenchFile = None, as_json: Json = False) -> None:
+def emulate(
+    scenario_file: Annotated[
+        Path | None, typer.Argument(metavar="SCENARIO.toml", help="What to run.")
+    ] = None,
+    bench_file: BenchFile = None,
+    as_json: Json = False,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME[@TIME][:key=value]...", help="A fault to rehearse; list: what there is."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="The same rig and faults again.")] = None,
+) -> None:
+    from drivers.rehearsal import FAULTS, rehearsed
     from rig.emulation import bench_reaching, emulated_bench, starting
     from rig.files.scenario import load_scenario
 
+    if fault == ["list"]:
+        for name, known in FAULTS.items():
+            typer.echo(f"{known.spelled(name):<52} {known.number:<4} {known.does}; {known.seen}")
+        return
+    if scenario_file is None:
+        raise typer.BadParameter("SCENARIO.toml is missing: what to emulate")
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
+    faults = (*bench.emulation.faults, *(fault or ()))
+    for told in map(rehearsed, fault or ()):
+        if told.table not in bench.emulated:
+            allowed = (
+                f"a fault of {', '.join(bench.emulated)}; one of the disk stands in the bench of rattle run"
+            )
+            raise ConfigurationError("faults to rehearse", [Problem("fault", told.name, allowed)])
+    emulation = replace(bench.emulation, faults=faults, seed=bench.emulation.seed if seed is None else seed)
+    bench = replace(bench, emulation=emulation)
     screen = Screen(Terminal(stderr=as_json))
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -9,10 +9,12 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any, Final, Literal, TypeVar
 
+from daq.errors import ConfigurationError
 from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.ni_daq.channels import CardSettings
 from drivers.protocols.emergency_stop import StopLine
+from drivers.rehearsal import Rehearsed, rehearsed
 from rig.files.effects_file import load_effects
 from rig.files.faults import Faults, raised_by, read_toml
 from rig.files.file_kind import read_file
@@ -47,7 +49,7 @@ class Emulation:
     the rig within what a healthy one may differ by; without it it has the nominal values. `rest_offset` is
     where the tip of a beam really rests (m, towards the upper stop), "drawn" anywhere within half of the
     clearance; None where the scenario says. An encoder on the bus shows where the shaft stood `encoder_lag`
-    (s) ago.
+    (s) ago. `faults` come to what is emulated, or to the disk (`drivers.rehearsal`).
     """
 
     effects: Annotated[Path | None, Text("the path of an effects file, seen from the bench file")] = None
@@ -55,6 +57,11 @@ class Emulation:
     healthy: Annotated[bool, Key()] = True
     rest_offset: Annotated[float | Literal["drawn"] | None, Quantity("mm", -10, 10)] = None
     encoder_lag: Annotated[float, Quantity("ms", 0, 1000)] = 0.0
+    faults: Annotated[tuple[str, ...], Text("a list of faults to rehearse, NAME[@TIME][:key=value]...")] = ()
+
+    def rehearsed(self, table: str) -> tuple[Rehearsed, ...]:
+        """The faults of one instrument, by its table; or of the disk."""
+        return tuple(each for each in map(rehearsed, self.faults) if each.table == table)
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +244,12 @@ def _emulation(
         wrong = [raised_by(partial(load_effects, effects, each.nominal().model.effects)) for each in meant]
         for problem in wrong[0] if all(wrong) else ():
             faults.note(replace(problem, key=f"emulation.effects {problem.key}"))
+    for text in emulation.faults:
+        try:
+            if (table_of := rehearsed(text).table) not in (*emulated, "disk"):
+                faults.add("emulation.faults", text, f"none: [{table_of}] is not emulated here")
+        except ConfigurationError as error:
+            faults.add("emulation.faults", text, error.problems[0].allowed)
     if "rest_offset" in table and "rest_offset" not in kind.model:
         faults.add_from(table, "rest_offset", "emulation", f"none: the {kind.name} has no such place")
     if "encoder_lag" in table and "encoder" not in {*kind.extras} & {*emulated}:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +26,7 @@ from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker, drive_off_after
-from rig.session.encoder_record import EncoderRecord, encoder_channel
+from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
 from rig.session.frequency import ON_THEIR_WAY_S
 from rig.session.interlock import ForceWatch, LimitWatch
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
@@ -33,6 +34,7 @@ from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
+from rig.session.spoilt_disk import disk_of
 from rig.session.supervisor import Supervisor
 from rig.stream import Stream
 
@@ -145,14 +147,14 @@ class DrivenRig:
 
     def open_log(self, stack: ExitStack, folder: Path, name: str) -> Path:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
-        log = new_log(folder, name, self.clock)
+        log, disk = new_log(folder, name, self.clock), disk_of(self._bench.emulation.rehearsed("disk"))
 
         @stack.push
         def tell_of_partial(kind: object, error: object, trace: object) -> None:
             if kind is not None:
                 self.screen.say(f"log so far {log}")
 
-        self.recorder = stack.enter_context(Recorder(LogWriter(log), self.clock))
+        self.recorder = stack.enter_context(Recorder(LogWriter(log, opened=disk), self.clock))
         self.stream.insert(0, logged_by(self.recorder))
         return log
 
@@ -249,6 +251,7 @@ class DrivenRig:
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
             running.callback(latch)
+            running.callback(self._account)
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
@@ -347,6 +350,30 @@ class DrivenRig:
         """When the emergency stop was seen; now, where something else stops it."""
         seen = self.emergency_stop
         return self.clock.unix_ns() if seen is None else self.clock.at_ns(seen.at_s)
+
+    def _account(self) -> None:
+        """What was due of the record by now and does not come is a gap."""
+        acquisition, recorder = self.acquisition, self.recorder
+        begin, until = acquisition.record_from, acquisition.record_until
+        if begin is None or until is None:
+            return
+        now = math.ceil(float(acquisition.base.card_s(acquisition.base.now_s())) * self.sample_rate)
+        came = min(until, acquisition.acquired) - begin
+        due = came if self._rests else min(until, now) - begin
+
+        def why(name: str, error: RattleError | None) -> str:
+            return "stopped before its time" if error is None else f"the {name} was lost"
+
+        with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
+            for name in self.names:
+                recorder.due("measured", name, due, why(acquisition.name, acquisition.error))
+                recorder.due("predicted", name, came, "not predicted")
+            if self.encoder is not None:
+                because = why("encoder", self.encoder.error)
+                recorder.due("measured", ENCODER_CHANNEL, self.encoder.due, because)
+            for logger, record in zip(self.devices.loggers.values(), self.loggers, strict=True):
+                for channel in logger.channels:
+                    recorder.due("measured", channel.name, record.due, f"the {logger.name} was lost")
 
     def _hand_over(self) -> str:
         self.devices.actuator.close()

@@ -89,7 +89,7 @@ class EncoderRecord:
         self._unwrapper = Unwrapper(encoder.total_range, min(step, (encoder.total_range - 1) // 2))
         self._next_number = 0
         self._backlog: deque[_Stretch] = deque()
-        self._begin_s = self._end_s = math.inf
+        self._begin_s = self._end_s = self._first_s = math.inf
         self._first: int | None = None
         self._turned_off = 0.0
         self._gaps: deque[tuple[int, int, str]] = deque()
@@ -121,11 +121,17 @@ class EncoderRecord:
 
     def begin(self, card_s: float) -> None:
         """Record positions from this time on, s since the card's sample 0."""
-        self._begin_s = card_s
+        self._begin_s = self._first_s = card_s
 
     def end(self, card_s: float) -> None:
         """Record up to this time; `ended` once a position after it has come."""
         self._end_s = card_s
+
+    @property
+    def due(self) -> int:
+        """How many positions are due by now since the record began; 0 where it has ended with all of them."""
+        lasts_s = min(self._end_s, float(self._base.card_s(self._base.now_s()))) - self._first_s
+        return 0 if self.ended else math.ceil(max(lasts_s / self._encoder.period_s, 0.0))
 
     def check(self) -> None:
         """Raise what ended it, or InterlockTripped while the encoder reports an emergency of its own."""
@@ -243,7 +249,7 @@ class EncoderRecord:
     def _record(self, stretch: _Stretch, low: int, high: int, card_s: float) -> None:
         number = stretch.number + low
         if self._first is None:
-            self._first = number
+            self._first, self._first_s = number, card_s
             self._turned_off = math.tau * math.floor(stretch.angle_rad[low] / math.tau)
         while self._gaps and self._gaps[0][0] < number:  # what the encoder said of positions that are missing
             first, count, cause = self._gaps.popleft()

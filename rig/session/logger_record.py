@@ -50,6 +50,12 @@ class LoggerRecord:
     def end(self) -> None:
         self._done.set()
 
+    @property
+    def due(self) -> int:
+        """How many readings are due by now since the record began."""
+        until_s = min(self._now_s(), self._end_s)
+        return math.ceil(max((until_s - self._begin_s) / self._logger.period_s, 0.0))
+
     def _run(self) -> None:
         number = due = wanted = 0  # of the next reading; behind the last that was due, and that is in the log
         try:

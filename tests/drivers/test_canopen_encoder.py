@@ -20,10 +20,11 @@ from daq.errors import (
     InstrumentRefused,
     InstrumentSilent,
 )
-from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup, FaultKind
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.link import SocketcandBus
 from drivers.protocols.encoder import PositionBlock, PositionStatistics
+from drivers.rehearsal import Rehearsed
 from tests.drivers.encoders import PATIENCE_S, emulated, opened, slow_shaft, socketcand, turning
 
 COUNTS = 4096
@@ -80,28 +81,36 @@ def test_a_second_of_positions_at_1_khz() -> None:
     assert np.all(np.diff(block.arrival_s) >= 0.0)
 
 
-def random_faults(frames: int, rate: float, seed: int) -> tuple[EncoderFault, ...]:
+def at_frame(kind: str, frame: int, value: float | None = None) -> Rehearsed:
+    """A fault of the table at a position frame, from 0, counted since the node was started."""
+    return Rehearsed(f"encoder.{kind}", (frame - 0.5) * 1e-3, {} if value is None else {"value": value})
+
+
+def random_faults(frames: int, rate: float, seed: int) -> dict[int, Rehearsed]:
     """Faults for a share `rate` of the first frames, 8 apart so that each can be told from the next."""
-    kinds: tuple[FaultKind, ...] = ("duplicate", "reorder", "missing", "wrong_length")
+    kinds: tuple[str, ...] = ("duplicate", "reorder", "missing", "wrong_length")
     generator = np.random.default_rng(seed)
-    faults: list[EncoderFault] = []
-    for at_frame in np.flatnonzero(generator.random(frames) < rate):
-        if at_frame >= (faults[-1].at_frame if faults else 0) + 8:
-            faults.append(EncoderFault(kinds[int(generator.integers(len(kinds)))], int(at_frame)))
-    return tuple(faults)
+    faults: dict[int, Rehearsed] = {}
+    for frame in np.flatnonzero(generator.random(frames) < rate).tolist():
+        if frame >= max(faults, default=0) + 8:
+            faults[frame] = at_frame(kinds[int(generator.integers(len(kinds)))], frame)
+    return faults
 
 
 def test_random_faults_are_all_found_and_nothing_else() -> None:
     faults = random_faults(1500, 0.05, seed=5)
-    kinds = [fault.kind for fault in faults]
+    kinds = [fault.kind for fault in faults.values()]
     assert {kinds.count(kind) > 5 for kind in ("duplicate", "reorder", "missing", "wrong_length")} == {True}
     # 7 counts a frame: no two frames within reach of each other have the same position.
     shaft = turning(7.0 / COUNTS / 1e-3)
-    with emulated(EncoderSetup(faults=faults), shaft) as address, opened(socketcand(address)) as encoder:
+    with (
+        emulated(EncoderSetup(faults=tuple(faults.values())), shaft) as address,
+        opened(socketcand(address)) as encoder,
+    ):
         encoder.start()
         block = read_all(encoder, 1520)
         statistics = encoder.statistics
-    lost = [fault.at_frame for fault in faults if fault.kind in ("missing", "wrong_length")]
+    lost = [frame for frame, fault in faults.items() if fault.kind in ("missing", "wrong_length")]
     assert sorted(set(range(block.number[-1] + 1)) - set(block.number.tolist())) == lost
     assert [gap.first_frame for gap in block.gaps] == lost
     assert {gap.count for gap in block.gaps} == {1}
@@ -129,8 +138,8 @@ def test_random_faults_are_all_found_and_nothing_else() -> None:
         ("restart", "fell back to (boot-up|pre-operational)"),
     ],
 )
-def test_lost_within_a_second_naming_the_last_good_position(kind: FaultKind, match: str) -> None:
-    setup = EncoderSetup(faults=(EncoderFault(kind, 800),))
+def test_lost_within_a_second_naming_the_last_good_position(kind: str, match: str) -> None:
+    setup = EncoderSetup(faults=(at_frame(kind, 800),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         block, error = read_until_lost(encoder)
@@ -148,7 +157,7 @@ def test_lost_within_a_second_naming_the_last_good_position(kind: FaultKind, mat
 
 def test_a_heartbeat_is_required_and_set_where_there_is_none_or_too_slow_a_one() -> None:
     # 5 s would be noticed after 15; the driver asks for 0.1 s instead, which the emulator then must keep.
-    setup = EncoderSetup(heartbeat_ms=5000, faults=(EncoderFault("heartbeat_stops", 400),))
+    setup = EncoderSetup(heartbeat_ms=5000, faults=(at_frame("heartbeat_stops", 400),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         _, error = read_until_lost(encoder)
@@ -156,7 +165,7 @@ def test_a_heartbeat_is_required_and_set_where_there_is_none_or_too_slow_a_one()
 
 
 def test_no_position_although_it_lives() -> None:
-    setup = EncoderSetup(faults=(EncoderFault("positions_stop", 100),))
+    setup = EncoderSetup(faults=(at_frame("positions_stop", 100),))
     with emulated(setup) as address, opened(socketcand(address, timeout_s=1.0)) as encoder:
         encoder.start()
         assert len(encoder.read(90).number) == 90
@@ -168,7 +177,7 @@ def test_no_position_although_it_lives() -> None:
 
 
 def test_an_overrun_of_the_interface_is_a_gap_and_an_event() -> None:
-    setup = EncoderSetup(faults=(EncoderFault("receive_overrun", 150),))
+    setup = EncoderSetup(faults=(at_frame("receive_overrun", 150),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         block = read_all(encoder, 300)
@@ -181,7 +190,7 @@ def test_an_overrun_of_the_interface_is_a_gap_and_an_event() -> None:
 
 
 def test_an_error_frame_is_counted_and_told() -> None:
-    setup = EncoderSetup(faults=(EncoderFault("error_frame", 50),))
+    setup = EncoderSetup(faults=(at_frame("error_frame", 50),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         block = read_all(encoder, 100)
@@ -191,7 +200,7 @@ def test_an_error_frame_is_counted_and_told() -> None:
 
 
 def test_an_emergency_is_there_for_an_interlock() -> None:
-    setup = EncoderSetup(faults=(EncoderFault("emergency", 50, 0x5000),))
+    setup = EncoderSetup(faults=(at_frame("emergency", 50, 0x5000),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         assert encoder.emergencies == ()
         encoder.start()
@@ -200,7 +209,7 @@ def test_an_emergency_is_there_for_an_interlock() -> None:
 
 
 def test_an_emergency_that_is_over() -> None:
-    setup = EncoderSetup(faults=(EncoderFault("emergency", 50, 0x5000), EncoderFault("emergency", 100, 0)))
+    setup = EncoderSetup(faults=(at_frame("emergency", 50, 0x5000), at_frame("emergency", 100, 0)))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         block = read_all(encoder, 300)
@@ -215,7 +224,7 @@ def test_an_emergency_that_is_over() -> None:
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_a_clock_that_is_set_is_told_and_nothing_is_lost(step_s: float) -> None:
-    setup = EncoderSetup(faults=(EncoderFault("clock_jump", 200, step_s),))
+    setup = EncoderSetup(faults=(at_frame("clock_jump", 200, step_s),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         block = read_all(encoder, 500)
@@ -326,7 +335,7 @@ def test_opening_it_twice_hangs_up_first() -> None:
 
 
 def test_a_lost_encoder_does_not_resume_by_itself() -> None:
-    setup = EncoderSetup(faults=(EncoderFault("pre_operational", 600),))
+    setup = EncoderSetup(faults=(at_frame("pre_operational", 600),))
     with emulated(setup) as address, opened(socketcand(address)) as encoder:
         encoder.start()
         read_until_lost(encoder)
@@ -341,18 +350,13 @@ def test_a_lost_encoder_does_not_resume_by_itself() -> None:
         assert encoder.read(20).number[0] == 0
 
 
-def test_faults_that_do_not_exist() -> None:
-    with pytest.raises(ValueError, match="no fault lightning; there are duplicate"):
-        EncoderFault("lightning", 0)  # type: ignore[arg-type]
-
-
 def test_shafts_are_in_radians() -> None:
     assert slow_shaft()(1.0) == pytest.approx(1.7 * math.tau)
 
 
 def test_an_encoder_that_is_stuck_sends_on_and_only_its_position_shows_it() -> None:
     with (
-        emulated(EncoderSetup(faults=(EncoderFault("stuck", 100),))) as address,
+        emulated(EncoderSetup(faults=(at_frame("stuck", 100),))) as address,
         opened(socketcand(address)) as encoder,
     ):
         encoder.start()

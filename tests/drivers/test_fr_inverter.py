@@ -18,13 +18,14 @@ import pytest
 
 from daq.errors import DeviceLost, InstrumentRefused, InstrumentSilent
 from drivers.emulator_process import EmulatedInstrument
-from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, InverterSetup, Trip
+from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
 from drivers.mitsubishi_fr.inverter import FrInverter, _Open, reset_tripped
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings
 from drivers.protocols.speed_drive import InverterOutput, SpeedDrive
+from drivers.rehearsal import rehearsed
 from tests.drivers.fr_peer import PlainServer
 
 WATCHDOG_S = 2.0
@@ -212,7 +213,7 @@ def test_a_trip_reaches_whoever_checks_and_only_a_person_resets_it() -> None:
         with opened(settings) as inverter:
             inverter.set_speed(200.0)
             inverter.start()
-            ends.rehearsal.send(Trip(0x10))
+            ends.rehearsal.send(rehearsed("inverter.trips:code=0x10"))
             ends.await_output(lambda output: not output.on)
             with pytest.raises(InstrumentRefused, match=r"it has tripped: E\.OC1") as caught:
                 check_until_it_raises(inverter)

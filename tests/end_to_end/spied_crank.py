@@ -176,9 +176,6 @@ class SpiedCrank:
     spy: InverterSpy
     rehearsal: Connection
 
-    def spoil_line(self, faults: LineFaults) -> None:
-        self.rehearsal.send(faults)
-
 
 @contextmanager
 def spied_crank(

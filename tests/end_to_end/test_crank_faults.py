@@ -13,10 +13,9 @@ import pytest
 from daq.block import NS_PER_S
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import recover_log
-from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
-from drivers.mitsubishi_fr.emulator.drive import Trip
-from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.protocols.speed_drive import InverterOutput
+from drivers.rehearsal import rehearsed
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
 from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
 
@@ -115,7 +114,7 @@ def test_a_shaft_that_slips_is_an_interlock(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> None:
     # Positions come from before the motor starts; it is up to speed after two seconds and trims for some.
-    setup = EncoderSetup(faults=(EncoderFault("emergency", 4000, 0x5000),))
+    setup = EncoderSetup(faults=(rehearsed("encoder.emergency@4:value=0x5000"),))
     with (
         spied_crank(tmp_path, encoder=setup) as crank,
         command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
@@ -131,7 +130,7 @@ def test_an_emergency_of_the_encoder_brings_the_motor_down(tmp_path: Path) -> No
 
 @pytest.mark.long
 def test_an_encoder_that_stands_while_the_shaft_turns_is_an_interlock(tmp_path: Path) -> None:
-    setup = EncoderSetup(faults=(EncoderFault("stuck", 4000),))
+    setup = EncoderSetup(faults=(rehearsed("encoder.stuck@4"),))
     with (
         spied_crank(tmp_path, encoder=setup) as crank,
         command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
@@ -173,7 +172,7 @@ def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
     with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
         tripped_ns = time.time_ns()
-        mortal_crank.rehearsal.send(Trip(OVERCURRENT))
+        mortal_crank.rehearsal.send(rehearsed(f"inverter.trips:code={OVERCURRENT}"))
         ended = stopped(run, mortal_crank)
     assert ended.code == 1
     assert f"inverter at {mortal_crank.inverter.address}: it has tripped: E.OC1" in ended.err
@@ -219,7 +218,7 @@ def test_a_killed_run_leaves_a_drive_that_trips_by_itself_and_that_no_run_resets
 def test_a_lost_inverter_is_left_to_its_watchdog(mortal_crank: SpiedCrank, tmp_path: Path) -> None:
     with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
-        mortal_crank.spoil_line(LineFaults(1.0, ("drop",)))
+        mortal_crank.rehearsal.send(rehearsed("inverter.drop"))
         ended = stopped(run, mortal_crank)
     assert ended.code == 1
     assert "inverter at" in ended.err

@@ -6,7 +6,6 @@ import math
 import sys
 import threading
 import traceback
-from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -18,10 +17,12 @@ from canopen.objectdictionary import ObjectDictionary, ODRecord, ODVariable, dat
 
 from daq.clock import Clock
 from drivers.canopen_cia406 import objects
-from drivers.canopen_cia406.emulator.process import EncoderFault, EncoderSetup
+from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.canopen_cia406.emulator.socketcand import SocketcandBus
 from drivers.canopen_cia406.objects import Entry
+from drivers.emulator_truth import Truth
 from drivers.protocols.encoder import Shaft
+from drivers.rehearsal import Rehearsal
 
 ERROR_REGISTER = Entry(0x1001, 0, "error register", 8, "", "CiA 301")
 OFFSET = Entry(0x6509, 0, "offset value", 32, "counts", "CiA 406")
@@ -45,13 +46,12 @@ class EmulatedEncoder:
         self._network: Any = canopen.Network(self._bus)
         self._network.NOTIFIER_CYCLE = 0.05
         self._node: Any = canopen.LocalNode(setup.node, dictionary(setup))
-        self._faults: defaultdict[int, list[EncoderFault]] = defaultdict(list)
-        for fault in setup.faults:
-            self._faults[fault.at_frame].append(fault)
+        self._rehearsal = Rehearsal(setup.faults)
         # Jitter of the bus by a seed, so that a fault that a test finds comes again.
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
         self._silent = False
+        self._truth = Truth("encoder")
         self._stuck_s = math.inf
         self._frame, self._start_s = -1, 0.0
         self._beat_s, self._beat_due_s = 0.0, math.inf  # period of the heartbeat, and when the next is due, s
@@ -72,6 +72,9 @@ class EmulatedEncoder:
         self._node.add_write_callback(self._on_write)
         self._network.subscribe(0x80, self._on_sync)
         self._boot()
+        self._truth.tell(
+            counts_per_revolution=self._setup.counts_per_revolution, range=self._setup.total_range
+        )
         self._thread.start()
         return (self._bus.address,)
 
@@ -88,6 +91,7 @@ class EmulatedEncoder:
         self._thread.join()
         self._node.nmt.stop_heartbeat()
         self._network.disconnect()
+        self._truth.close()
 
     def _boot(self) -> None:
         self._node.nmt.state = "INITIALISING"
@@ -148,10 +152,19 @@ class EmulatedEncoder:
         self._beat_due_s = self._clock.monotonic_s() if period_ms else math.inf
 
     def _send_position(self, frame: int, due_s: float) -> None:
-        kinds = {fault.kind: fault.value for fault in self._faults.pop(frame, ())}
+        faults = self._rehearsal.due(due_s - self._start_s)
+        kinds = {each.kind: each.number("value") if "value" in each.known else 0.0 for each in faults}
         for kind, value in kinds.items():
             self._fail(kind, value, due_s)
-        if self._silent or kinds.keys() & {"missing", "receive_overrun"}:
+        lost = self._silent or bool(kinds.keys() & {"missing", "receive_overrun"})
+        self._truth.tell(
+            since_s=self._start_s,
+            frame=frame,
+            unix_s=self._unix_s + due_s - self._origin_s,
+            counts=self._position(due_s),
+            sent=not lost and "wrong_length" not in kinds,
+        )
+        if lost:
             return
         data = b"".join(
             self._position(due_s).to_bytes(4, "little")

@@ -3,49 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.encoder import Shaft
+from drivers.rehearsal import Rehearsed
 
 if TYPE_CHECKING:
     from drivers.canopen_cia406.emulator.encoder import EmulatedEncoder
-
-
-FaultKind = Literal[
-    "duplicate",  # the frame is sent again 130 us later, as after a lost acknowledgement
-    "reorder",  # it comes after the next one
-    "missing",  # it is not sent
-    "wrong_length",  # it has three bytes
-    "error_frame",  # a bus error is reported before it
-    "receive_overrun",  # it is lost in the interface, which says so
-    "bus_off",  # this and everything later is not sent
-    "hang_up",  # the server closes its connections
-    "garbage",  # the server sends what is no frame
-    "heartbeat_stops",
-    "positions_stop",
-    "stuck",  # it goes on sending the position that it has, as when its coupling came off
-    "emergency",  # value: its code; 0 takes all back
-    "pre_operational",
-    "restart",  # boot-up message, then pre-operational
-    "clock_jump",  # value: by how many seconds the interface's clock is set
-]
-
-
-@dataclass(frozen=True, slots=True)
-class EncoderFault:
-    """A fault at the position frame `at_frame` (from 0, counted since the node was started); happens once."""
-
-    kind: FaultKind
-    at_frame: int
-    value: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.kind not in get_args(FaultKind):
-            raise ValueError(f"no fault {self.kind}; there are {', '.join(get_args(FaultKind))}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +46,24 @@ class EncoderSetup:
     jitter_s: float = 20e-6
     lag_s: float = 0.0
     seed: int = 0
-    faults: tuple[EncoderFault, ...] = ()
+    faults: tuple[Rehearsed, ...] = ()
 
     @property
     def total_range(self) -> int:
         """Counts until the position starts again at 0."""
         return self.counts_per_revolution * self.revolutions
+
+
+def spoilt(setup: EncoderSetup) -> EncoderSetup:
+    """The encoder with what its faults make of it from the start."""
+    for fault in setup.faults:
+        if fault.kind == "wrong_device":
+            setup = replace(setup, device_type=0)
+        elif fault.kind == "period_off":
+            setup = replace(setup, period_ppm=fault.number("ppm"))
+        elif fault.kind == "rolls_over":
+            setup = replace(setup, offset_counts=setup.total_range - 1)
+    return setup
 
 
 def start_encoder(shaft: Callable[[], Shaft], setup: EncoderSetup | None = None) -> EmulatedInstrument:
@@ -92,7 +72,7 @@ def start_encoder(shaft: Callable[[], Shaft], setup: EncoderSetup | None = None)
     `shaft` is called in the new process, so it must be picklable, and returns the angle over time. Raises
     `InstrumentAbsent` where it does not start in time.
     """
-    make = partial(_encoder, shaft, setup or EncoderSetup())
+    make = partial(_encoder, shaft, spoilt(setup or EncoderSetup()))
     return start(make, "emulated encoder", START_DEADLINE_S)
 
 

@@ -18,6 +18,7 @@ from pymodbus.constants import ExcCodes
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Command, Status, Terminal
 from drivers.protocols.speed_drive import InverterOutput, MotorLoad
+from drivers.rehearsal import Rehearsed
 
 # Raw values. Pr.3 to 6 are those of the manual's example of a read; the rest is as rattle needs it.
 PARAMETERS = {
@@ -67,18 +68,12 @@ class DriveFaults:
 
 
 @dataclass(frozen=True, slots=True)
-class Trip:
-    """A trip to rehearse, by its data code."""
-
-    code: int
-
-
-@dataclass(frozen=True, slots=True)
 class InverterSetup:
-    """How the emulated drive is set (raw values by Pr. number) and what is wrong with it."""
+    """How the drive is set (raw values by Pr. number), what is wrong with it, and what is to come."""
 
     parameters: Mapping[int, int] = field(default_factory=dict)
     faults: DriveFaults = field(default_factory=DriveFaults)
+    rehearsed: tuple[Rehearsed, ...] = ()
 
 
 class Unanswered(Exception):

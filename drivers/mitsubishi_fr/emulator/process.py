@@ -22,6 +22,7 @@ from drivers.mitsubishi_fr.emulator.drive import (
 )
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.settings import PARITY_SETTINGS, InverterSettings
+from drivers.rehearsal import Rehearsed
 
 if TYPE_CHECKING:
     from drivers.mitsubishi_fr.emulator.server import InverterServer
@@ -35,7 +36,7 @@ class InverterWiring:
     """What an emulated inverter is joined to, by connections to other processes.
 
     Every change of its output (`InverterOutput`) goes to `outputs`; `currents` brings the motor current in A
-    as floats; `rehearsal` brings what is to go wrong (`LineFaults`, `DriveFaults`, `Trip`).
+    as floats; `rehearsal` brings what is to go wrong (`Rehearsed`, `LineFaults`).
     """
 
     outputs: OutputSink | None = None
@@ -64,10 +65,12 @@ def _server(wiring: InverterWiring, setup: InverterSetup, line: LineFaults) -> I
     load = RemoteLoad(wiring.outputs, wiring.currents)
     drive = EmulatedDrive(setup, load, SystemClock().monotonic_s)
     station = {**PARAMETERS, **setup.parameters}[STATION_PARAMETER]
-    return InverterServer(drive, station, line, wiring.rehearsal)
+    return InverterServer(drive, station, line, wiring.rehearsal, setup.rehearsed)
 
 
-def matching_setup(settings: InverterSettings, ramp_s: float) -> InverterSetup:
+def matching_setup(
+    settings: InverterSettings, ramp_s: float, rehearsed: tuple[Rehearsed, ...] = ()
+) -> InverterSetup:
     """A drive that `settings` find as they should be; from 0 to Pr.20, 60 Hz, and back it takes `ramp_s`."""
     raw = {
         fr.STATION: settings.station,
@@ -80,4 +83,4 @@ def matching_setup(settings: InverterSettings, ramp_s: float) -> InverterSetup:
     line = settings.stop_line
     on = fr.Terminal[line.terminal] if line is not None and line.healthy else NO_TERMINAL
     parameters = {register.number - fr.PARAMETERS: value for register, value in raw.items()}
-    return InverterSetup(parameters, DriveFaults(terminals=on))
+    return InverterSetup(parameters, DriveFaults(terminals=on), rehearsed=rehearsed)

@@ -4,6 +4,7 @@ be disturbed."""
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import pty
 import tty
@@ -18,10 +19,11 @@ from pymodbus.framer import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.mitsubishi_fr.emulator.drive import DriveFaults, EmulatedDrive, Trip, Unanswered
-from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults, EmulatedDrive, Unanswered
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import WRITE, intact
 from drivers.mitsubishi_fr.registers import FIRST_NUMBER
+from drivers.rehearsal import Rehearsal, Rehearsed
 
 REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
 SETTLE_S = 0.01  # what was due happens at its own time, however late it is looked at
@@ -32,7 +34,8 @@ _REQUEST_LENGTH = 8  # both of a read and of a write of one register
 class InverterServer:
     """Answers on 127.0.0.1 and on a pty until `stop`.
 
-    What comes through `rehearsal` (`LineFaults`, `DriveFaults`, `Trip`) goes wrong from then on.
+    What comes through `rehearsal` (`Rehearsed`, `LineFaults`) goes wrong from then on, what is `rehearsed` at
+    its time since the motor was first told to turn.
     """
 
     def __init__(
@@ -41,9 +44,11 @@ class InverterServer:
         station: int,
         line: LineFaults,
         rehearsal: Connection | None = None,
+        rehearsed: tuple[Rehearsed, ...] = (),
     ) -> None:
         self.drive, self._station, self._rehearsal = drive, station, rehearsal
         self.disturbance = Disturbance(line)
+        self._to_come, self._used_s = Rehearsal(rehearsed), math.inf
         self._loop = asyncio.new_event_loop()
         self._stopped = asyncio.Event()
         self._wires: list[_Wire] = []
@@ -91,6 +96,10 @@ class InverterServer:
     async def _serve(self) -> None:
         while not self._stopped.is_set():
             self.drive.settle()
+            if self.drive.output.target_hz > 0.0:
+                self._used_s = min(self._used_s, self._loop.time())
+            for fault in self._to_come.due(self._loop.time() - self._used_s):
+                self._befall(fault)
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._stopped.wait(), SETTLE_S)
 
@@ -152,10 +161,22 @@ class InverterServer:
             return
         if isinstance(fault, LineFaults):
             self.disturbance = Disturbance(fault)
-        elif isinstance(fault, DriveFaults):
-            self.drive.put_faults(fault)
-        elif isinstance(fault, Trip):
-            self.drive.trip(fault.code)
+        else:
+            self._befall(fault)
+
+    def _befall(self, fault: Rehearsed) -> None:
+        kind = fault.kind.replace("_", " ")
+        if kind in KINDS:
+            self.disturbance = Disturbance(LineFaults(fault.number("share"), (kind,)))
+        elif kind == "trips":
+            self.drive.trip(int(fault.number("code")))
+        elif kind == "stuck":
+            self.drive.put_faults(DriveFaults(stuck=True))
+        elif kind == "forgets":
+            self.drive.put_faults(DriveFaults(not_obeyed=frozenset({int(fault.number("register"))})))
+        elif kind == "refuses":
+            register, code, count = (int(fault.number(key)) for key in ("register", "code", "count"))
+            self.drive.put_faults(DriveFaults(exceptions={register: (code, count)}))
 
 
 class _Wire(asyncio.Transport):

@@ -15,6 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from daq.block import NS_PER_S
 from daq.clock import Clock, wall_less_monotonic_ns
+from drivers.emulator_truth import Truth
 from drivers.ni_daq.emulator.converter import Converter, Measure
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
 from drivers.protocols.card import Plant
@@ -23,6 +24,7 @@ from drivers.protocols.instrument import ActuatorOutput
 Output = TypeVar("Output", bound=ActuatorOutput)
 BLOCK_S = 0.025  # s of samples made at once
 LAG_S = 0.025  # samples are made this much after their time; news of the drive travels faster
+SHOWN = 101  # every so manyth sample is kept with its values in the truth
 TRANSFER_S = 0.01  # and can be read so much later, however long it took to make them
 
 
@@ -147,6 +149,7 @@ class Acquisition:
         self._clipping = threading.Lock()
         self._counters: tuple[CounterRun, ...] = ()
         self._start_s = 0.0
+        self._truth = Truth("daq_card")
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated card", daemon=True)
 
@@ -178,6 +181,7 @@ class Acquisition:
     def start(self) -> None:
         """Start the sample clock; once."""
         self._start_s = self._clock.monotonic_s()
+        self._truth.tell(started_ns=self.started_ns, rate=self._rate, inputs=self._names)
         self._thread.start()
 
     def stop(self) -> None:
@@ -186,6 +190,8 @@ class Acquisition:
         self.buffer.fail(DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task was stopped"))
         if self.started:
             self._thread.join()
+        self._truth.tell(stopped_ns=self._clock.unix_ns())
+        self._truth.close()
 
     def clipped_inputs(self) -> tuple[str, ...]:
         """Return the inputs that clipped since the last call."""
@@ -208,10 +214,17 @@ class Acquisition:
                 self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
                 with self._clipping:
                     self._clipped |= clipped
+                if self._truth.kept:
+                    first, count = self.buffer.made, values.shape[1]
+                    shown = range(-first % SHOWN, count, SHOWN)
+                    values_of = {first + at: values[:, at].tolist() for at in shown}
+                    self._truth.tell(first=first, count=count, values=values_of)
                 self.buffer.put(values)
-        except Exception:  # the plant is not ours: whatever it raises ends the task, not the server
-            traceback.print_exc(file=sys.stderr)
-            fault = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")
+        except Exception as error:  # the plant is not ours: whatever it raises ends the task, not the server
+            fault = error if isinstance(error, DaqmxError) else None
+            if fault is None:
+                traceback.print_exc(file=sys.stderr)
+                fault = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")
             for buffer in (self.buffer, *(counter.buffer for counter in self._counters)):
                 buffer.fail(fault)
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
-from drivers.ni_daq.emulator.wiring import CardWiring
+from drivers.ni_daq.emulator.wiring import CardWiring, spoilt
 from drivers.protocols.card import Plant
 from drivers.protocols.instrument import ActuatorOutput
 
@@ -52,9 +52,11 @@ class _Card:
         # Here, in the new process: whoever starts it needs neither server nor converter.
         from drivers.ni_daq.emulator.acquisition import DriveInbox
         from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
+        from drivers.ni_daq.emulator.spoilt import SpoiltPlant
 
         self._inbox: DriveInbox[Any] = DriveInbox(initial)
-        servicer = CardServicer(plant(), wiring, self._inbox, SystemClock())
+        shown: Plant[Any] = SpoiltPlant(plant(), wiring.faults, wiring.seed) if wiring.faults else plant()
+        servicer = CardServicer(shown, spoilt(wiring), self._inbox, SystemClock())
         self._server = CardServer(servicer)
         self._heard = ((drive, self._inbox.put), (rehearsal, servicer.put_lines))
         self._stopped = threading.Event()

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from nidaqmx.error_codes import DAQmxErrors
 
 from daq.errors import ConfigurationError, Problem
+from drivers.rehearsal import Rehearsed
 
 FASTEST_HZ = 51200.0  # 13.1072 MHz / 256
 DIVISORS = range(1, 32)  # n of 51.2 kHz / n
@@ -99,6 +100,7 @@ class CardWiring:
     `idle_noise_v` rms (V) made from `seed`. `counters` are wired by name as well (`cDAQ1Mod3/ctr0`).
     `stamps_start`: the chassis is network-synchronized, as a cDAQ-9189 is, and knows when a task began.
     `lines` are digital inputs (`cDAQ1Mod4/port0/line0`) that are on (true) or off, to begin with.
+    `faults` come to it by `seed`.
     """
 
     wires: Mapping[str, Wire]
@@ -112,6 +114,7 @@ class CardWiring:
     counters_per_device: int = 4
     stamps_start: bool = True
     lines: Mapping[str, bool] = field(default_factory=dict)
+    faults: tuple[Rehearsed, ...] = ()
 
     def devices(self) -> dict[str, list[str]]:
         """Return the analog inputs of each device, none for one that counts.
@@ -135,6 +138,22 @@ class CardWiring:
     def product(self, device: str) -> str:
         """What a device says it is."""
         return self.product_type if self.devices()[device] else self.counter_product_type
+
+
+def spoilt(wiring: CardWiring) -> CardWiring:
+    """The wiring with what its faults do to it from the start."""
+    wires, counters = dict(wiring.wires), dict(wiring.counters)
+    for fault in wiring.faults:
+        if fault.kind in ("open", "short"):
+            physical = next(
+                each for each, wire in wires.items() if wire.plant_channel.endswith(fault.channel)
+            )
+            shorted = fault.kind == "short"
+            wires[physical] = replace(wires[physical], connected=shorted, shorted=shorted)
+        elif fault.kind == "rolls_over":
+            preset = 2**32 - int(fault.number("before"))
+            counters = {name: replace(each, preset=preset) for name, each in counters.items()}
+    return replace(wiring, wires=wires, counters=counters)
 
 
 def chassis_of(device: str) -> str | None:

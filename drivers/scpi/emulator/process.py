@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pty
 import selectors
@@ -16,10 +17,12 @@ from multiprocessing.connection import Connection
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.generator import DriveSettings
+from drivers.rehearsal import Rehearsal, Rehearsed
 from drivers.scpi.emulator.agilent_33220a import IDENTITY, Emulated33220A
 from drivers.scpi.emulator.command_tree import CommandError
 
 INPUT_BUFFER = 65536  # bytes; beyond, -363 and all of it is dropped
+_LOOK_S = 0.02
 OUTPUT_BUFFER = 65536  # bytes; beyond, -430 (IEEE 488.2: deadlocked) and all of it is dropped
 
 
@@ -38,8 +41,12 @@ class _Port:
 class ScpiServer:
     """Listens on 127.0.0.1 and on a pty until `stop`; `stale_answer` lies in each port before anyone asks."""
 
-    def __init__(self, instrument: Emulated33220A, stale_answer: bytes = b"") -> None:
+    def __init__(
+        self, instrument: Emulated33220A, stale_answer: bytes = b"", rehearsed: tuple[Rehearsed, ...] = ()
+    ) -> None:
         self._instrument, self._stale_answer = instrument, stale_answer
+        self._to_come, self._look_s = Rehearsal(rehearsed), _LOOK_S if rehearsed else None
+        self.used_s = math.inf
         self._selector = selectors.DefaultSelector()
         self._listener: socket.socket | None = None
         self._pty: tuple[int, int] | None = None
@@ -65,7 +72,11 @@ class ScpiServer:
     def serve(self) -> None:
         """Answer until `stop` is called."""
         while True:
-            for key, events in self._selector.select():
+            for fault in self._to_come.due(SystemClock().monotonic_s() - self.used_s):
+                self._instrument.run(
+                    f"VOLT {fault.number('volts')}" if fault.kind == "set_by_another" else ""
+                )
+            for key, events in self._selector.select(self._look_s):
                 if key.fileobj == self._wake_read:
                     return
                 if key.data is None:
@@ -157,6 +168,19 @@ class GeneratorSetup:
     identity: str = IDENTITY
     pending_errors: tuple[int, ...] = ()
     stale_answer: bytes = b""
+    rehearsed: tuple[Rehearsed, ...] = ()
+
+
+def spoilt(faults: tuple[Rehearsed, ...]) -> GeneratorSetup:
+    """A generator to which these come, some of them from the start."""
+    errors = [-113] * sum(int(each.number("count")) for each in faults if each.kind == "errors")
+    kinds = {each.kind for each in faults}
+    return GeneratorSetup(
+        "Another Maker,Model 1,0,1.0" if "wrong_model" in kinds else IDENTITY,
+        tuple(errors),
+        b"+1.5E+00\nhalf an ans" if "stale_answer" in kinds else b"",
+        faults,
+    )
 
 
 def start_function_generator(
@@ -174,9 +198,12 @@ def start_function_generator(
 
 def _server(drive: Connection | None, setup: GeneratorSetup) -> ScpiServer:
     def tell(settings: DriveSettings) -> None:
+        if settings.on:
+            server.used_s = min(server.used_s, settings.started_s)
         if drive is not None:
             with suppress(OSError):  # the card is gone; the generator goes on
                 drive.send(settings)
 
     instrument = Emulated33220A(tell, SystemClock().monotonic_s, setup.identity, setup.pending_errors)
-    return ScpiServer(instrument, setup.stale_answer)
+    server = ScpiServer(instrument, setup.stale_answer, setup.rehearsed)
+    return server

@@ -314,3 +314,14 @@ def test_an_emergency_stop_is_read_by_the_instrument_that_its_line_is_on() -> No
 )
 def test_an_emergency_stop_that_nobody_could_read_is_refused(text: str, said: str) -> None:
     assert said in only_problem(lambda: parse(text), "emergency_stop.line").allowed
+
+
+def test_faults_to_rehearse_are_of_what_is_emulated_and_are_known() -> None:
+    bench = parse_bench('[emulation]\nfaults = ["daq_card.stuck@2:for=1", "disk.full"]\n', "x", Path())
+    (stuck,) = bench.emulation.rehearsed("daq_card")
+    assert (stuck.kind, stuck.at_s, stuck.number("for")) == ("stuck", 2.0, 1.0)
+    with pytest.raises(ConfigurationError) as caught:
+        parse_bench('[emulation]\nfaults = ["inverter.trips", "disk.ful"]\n', "x", Path())
+    trips, unknown = caught.value.problems
+    assert (trips.key, trips.allowed) == ("emulation.faults", "none: [inverter] is not emulated here")
+    assert unknown.allowed.endswith("disk.stalls, disk.slow, disk.full, disk.fails")

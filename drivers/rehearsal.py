@@ -1,0 +1,218 @@
+"""Faults to rehearse: what instruments, wires and disks do to a run, in one table.
+
+Emulators take them from here by name; `[emulation] faults` of a bench, `rattle emulate --fault` and the tests
+of faults name them as `NAME[@TIME][:key=value]...`, TIME in s since the instrument was first used.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import random
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from daq.errors import ConfigurationError, Problem
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A line of the table: its `number` in the list of faults, what it does, and what one should then see.
+
+    `values` are its keys, each with what stands for it by itself.
+    """
+
+    number: str
+    does: str
+    seen: str
+    values: Mapping[str, float | str] = field(default_factory=dict)
+
+    def spelled(self, name: str) -> str:
+        """Its name with its keys, as one types it."""
+        shown = (f"{value:g}" if isinstance(value, float) else "..." for value in self.values.values())
+        return name + "".join(f":{key}={each}" for key, each in zip(self.values, shown, strict=True))
+
+
+_MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON, and a process that goes on trying"
+_LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
+_COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
+_TRIED = "the run goes on; tried again and never believed"
+_MARKED = "the channel's flag and an event `sensor...`; the run goes on"
+_REFUSED = "refused before anything moves"
+_DRIVE_STOPS = "exit 1; the motor is brought to rest, the word says why"
+_SOME = {"share": 0.01}
+_ONE_INPUT = {"channel": ""}
+
+FAULTS: Final[Mapping[str, Fault]] = {
+    "signal_generator.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
+    "signal_generator.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
+    "signal_generator.wrong_model": Fault("F3", "is another make (from the start)", _REFUSED),
+    "signal_generator.errors": Fault(
+        "F30", "has a full error queue (from the start)", "drained; the run goes on", {"count": 30.0}
+    ),
+    "signal_generator.stale_answer": Fault(
+        "F30", "an old answer and half of one lie in its buffer (from the start)", "the run goes on"
+    ),
+    "signal_generator.set_by_another": Fault(
+        "F33", "its amplitude is turned to `volts` peak to peak at its panel", _LOST, {"volts": 1.0}
+    ),
+    "inverter.unplugged": Fault("F1", "its process is gone", "exit 1; THE MOTOR MAY STILL TURN"),
+    "inverter.hangs": Fault("F1", "is silent `for` s", _DRIVE_STOPS, {"for": 20.0}),
+    "inverter.flip": Fault("F4", "a `share` of the answers has wrong bits", _TRIED, _SOME),
+    "inverter.cut": Fault("F4", "a `share` of the answers is cut", _TRIED, _SOME),
+    "inverter.garbage": Fault("F5", "noise before a `share` of the answers", _TRIED, _SOME),
+    "inverter.echo": Fault("F5", "the request comes back before the answer", _TRIED, _SOME),
+    "inverter.echo_alone": Fault("F5", "the request comes back instead of it", _TRIED, _SOME),
+    "inverter.twice": Fault("F5", "a `share` of the answers comes twice", _TRIED, _SOME),
+    "inverter.stale": Fault("F5", "the answer before comes again", _TRIED, _SOME),
+    "inverter.old_first": Fault("F5", "the answer before comes ahead of it", _TRIED, _SOME),
+    "inverter.late": Fault("F5", "a `share` of the answers comes too late", _TRIED, _SOME),
+    "inverter.other_station": Fault("F5", "another station answers", _TRIED, _SOME),
+    "inverter.busy": Fault("F7", "a `share` of the answers says busy", _TRIED, _SOME),
+    "inverter.refuses": Fault(
+        "F6", "Modbus exception `code` for the next `count` uses of `register`", _DRIVE_STOPS,
+        {"code": 4.0, "register": 40201.0, "count": 1.0},
+    ),
+    "inverter.forgets": Fault(
+        "F9", "a write of `register` is acknowledged and forgotten", _DRIVE_STOPS, {"register": 40014.0}
+    ),
+    "inverter.stuck": Fault("F9", "keeps its speed, whatever it is told", "exit 1; THE MOTOR MAY STILL TURN"),
+    "inverter.drop": Fault("F10", "a `share` of the answers is lost; 1: all", _DRIVE_STOPS, {"share": 1.0}),
+    "inverter.trips": Fault(
+        "F13", "trips; `code` 16 is E.OC1", "exit 1, event `inverter.E...`; nobody resets it", {"code": 16.0}
+    ),
+    "daq_card.unplugged": Fault("F1", "its process is gone", _LOST),
+    "daq_card.hangs": Fault("F31", "is silent `for` s", _LOST, {"for": 20.0}),
+    "daq_card.overruns": Fault("F15", "samples were overwritten in it before they were read", _LOST),
+    "daq_card.not_finite": Fault(
+        "F24", "a sample of `channel` in each block is no number", _MARKED, {**_ONE_INPUT, "for": 0.1}
+    ),
+    "daq_card.clips": Fault("F25", "`channel` is clipped `for` s", _MARKED, {**_ONE_INPUT, "for": 0.5}),
+    "daq_card.stuck": Fault("F25", "`channel` gives one value `for` s", _MARKED, {**_ONE_INPUT, "for": 2.0}),
+    "daq_card.open": Fault("F25", "the cable of `channel` is loose (from the start)", _MARKED, _ONE_INPUT),
+    "daq_card.short": Fault("F25", "the cable of `channel` is shorted (from the start)", _MARKED, _ONE_INPUT),
+    "daq_card.rolls_over": Fault(
+        "F26", "its counters start `before` their highest count (from the start)", "nothing: angles go on",
+        {"before": 1000.0},
+    ),
+    "daq_card.marks_missing": Fault(
+        "F27", "a `share` of the marks of `channel` is not there", "told of at the end, speed goes on",
+        {**_ONE_INPUT, "share": 0.1},
+    ),
+    "encoder.unplugged": Fault("F1", "its process is gone", _LOST),
+    "encoder.hang_up": Fault("F2", "its CAN server closes the connection and takes a new one", _LOST),
+    "encoder.hangs": Fault("F1", "is silent `for` s", _LOST, {"for": 20.0}),
+    "encoder.wrong_device": Fault("F3", "is no CiA 406 encoder (from the start)", _REFUSED),
+    "encoder.garbage": Fault("F5", "the CAN server sends what is no frame", _LOST),
+    "encoder.stuck": Fault(
+        "F9", "shows the position that it has for ever: its coupling came off", "exit 3, speed.abort"
+    ),
+    "encoder.clock_jump": Fault(
+        "F23", "the clock of the timestamps is set by `value` s", "an event; times go on", {"value": 1.0}
+    ),
+    "encoder.period_off": Fault(
+        "F29", "its timer is off by `ppm` (from the start)", "`/clock` shows it", {"ppm": 100.0}
+    ),
+    "encoder.rolls_over": Fault("F26", "starts a count before 0 (from the start)", "angles go on"),
+    "encoder.duplicate": Fault("F28", "a frame comes again 130 us later", _COUNTED),
+    "encoder.reorder": Fault("F28", "a frame comes after the next one", _COUNTED),
+    "encoder.missing": Fault("F28", "a frame is not sent", _COUNTED),
+    "encoder.wrong_length": Fault("F28", "a frame has three bytes", _COUNTED),
+    "encoder.error_frame": Fault("F28", "a bus error is reported before a frame", _COUNTED),
+    "encoder.receive_overrun": Fault("F28", "a frame is lost in the interface, which says so", _COUNTED),
+    "encoder.bus_off": Fault("F28", "it sends nothing any more", _LOST),
+    "encoder.heartbeat_stops": Fault("F29", "its heartbeat stops, if it has one", _LOST),
+    "encoder.positions_stop": Fault("F29", "its positions stop, its heartbeat goes on", _LOST),
+    "encoder.emergency": Fault(
+        "F29", "an emergency `value`; 0 takes all back", "exit 3, `encoder.emergency`", {"value": 20480.0}
+    ),
+    "encoder.pre_operational": Fault("F29", "is back in pre-operational", _LOST),
+    "encoder.restart": Fault("F29", "boots anew", _LOST),
+    "disk.stalls": Fault("F14", "takes nothing `for` s", "nothing is lost", {"for": 10.0}),
+    "disk.slow": Fault("F15", "takes `rate` bytes/s at most", "exit 1: slower than the data", {"rate": 1e5}),
+    "disk.full": Fault("F16", "takes `bytes` more", "exit 1; the log is readable", {"bytes": 1e6}),
+    "disk.fails": Fault("F17", "every write fails", "exit 1; the log is readable"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsed:
+    """A fault of the table that is to come, `at_s` after its instrument was first used."""
+
+    name: str
+    at_s: float = 0.0
+    values: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def table(self) -> str:
+        """The instrument, as its table in a bench is called; or the disk."""
+        return self.name.partition(".")[0]
+
+    @property
+    def kind(self) -> str:
+        return self.name.partition(".")[2]
+
+    def number(self, key: str) -> float:
+        return float(self.values.get(key, self.known[key]))
+
+    @property
+    def known(self) -> Mapping[str, float | str]:
+        """Its keys."""
+        return FAULTS[self.name].values
+
+    @property
+    def channel(self) -> str:
+        return str(self.values.get("channel", ""))
+
+
+def rehearsed(text: str) -> Rehearsed:
+    """What `NAME[@TIME][:key=value]...` says; raises ConfigurationError with what is known instead."""
+    place, *settings = text.split(":")
+    name, at, time = place.partition("@")
+    if name not in FAULTS:
+        raise _wrong(text, f"one of {', '.join(FAULTS)}")
+    known = FAULTS[name].values
+    values: dict[str, float | str] = {}
+    for setting in settings:
+        key, _, value = setting.partition("=")
+        if key not in known or not value:
+            raise _wrong(
+                text, f"of {name} " + (f"{', '.join(f'{each}=...' for each in known)}" if known else "no key")
+            )
+        values[key] = value if isinstance(known[key], str) else _number(text, value)
+    return Rehearsed(name, _number(text, time) if at else 0.0, values)
+
+
+def _number(text: str, value: str) -> float:
+    try:
+        number = float(int(value, 0)) if value.startswith("0x") else float(value)
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number < math.inf:
+        raise _wrong(text, f"a number from 0 on instead of {value!r}")
+    return number
+
+
+def _wrong(text: str, allowed: str) -> ConfigurationError:
+    return ConfigurationError("faults to rehearse", [Problem("fault", text, allowed)])
+
+
+class Rehearsal:
+    """What is still to come to one instrument; what every process can do it does itself."""
+
+    def __init__(self, faults: Iterable[Rehearsed], seed: int = 0) -> None:
+        self._waiting = sorted(faults, key=lambda each: each.at_s)
+        self.lot = random.Random(seed)  # noqa: S311 - a schedule, no secret
+
+    def due(self, used_s: float) -> Iterator[Rehearsed]:
+        """Those whose time has come by `used_s` after the first use, each once."""
+        while self._waiting and self._waiting[0].at_s <= used_s:
+            fault = self._waiting.pop(0)
+            if fault.kind == "unplugged":
+                os._exit(1)
+            elif fault.kind == "hangs":
+                ctypes.PyDLL(None).sleep(round(fault.number("for")))  # holds the interpreter: no thread runs
+            else:
+                yield fault

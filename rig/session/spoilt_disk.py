@@ -1,0 +1,49 @@
+"""A disk that fails as it is rehearsed, under the log of a run."""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import os
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import IO, Any
+
+from drivers.rehearsal import Rehearsal, Rehearsed
+
+
+class SpoiltFile(io.FileIO):
+    """A new file on a disk to which `faults` come, by time since it was opened."""
+
+    def __init__(self, path: Path, faults: Iterable[Rehearsed]) -> None:
+        super().__init__(path, "xb")
+        self._rehearsal, self._opened_s = Rehearsal(faults), time.monotonic()
+        self._room, self._rate = math.inf, math.inf
+
+    def write(self, data: Any, /) -> int:
+        """As a file; OSError where the disk takes no more."""
+        for fault in self._rehearsal.due(time.monotonic() - self._opened_s):
+            match fault.kind:
+                case "stalls":
+                    time.sleep(fault.number("for"))
+                case "slow":
+                    self._rate = fault.number("rate")
+                case "full":
+                    self._room = fault.number("bytes")
+                case _:
+                    raise OSError(errno.EIO, os.strerror(errno.EIO))
+        size = memoryview(data).nbytes
+        self._room -= size
+        if self._room < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        time.sleep(size / self._rate)
+        return super().write(data)
+
+
+def disk_of(faults: tuple[Rehearsed, ...]) -> Callable[[Path], IO[bytes]]:
+    """How a new log is opened on such a disk; any other where nothing comes to it."""
+    if not faults:
+        return lambda path: path.open("xb")
+    return lambda path: io.BufferedWriter(SpoiltFile(path, faults))

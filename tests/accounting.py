@@ -1,0 +1,288 @@
+"""The one checker: what emulated instruments sent against what a log holds.
+
+Every index that was sent is in the log once or in `/gap`; nothing is there twice, and nothing that was not
+sent; times rise, on one time base. Values tell that each index is the one that was sent.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.errors import LogError, RattleError
+from daq.log.reader import LogReader
+from daq.log.records import RECORD_END, STOPPING, Gap
+from daq.log.recover import recover_log
+from rig.files.scenario import parse_scenario
+from rig.session.run import PRE_TRIGGER_S
+
+CRASH_S = 2.0
+"""What a crash may cost of each stream: half a second, and what a busy machine had not come to write."""
+_SHIFTS = sorted(range(-30, 31), key=abs)
+"""Places tried: clocks agree better than so many samples."""
+_ALIKE = 1e-5
+_TIME_BASE_S = 0.1
+_ANALOG = ("V", "")
+_ENCODER = "encoder.angle"
+
+
+@dataclass(slots=True)
+class SentByCard:
+    """A run of the card's sample clock: `made` samples of each input, some of which are `shown`, by index."""
+
+    started_ns: int
+    rate: float
+    inputs: Sequence[str]
+    made: int = 0
+    shown: dict[int, list[float]] = field(default_factory=dict)
+    stopped_ns: int | None = None
+
+
+@dataclass(slots=True)
+class SentByEncoder:
+    """Frames since a node was started: due at (s, Unix epoch), counts, and whether sent as it should be."""
+
+    counts_per_revolution: int
+    unix_s: list[float] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+    sent: list[bool] = field(default_factory=list)
+
+
+@lru_cache(maxsize=64)
+def _told(path: Path, size: int) -> list[SentByCard | SentByEncoder]:
+    found: list[SentByCard | SentByEncoder] = []
+    since_s = counts_per_revolution = None
+    for line in path.read_bytes()[:size].splitlines():
+        told = json.loads(line)
+        if "started_ns" in told:
+            found.append(SentByCard(told["started_ns"], told["rate"], told["inputs"]))
+        elif "values" in told and isinstance(card := found[-1], SentByCard):
+            assert told["first"] == card.made
+            card.made += told["count"]
+            card.shown |= {int(index): values for index, values in told["values"].items()}
+        elif "stopped_ns" in told and found and isinstance(card := found[-1], SentByCard):
+            card.stopped_ns = told["stopped_ns"]
+        elif "counts_per_revolution" in told:
+            counts_per_revolution = told["counts_per_revolution"]
+        elif "frame" in told:
+            if told["since_s"] != since_s:
+                since_s = told["since_s"]
+                found.append(SentByEncoder(counts_per_revolution or 1))
+            if isinstance(encoder := found[-1], SentByEncoder):
+                encoder.unix_s.append(told["unix_s"])
+                encoder.counts.append(told["counts"])
+                encoder.sent.append(told["sent"])
+    return found
+
+
+def sent_in(folder: Path) -> list[SentByCard | SentByEncoder]:
+    """All that emulators kept in a folder."""
+    return [each for path in folder.glob("*.jsonl") for each in _told(path, path.stat().st_size)]
+
+
+def discrepancies(log: Path, sent: Sequence[SentByCard | SentByEncoder]) -> list[str]:
+    """What of a log is not as it was sent; also of one that a crash cut, by what is recovered of it."""
+    try:
+        with LogReader(log) as reader:
+            complete = reader.complete
+        if complete:
+            return list(_compared(log, sent, None))
+        written_ns = log.stat().st_mtime_ns
+        with TemporaryDirectory() as scratch:
+            recover_log(log, Path(scratch) / "recovered.mcap")
+            return list(_compared(Path(scratch) / "recovered.mcap", sent, written_ns))
+    except LogError:
+        return []  # it holds nothing yet, or is a test's own ruin of a log
+
+
+def _compared(
+    path: Path, sent: Sequence[SentByCard | SentByEncoder], written_ns: int | None
+) -> Iterator[str]:
+    with LogReader(path) as log:
+        gaps, codes = log.gaps(), {event.code: event.time_ns for event in reversed(log.events())}
+        series: dict[tuple[str, str], list[SampleBlock]] = {}
+        for whose_samples, block in log.blocks(("measured", "predicted", "nominal")):
+            series.setdefault((whose_samples, block.channel), []).append(block)
+        channels, text = log.channels("measured"), log.scenario
+    measured = {name: blocks for (origin, name), blocks in series.items() if origin == "measured"}
+    ended = min((codes[code] for code in (RECORD_END, "drive.off") if code in codes), default=None)
+    stopped_ns = codes.get(STOPPING) if ended is None else None
+    card, encoder = _card_of(measured, sent), _encoder_of(measured.get(_ENCODER, []), sent)
+    if card is None and encoder is None:
+        return  # it is of no emulator
+    for (origin, name), blocks in series.items():
+        whose = [gap for gap in gaps if gap.channel == name and gap.origin == origin]
+        yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, whose))
+    if card is not None:
+        names = [
+            name
+            for name, blocks in measured.items()
+            if blocks[0].sample_rate == card.rate and name != _ENCODER
+        ]
+        planned = _planned(text, card.rate)
+        analog = [name for name in names if channels[name].raw_unit in _ANALOG]
+        offset, wrong = _place_on_card(card, {name: measured[name] for name in analog})
+        yield from wrong
+        must = card.made - offset if _stopped_by_run(card, path) else math.inf
+        if written_ns is not None:
+            lost_s = (written_ns - card.started_ns) / NS_PER_S - CRASH_S
+            must = min(math.floor(lost_s * card.rate), card.made) - offset
+        elif stopped_ns is None:
+            must = 0
+        else:
+            by_stop = math.floor((stopped_ns - card.started_ns) * card.rate / NS_PER_S)
+            must = min(must, max(by_stop, 0) - offset if math.isinf(must) else must, card.made - offset)
+        for name in names:
+            yield from _complete(name, measured[name], gaps, card.made - offset, min(must, planned))
+    if encoder is not None and "encoder.numbering" not in codes:
+        scale = channels[_ENCODER].scale or 1.0
+        yield from _placed_on_encoder(encoder, measured[_ENCODER], scale, gaps, stopped_ns)
+
+
+def _tiled(blocks: Sequence[SampleBlock], gaps: Sequence[Gap]) -> Iterator[str]:
+    """Every index from 0 on once, in a block or in a gap; times rise."""
+    spans = [(block.first_sample, block.end_sample, "block") for block in blocks]
+    spans += [(gap.first_sample, gap.first_sample + gap.count, f"gap ({gap.cause})") for gap in gaps]
+    expected = 0
+    for first, end, what in sorted(spans):
+        if first < expected:
+            yield f"{what} from {first}: index {first} is there twice"
+        elif first > expected:
+            yield f"indices {expected} to {first - 1} are neither there nor in /gap, before a {what}"
+        expected = max(expected, end)
+    for before, after in pairwise(blocks):
+        if after.time_ns <= before.time_ns:
+            yield f"time goes back at index {after.first_sample}"
+
+
+def _planned(scenario: str, rate: float) -> float:
+    """Samples of a whole record."""
+    try:
+        wanted = parse_scenario(scenario).acquisition
+    except RattleError:
+        return math.inf
+    return round(wanted.duration * rate) + (0 if wanted.settle > 0 else round(PRE_TRIGGER_S * rate))
+
+
+def _card_of(
+    measured: Mapping[str, Sequence[SampleBlock]], sent: Sequence[SentByCard | SentByEncoder]
+) -> SentByCard | None:
+    begins = {blocks[0].sample_rate: blocks[0].time_ns for blocks in measured.values()}
+    cards = [each for each in sent if isinstance(each, SentByCard) and each.rate in begins]
+    within = [
+        each
+        for each in cards
+        if -0.1 < (begins[each.rate] - each.started_ns) / NS_PER_S < each.made / each.rate + 0.1
+    ]
+    return max(within, key=lambda each: each.started_ns, default=None)
+
+
+def _stopped_by_run(card: SentByCard, log: Path) -> bool:
+    return card.stopped_ns is not None and card.stopped_ns <= log.stat().st_mtime_ns
+
+
+def _place_on_card(card: SentByCard, analog: Mapping[str, Sequence[SampleBlock]]) -> tuple[int, list[str]]:
+    """Which sample of the card is the record's first, by time and then by values."""
+    if not analog:
+        return 0, []
+    first = next(iter(analog.values()))[0]
+    begin_s = (first.time_ns - card.started_ns) / NS_PER_S - first.first_sample / card.rate
+    near = round(begin_s * card.rate)
+    if len(analog) != len(card.inputs):
+        return near, [f"{len(analog)} analog channels of {len(card.inputs)} inputs"]
+    logged = {name: _whole(blocks) for name, blocks in analog.items()}
+    for shift in _SHIFTS:
+        if all(_alike(card, row, values, near + shift) for row, values in enumerate(logged.values())):
+            return near + shift, []
+    return near, [f"the values of {', '.join(analog)} are not those that were sent"]
+
+
+def _whole(blocks: Sequence[SampleBlock]) -> NDArray[np.float64]:
+    """Samples from index 0 on, NaN where none is."""
+    values = np.full(blocks[-1].end_sample, np.nan)
+    for block in blocks:
+        values[block.first_sample : block.end_sample] = block.values
+    return values
+
+
+def _alike(card: SentByCard, row: int, logged: NDArray[np.float64], offset: int) -> bool:
+    """Whether samples are what was sent but for one factor."""
+    pairs = [
+        (logged[index - offset], values[row])
+        for index, values in card.shown.items()
+        if 0 <= index - offset < len(logged) and math.isfinite(logged[index - offset])
+    ]
+    if not pairs:
+        return True
+    came, gone = np.array(pairs).T
+    largest = np.abs(gone).argmax()
+    if gone[largest] == 0.0:
+        return not came.any()
+    factor = came[largest] / gone[largest]
+    return bool((np.abs(came - factor * gone) <= _ALIKE * abs(came[largest])).all())
+
+
+def _complete(
+    name: str, blocks: Sequence[SampleBlock], gaps: Sequence[Gap], sent: float, must: float
+) -> Iterator[str]:
+    if blocks[-1].end_sample > sent:
+        yield f"{name}: {blocks[-1].end_sample} samples, but only {sent} were sent"
+    ends = [gap.first_sample + gap.count for gap in gaps if gap.channel == name and gap.origin == "measured"]
+    accounted = max(blocks[-1].end_sample, *ends, 0)
+    if accounted < must:
+        yield f"{name}: {must} samples were sent, of which the last {must - accounted} are nowhere"
+
+
+def _encoder_of(
+    blocks: Sequence[SampleBlock], sent: Sequence[SentByCard | SentByEncoder]
+) -> SentByEncoder | None:
+    if not blocks:
+        return None
+    begin_s = blocks[0].time_ns / NS_PER_S
+    encoders = (each for each in sent if isinstance(each, SentByEncoder))
+    return next((each for each in encoders if each.unix_s[0] - 0.1 < begin_s < each.unix_s[-1] + 0.1), None)
+
+
+def _placed_on_encoder(
+    encoder: SentByEncoder,
+    blocks: Sequence[SampleBlock],
+    scale: float,
+    gaps: Sequence[Gap],
+    stopped_ns: int | None,
+) -> Iterator[str]:
+    turn = encoder.counts_per_revolution
+    index = np.concatenate([np.arange(block.first_sample, block.end_sample) for block in blocks])
+    counts = np.rint(np.concatenate([block.values for block in blocks]) / scale).astype(np.int64) % turn
+    unix_s, sent = np.array(encoder.unix_s), np.array(encoder.sent)
+    shown = np.array(encoder.counts) % turn
+    first = blocks[0]
+    near = int(np.abs(unix_s - first.time_ns / NS_PER_S).argmin()) - first.first_sample
+    fits = (
+        near + shift
+        for shift in _SHIFTS
+        if near + shift + index[0] >= 0
+        and near + shift + index[-1] < len(shown)
+        and (shown[near + shift + index] == counts).all()
+        and sent[near + shift + index].all()
+    )
+    offset = next(fits, None)
+    if offset is None:
+        yield f"{_ENCODER}: its values are not those that were sent"
+        return
+    for block in blocks:
+        off_s = block.time_ns / NS_PER_S - unix_s[offset + block.first_sample]
+        if abs(off_s) > _TIME_BASE_S and not block.flags & Flag.CLOCK_NOT_LOCKED:
+            yield f"{_ENCODER}: index {block.first_sample} is {off_s:.3f} s off the time base"
+    if stopped_ns is not None:
+        must = int((sent & (unix_s < stopped_ns / NS_PER_S)).nonzero()[0][-1]) + 1 - offset
+        yield from _complete(_ENCODER, blocks, gaps, len(shown) - offset, must)

@@ -1,0 +1,154 @@
+"""The one table of faults: how it is named, and that every emulator does what stands there."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.errors import ConfigurationError
+from drivers.canopen_cia406.emulator import encoder
+from drivers.canopen_cia406.emulator import process as encoder_process
+from drivers.mitsubishi_fr.emulator import server
+from drivers.mitsubishi_fr.emulator.line_faults import KINDS
+from drivers.ni_daq.emulator import wiring
+from drivers.ni_daq.emulator.spoilt import SpoiltPlant
+from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
+from drivers.rehearsal import FAULTS, Rehearsal, rehearsed
+from drivers.scpi.emulator import process as generator_process
+from rig.session import spoilt_disk
+
+EVERYWHERE = {"unplugged", "hangs"}
+SOURCES = {
+    "signal_generator": (generator_process,),
+    "inverter": (server,),
+    "encoder": (encoder, encoder_process),
+    "daq_card": (wiring,),
+    "disk": (spoilt_disk,),
+}
+"""Where each is told apart by its name; the card's others are tried below."""
+CARD = {"overruns", "not_finite", "clips", "stuck", "marks_missing"}
+LAST_OF_ALL = {"disk.fails"}
+RATE = 1000.0
+
+
+def test_every_fault_of_the_table_is_somebodys() -> None:
+    for name in FAULTS:
+        table, _, kind = name.partition(".")
+        text = "".join(inspect.getsource(module) for module in SOURCES[table])
+        known = EVERYWHERE | CARD | {each.replace(" ", "_") for each in KINDS}
+        assert kind in known or f'"{kind}"' in text or name in LAST_OF_ALL, name
+        assert re.fullmatch(r"F([1-9]|[12][0-9]|3[0-5])", FAULTS[name].number)
+
+
+def test_the_page_of_drills_has_the_table() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "drills.md").read_text()
+    rows = [
+        f"| `{fault.spelled(name)}` | {fault.number} | {fault.does} | {fault.seen} |"
+        for name, fault in FAULTS.items()
+    ]
+    assert page.endswith("\n".join(rows) + "\n")
+    for named in re.findall(
+        r"`((?:signal_generator|inverter|daq_card|encoder|disk)\.[^`]*)`", page.partition("## The table")[0]
+    ):
+        rehearsed(named)
+
+
+def test_a_fault_is_named_with_its_time_and_keys() -> None:
+    fault = rehearsed("inverter.refuses@2.5:code=0x0b:count=3")
+    assert (fault.table, fault.kind, fault.at_s) == ("inverter", "refuses", 2.5)
+    assert [fault.number(key) for key in ("code", "count", "register")] == [11.0, 3.0, 40201.0]
+    assert rehearsed("daq_card.open:channel=drive.force").channel == "drive.force"
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("encoder.mising", r"one of signal_generator\.unplugged, .*encoder\.missing"),
+        ("encoder.missing@soon", "a number from 0 on instead of 'soon'"),
+        ("encoder.missing@-1", "a number from 0 on instead of '-1'"),
+        ("daq_card.hangs:by=3", r"of daq_card\.hangs for=\.\.\."),
+        ("encoder.stuck:value=1", r"of encoder\.stuck no key"),
+        ("disk.full:bytes=", r"of disk\.full bytes=\.\.\."),
+    ],
+)
+def test_what_is_not_there_is_refused_with_what_is(text: str, match: str) -> None:
+    with pytest.raises(ConfigurationError, match=match):
+        rehearsed(text)
+
+
+def test_each_comes_once_when_its_time_has_come() -> None:
+    late, soon = rehearsed("encoder.missing@2"), rehearsed("encoder.duplicate@1")
+    rehearsal = Rehearsal([late, soon])
+    assert not list(rehearsal.due(0.9))
+    assert list(rehearsal.due(2.0)) == [soon, late]
+    assert not list(rehearsal.due(9.0))
+
+
+class Steps:
+    """A force that counts its samples, and a marker of 5 V for two samples in ten."""
+
+    channels = ("contact.force", "crank.marker")
+
+    def __init__(self) -> None:
+        self._made = 0
+
+    def start(self, sample_rate: float) -> None:
+        self._made = 0
+
+    def drive(self, output: object, at_sample: float) -> None: ...
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        samples = np.arange(self._made, self._made + count)
+        self._made += count
+        return np.stack([samples.astype(float), 5.0 * (samples % 10 < 2)])
+
+
+def shown(text: str, blocks: int = 40) -> NDArray[np.float64]:
+    plant = SpoiltPlant(Steps(), [rehearsed(text)], seed=1)
+    plant.start(RATE)
+    return np.concatenate([plant.advance(25) for _ in range(blocks)], axis=1)
+
+
+WHOLE = np.concatenate([Steps().advance(1000)], axis=1)
+
+
+def test_a_sensor_sticks_and_clips_for_as_long_as_it_was_told_to() -> None:
+    stuck = shown("daq_card.stuck@0.1:for=0.2:channel=contact.force")
+    assert (stuck[0, 100:300] == 100.0).all()
+    clipped = shown("daq_card.clips@0.1:for=0.2")
+    assert (clipped[0, 100:300] > 1e9).all()
+    broken = shown("daq_card.not_finite@0.1:for=0.2")
+    assert np.flatnonzero(np.isnan(broken[0])).tolist() == list(range(100, 300, 25))
+    for spoilt in (stuck, clipped, broken):
+        assert np.array_equal(
+            np.delete(spoilt, range(100, 300), axis=1), np.delete(WHOLE, range(100, 300), axis=1)
+        )
+
+
+def test_marks_are_left_out_whole_and_as_many_as_were_asked_for() -> None:
+    marker = shown("daq_card.marks_missing:share=0.3")[1].reshape(-1, 10)
+    assert {tuple(each) for each in marker[:, :2].tolist()} == {(5.0, 5.0), (0.0, 0.0)}
+    assert 0.15 < (marker[:, 0] == 0.0).mean() < 0.45
+    assert np.array_equal(shown("daq_card.marks_missing:share=0")[1], WHOLE[1])
+
+
+def test_a_card_that_overruns_says_so() -> None:
+    with pytest.raises(DaqmxError, match="overwritten before they were read"):
+        shown("daq_card.overruns@0.5")
+
+
+def test_cables_and_counters_are_so_from_the_start() -> None:
+    faults = [rehearsed(f"daq_card.{kind}") for kind in ("open", "rolls_over:before=7")]
+    card = CardWiring(
+        {"a/ai0": Wire("f", 1.0), "a/ai1": Wire("g", 1.0)}, counters={"a/ctr0": CounterWire("x")}
+    )
+    opened = wiring.spoilt(CardWiring(card.wires, counters=card.counters, faults=tuple(faults)))
+    assert [wire.connected for wire in opened.wires.values()] == [False, True]
+    assert opened.counters["a/ctr0"].preset == 2**32 - 7
+    shorted = wiring.spoilt(CardWiring(card.wires, faults=(rehearsed("daq_card.short:channel=g"),)))
+    assert [wire.shorted for wire in shorted.wires.values()] == [False, True]
