@@ -1,0 +1,115 @@
+"""Every decoder under a fuzzer that is led by what it covers of ours; what came out, into docs/reliability.md.
+
+Nothing but rattle's own errors may leave a decoder, and no input may take more than 256 MiB beyond what was
+there before, or 1 s of a core for each MiB begun. An input that does is kept in tests/fuzz/corpus, where the
+tests try it from then on. Returns 1 if there is one.
+
+Usage: scripts/fuzz [TARGET ...] [--runs N] [--seconds S]
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+_RUNS = 1_000_000
+_MOST_MB = 1024
+"""Of the whole process: there libFuzzer ends it, where the bound of one input has not."""
+_LONGEST_S = 30
+_OURS = ("daq", "drivers", "rig")
+
+
+def fuzz(name: str, runs: int, seconds: int, told: Path) -> None:
+    """Fuzz one target in this process, which ends with it; what came out is written to `told`."""
+    import atheris
+
+    with atheris.instrument_imports(include=_OURS):
+        from tests.fuzz.targets import CORPUS, TARGETS, Spent
+
+    target, kept = TARGETS[name], CORPUS / name
+    target.run(next(kept.iterdir()).read_bytes())  # what is loaded at the first use is no input's fault
+    spent, places = Spent(), dict[str, str]()
+    begun, count = time.monotonic(), 0
+
+    def one(data: bytes) -> None:
+        nonlocal count
+        count += 1
+        try:
+            spent.run(target, data)
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}"
+            if what not in places:
+                path = kept / f"crash-{hashlib.sha256(data).hexdigest()[:12]}"
+                path.write_bytes(data)
+                places[what] = f"{path.name}: {what}: {error}"
+        if count % 100 == 0 or count == runs or count < 100:
+            figures = {"runs": count, "seconds": time.monotonic() - begun, "slowest": spent.seconds_a_mib,
+                       "bytes": spent.more_bytes, "failures": list(places.values())}  # fmt: skip
+            told.write_text(json.dumps(figures))
+
+    with tempfile.TemporaryDirectory() as found:
+        options = [f"-runs={runs}", f"-max_total_time={seconds}", f"-max_len={target.longest}", "-seed=1",
+                   f"-rss_limit_mb={_MOST_MB}", f"-timeout={_LONGEST_S}", f"-artifact_prefix={kept}/",
+                   "-report_slow_units=1000", "-verbosity=0", "-print_final_stats=1"]  # fmt: skip
+        atheris.Setup([sys.argv[0], *options, found, str(kept)], one)
+        atheris.Fuzz()
+
+
+def figures(name: str, runs: int, seconds: int) -> dict[str, Any]:
+    """What came out of a target, fuzzed in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        told = Path(folder) / "figures.json"
+        command = [sys.executable, "-m", "benchmarks.fuzz", name, "--child", str(told)]
+        ran = subprocess.run(  # noqa: S603
+            [*command, "--runs", str(runs), "--seconds", str(seconds)],
+            capture_output=True,
+            check=False,
+            text=True,
+        )
+        came: dict[str, Any] = json.loads(told.read_text())
+    if ran.returncode:
+        came["failures"].append(f"ended with {ran.returncode}: {ran.stderr[-2000:]}")
+    return came
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("targets", nargs="*", metavar="TARGET")
+    parser.add_argument("--runs", type=int, default=_RUNS, help="of each target")
+    parser.add_argument("--seconds", type=int, default=0, help="of each target at most")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.child:
+        fuzz(arguments.targets[0], arguments.runs, arguments.seconds, arguments.child)
+    from tests.fuzz.targets import TARGETS
+
+    unknown = set(arguments.targets) - TARGETS.keys()
+    if unknown:
+        parser.error(f"{', '.join(unknown)}: none of {', '.join(TARGETS)}")
+    print(f"{'target':<10}{'runs':>10}{'s':>8}{'1/s':>7}{'MiB':>6}{'s a MiB':>9}  failures", flush=True)
+    failed = 0
+    for name in arguments.targets or TARGETS:
+        came = figures(name, arguments.runs, arguments.seconds)
+        runs, seconds, failures = came["runs"], came["seconds"], came["failures"]
+        failed += len(failures)
+        print(
+            f"{name:<10}{runs:>10}{seconds:>8.0f}{runs / seconds:>7.0f}{came['bytes'] >> 20:>6}"
+            f"{came['slowest']:>9.3f}  {len(failures)}",
+            *failures,
+            sep="\n    ",
+            flush=True,
+        )
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
