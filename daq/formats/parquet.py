@@ -5,6 +5,7 @@ Read by pandas, polars, DuckDB, and by MATLAB's `parquetread`.
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -16,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from daq.allowance import Allowance
-from daq.block import NS_PER_S
+from daq.block import LATEST, NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.contents import (
@@ -46,12 +47,17 @@ from daq.formats.tables import (
     table_paths,
     tables_of,
 )
+from daq.formats.thrift import Compact
 
 _MARK = b"rattle"
 _IMPACTS_MARK = b"rattle impacts"
 _ROW_GROUP = 1 << 20
 _BATCH, _IMPACTS = 1 << 16, 1 << 8
 """Rows that are in memory at once; of impacts, in which texts may be long, fewer."""
+_UNPACKED_BYTES, _PACKED_BYTES = 2, 3
+"""Fields of a page's header (parquet.thrift, PageHeader)."""
+_A_PAGE = 4
+"""As many records as could be read in the time of its header."""
 _STAMP = pa.timestamp("ns", tz="UTC")
 
 
@@ -108,8 +114,8 @@ def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file, pq.ParquetFile(file) as table:
         allowance = Allowance(path, file.fileno())
-        groups = map(table.metadata.row_group, range(table.metadata.num_row_groups))
-        allowance.spend(unpacked=sum(group.total_byte_size for group in groups))
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+            _check_pages(table.metadata, mapped, allowance)
         schema = table.schema_arrow
         metadata = schema.metadata or {}
         if (described := metadata.get(_IMPACTS_MARK)) is not None:
@@ -134,6 +140,28 @@ def read(path: Path, scratch: Scratch) -> Contents:
         if last - first != len(index) - 1:
             raise LogError("rows of its table are missing")
         return described_table(own, found, first)
+
+
+def _check_pages(metadata: pq.FileMetaData, data: mmap.mmap, allowance: Allowance) -> None:
+    """Spend what pages say that they unpack to, which is what is taken: the footer need not be true.
+
+    Of each column one page is in memory, whole.
+    """
+    for number in range(metadata.num_row_groups):
+        group, held = metadata.row_group(number), 0
+        for column in map(group.column, range(group.num_columns)):
+            at = min(column.data_page_offset, column.dictionary_page_offset or LATEST)
+            end, largest = at + column.total_compressed_size, 0
+            if not 0 <= at <= end <= len(data):
+                raise LogError(f"the pages of {column.path_in_schema} are not in the file")
+            while at < end:
+                header = Compact(data, at)
+                sizes = header.integers()
+                largest = max(largest, sizes.get(_UNPACKED_BYTES, 0))
+                at = header.at + max(sizes.get(_PACKED_BYTES, 0), 0)
+                allowance.spend(unpacked=max(sizes.get(_UNPACKED_BYTES, 0), 0), records=_A_PAGE)
+            held += largest
+        allowance.spend(held=held)
 
 
 def _batches(

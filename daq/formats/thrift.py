@@ -1,0 +1,68 @@
+"""Thrift's compact protocol, as far as a header's numbers and what stands between them.
+
+Source: Apache Thrift, doc/specs/thrift-compact-protocol.md.
+"""
+
+from __future__ import annotations
+
+import mmap
+
+from daq.errors import LogError
+
+_STOP, _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY = range(9)
+_STRUCT = 12
+_INTEGERS = (_I16, _I32, _I64)
+_MOST_BITS = 70
+_DEEPEST = 64
+
+
+class Compact:
+    """Reads one struct at byte `at` of a file; afterwards `at` is behind it. Raises LogError, IndexError."""
+
+    def __init__(self, data: mmap.mmap, at: int) -> None:
+        self._data, self.at = data, at
+
+    def integers(self, depth: int = 0) -> dict[int, int]:
+        """The struct's integers by number of the field; all else is passed over."""
+        if depth > _DEEPEST:
+            raise LogError("a header is nested without end")
+        found: dict[int, int] = {}
+        number = 0
+        while (head := self._byte()) & 15 != _STOP:
+            kind = head & 15
+            number = number + (head >> 4) if head >> 4 else _signed(self._varint())
+            if kind in _INTEGERS:
+                found[number] = _signed(self._varint())
+            elif kind not in (_TRUE, _FALSE):  # whose value is their kind
+                self._pass(kind, depth)
+        return found
+
+    def _pass(self, kind: int, depth: int) -> None:
+        if kind == _BYTE:
+            self.at += 1
+        elif kind == _DOUBLE:
+            self.at += 8
+        elif kind == _BINARY:
+            length = self._varint()
+            self.at += length
+        elif kind == _STRUCT:
+            self.integers(depth + 1)
+        else:
+            raise LogError(f"a header holds what none does (kind {kind})")
+
+    def _byte(self) -> int:
+        self.at += 1
+        return self._data[self.at - 1]
+
+    def _varint(self) -> int:
+        value = shift = 0
+        while (byte := self._byte()) & 128:
+            value |= (byte & 127) << shift
+            shift += 7
+            if shift > _MOST_BITS:
+                raise LogError("a header holds a number without end")
+        return value | byte << shift
+
+
+def _signed(value: int) -> int:
+    return value >> 1 ^ -(value & 1)
