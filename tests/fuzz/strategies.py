@@ -111,7 +111,8 @@ def _scpi(drawn: bytes) -> bytes:
     return "\n".join(["Agilent Technologies,33220A,1,1", '+0,"x"', *lines, ""]).encode("latin1")
 
 
-_VALUES: tuple[Any, ...] = (0, -1, 10**400, 2**63, 1e308, float("inf"), float("nan"), True, "", "mm", "1e999 mm", "-1 Hz",
+_VALUES: tuple[Any, ...] = (
+           0, -1, 10**400, 2**63, 1e308, float("inf"), float("nan"), True, "", "mm", "1e999 mm", "-1 Hz",
            "1 mm^99", "1 m^-9 m^9", "1 " + "(" * 78, "5 \u00b2", "nan mm", [], [[]], {}, {"a": {}}, [{}],
            "impact_beam", "\0", "\ud7ff", 0.5, 100, "10 Hz", "1 N", "1 mm", "1 rpm", [1e400, -1])  # fmt: skip
 
