@@ -45,15 +45,14 @@ def fuzz(name: str, runs: int, seconds: int, told: Path) -> None:
         from tests.fuzz.targets import CORPUS, TARGETS, Spent
 
     target, kept = TARGETS[name], CORPUS / name
-    target.run(next(kept.iterdir()).read_bytes())  # what is loaded at the first use is no input's fault
-    spent, places = Spent(), dict[str, str]()
+    spent, places = Spent(name), dict[str, str]()
     begun, count = time.monotonic(), 0
 
     def one(data: bytes) -> None:
         nonlocal count
         count += 1
         try:
-            spent.run(target, data)
+            spent.run(data)
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
             what = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}"

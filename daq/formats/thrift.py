@@ -80,6 +80,8 @@ class Compact:
             self.integers(depth + 1)
         else:
             raise LogError(f"a header holds what none does (kind {kind})")
+        if self.at > len(self._data):  # a list may claim more than any file has
+            raise LogError("a header is cut short")
 
     def _byte(self) -> int:
         self.at += 1
