@@ -15,6 +15,7 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +24,8 @@ PAGE = ROOT / "docs" / "reliability.md"
 _HEAD = """\
 # Reliability in figures
 
-Written by `scripts/soak`; what is promised stands beside each figure. No failure in N tries says, with 95 %,
-that the rate is below 3/N.
+Written by `scripts/soak` and `scripts/fuzz`; what is promised stands beside each figure. No failure in N
+tries says, with 95 %, that the rate is below 3/N.
 """
 _LAST_LINES = 12
 
@@ -104,6 +105,18 @@ def machine() -> str:
     return f"{model}, {os.cpu_count()} cores, {system}, Python {python}; program at {commit or 'no commit'}"
 
 
+def write_page(sections: Mapping[str, str]) -> None:
+    """Put these into the page, by their names in lower case; its others stay."""
+    every = {**sections_of(PAGE), **sections}
+    PAGE.write_text("\n".join([_HEAD, machine() + ".", "", *every.values()]), encoding="utf-8")
+
+
+def sections_of(page: Path) -> dict[str, str]:
+    """What stands in a page, by the words before the colon of each heading."""
+    parts = page.read_text(encoding="utf-8").split("\n## ")[1:] if page.exists() else []
+    return {part.split(":")[0].lower(): f"## {part}" for part in parts}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ALL, help="these, and no page")
@@ -114,7 +127,7 @@ def main() -> int:
     if arguments.short or arguments.only:
         print("\n".join(sections))
     else:
-        PAGE.write_text("\n".join([_HEAD, machine() + ".", "", *sections]), encoding="utf-8")
+        write_page(dict(zip(map(str.lower, chosen), sections, strict=True)))
     return int(not all(held))
 
 

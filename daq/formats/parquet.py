@@ -5,18 +5,19 @@ Read by pandas, polars, DuckDB, and by MATLAB's `parquetread`.
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from daq.allowance import Allowance
-from daq.block import NS_PER_S
+from daq.block import LATEST, NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.contents import (
@@ -46,12 +47,20 @@ from daq.formats.tables import (
     table_paths,
     tables_of,
 )
+from daq.formats.thrift import Compact
 
 _MARK = b"rattle"
 _IMPACTS_MARK = b"rattle impacts"
 _ROW_GROUP = 1 << 20
 _BATCH, _IMPACTS = 1 << 16, 1 << 8
 """Rows that are in memory at once; of impacts, in which texts may be long, fewer."""
+_MAGIC, _TAIL_BYTES = b"PAR1", 8
+_TO_COLUMNS = 4, 1, 3
+_CHUNK_BYTES, _DATA_PLACE, _DICTIONARY_PLACE = 7, 9, 11
+_UNPACKED_BYTES, _PACKED_BYTES = 2, 3
+"""Fields in parquet.thrift: on the way from FileMetaData to ColumnMetaData, of that, and of PageHeader."""
+_A_PAGE = 4
+"""As many records as could be read in the time of its header."""
 _STAMP = pa.timestamp("ns", tz="UTC")
 
 
@@ -106,10 +115,14 @@ def times_ns(table: TrackTable, index: np.ndarray) -> np.ndarray:
 
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
-    with opened(path) as file, pq.ParquetFile(file) as table:
+    with opened(path) as file:
         allowance = Allowance(path, file.fileno())
-        groups = map(table.metadata.row_group, range(table.metadata.num_row_groups))
-        allowance.spend(unpacked=sum(group.total_byte_size for group in groups))
+        _check_pages(file, allowance)
+        return _read(file, scratch, allowance)
+
+
+def _read(file: BinaryIO, scratch: Scratch, allowance: Allowance) -> Contents:
+    with pq.ParquetFile(file) as table:
         schema = table.schema_arrow
         metadata = schema.metadata or {}
         if (described := metadata.get(_IMPACTS_MARK)) is not None:
@@ -134,6 +147,33 @@ def read(path: Path, scratch: Scratch) -> Contents:
         if last - first != len(index) - 1:
             raise LogError("rows of its table are missing")
         return described_table(own, found, first)
+
+
+def _check_pages(file: BinaryIO, allowance: Allowance) -> None:
+    """Spend what pages say that they unpack to, which is what is taken: the footer's sizes need not be true.
+
+    Of each column one page is in memory, whole. Of a damaged footer pyarrow may end the process when it is
+    asked for a column's places: they are read here.
+    """
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        length = int.from_bytes(data[-_TAIL_BYTES : -len(_MAGIC)], "little")
+        footer = len(data) - _TAIL_BYTES - length
+        if data[-len(_MAGIC) :] != _MAGIC or footer < 0:
+            raise LogError("it does not end as a Parquet file does")
+        for column in Compact(data, footer).structs(*_TO_COLUMNS):
+            places = [column.get(_DATA_PLACE, -1), column.get(_DICTIONARY_PLACE) or LATEST]
+            at, largest = min(places), 0
+            end = at + column.get(_CHUNK_BYTES, -1)
+            if not 0 <= at <= end <= len(data):
+                raise LogError("pages of a column are not in the file")
+            while at < end:
+                page = Compact(data, at)
+                sizes = page.integers()
+                unpacked = max(sizes.get(_UNPACKED_BYTES, 0), 0)
+                allowance.spend(unpacked=unpacked, records=_A_PAGE)
+                largest = max(largest, unpacked)
+                at = page.at + max(sizes.get(_PACKED_BYTES, 0), 0)
+            allowance.spend(held=largest, records=1)
 
 
 def _batches(

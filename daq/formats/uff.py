@@ -200,7 +200,7 @@ def _part(found: FoundFunction) -> _Part | None:
     channel = Channel.from_metadata(
         fields.get("name", found.function.id_lines[0]), {"unit": found.function.unit, **fields}
     )
-    origin = next(each for each in get_args(Origin) if each == fields["origin"])
+    origin: Origin = get_args(Origin)[get_args(Origin).index(fields["origin"])]
     first = int(fields["first"])
     base = TimeBase(first, int(fields["ns"]), float(fields["rate"]))
     stretch = Stretch(first, found.function.count, base, Flag(int(fields["flags"]) & 31))

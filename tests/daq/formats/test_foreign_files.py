@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
 from pathlib import Path
 
@@ -184,6 +185,46 @@ def test_vectors_of_matlab_are_channels(tmp_path: Path, scratch: Scratch, compre
     assert column.rate == StatedRate.exactly(RATE)
     assert np.array_equal(runs.everything(column.samples), SINE)
     assert contents.notes == ["left out: note, which is a text", "left out: k, which holds 1 number"]
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "i1", "u2", "i8", "?"])
+def test_numbers_of_matlab_keep_their_values(kind: str, tmp_path: Path, scratch: Scratch) -> None:
+    """Savers keep whole numbers in fewer bytes than their class has; all but the last are near its ends."""
+    values = np.array([0, 1, 1, 100, 7]).astype(kind)
+    scipy.io.savemat(tmp_path / "a.mat", {"x": values, "c": np.ones(5) * 1j, "t": np.array(["ab", "cd"])})
+    contents = read(tmp_path / "a.mat", scratch)
+    assert runs.everything(contents.columns[0].samples).tolist() == values.astype(float).tolist()
+    assert contents.notes == [
+        "left out: c, a complex array of 1 x 5",
+        "left out: t, which holds no real numbers",
+    ]
+
+
+def test_vectors_of_matlab_4_are_channels(tmp_path: Path, scratch: Scratch) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", {"x": SINE, "fs": RATE, "note": "first"}, format="4")
+    contents = read(tmp_path / "a.mat", scratch)
+    assert np.array_equal(runs.everything(contents.columns[0].samples), SINE)
+    assert contents.columns[0].rate == StatedRate.exactly(RATE)
+
+
+def test_a_file_of_a_big_endian_machine(tmp_path: Path, scratch: Scratch) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", {"xyzxyzxy": np.arange(5.0) + 0.5})
+    little = (tmp_path / "a.mat").read_bytes()
+    words = [np.frombuffer(little[at:end], "<u4").astype(">u4") for at, end in ((128, 176), (184, 192))]
+    values = np.frombuffer(little[192:], "<f8").astype(">f8")
+    parts = little[:124], b"\1\0MI", words[0].tobytes(), little[176:184], words[1].tobytes(), values.tobytes()
+    (tmp_path / "a.mat").write_bytes(b"".join(parts))
+    assert runs.everything(only(tmp_path / "a.mat", scratch).samples).tolist() == [0.5, 1.5, 2.5, 3.5, 4.5]
+
+
+@pytest.mark.parametrize("kind", [0, 8, 11, 19, 12_297, 0xFFFF])
+def test_an_element_of_no_kind_is_told(kind: int, tmp_path: Path, scratch: Scratch) -> None:
+    """Another reader took such a number for a place in memory."""
+    scipy.io.savemat(tmp_path / "a.mat", {"x": np.arange(5.0) + 0.5})
+    data = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(data.replace(struct.pack("<II", 9, 40), struct.pack("<II", kind, 40)))
+    with pytest.raises(LogError, match=rf"a\.mat: an element of kind {kind}"):
+        read(tmp_path / "a.mat", scratch)
 
 
 def test_a_mat_file_of_rattle_is_plain_to_matlab(tmp_path: Path, scratch: Scratch) -> None:

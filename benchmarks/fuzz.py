@@ -1,0 +1,137 @@
+"""Every decoder under a fuzzer that is led by what it covers of ours, into docs/reliability.md.
+
+Nothing but rattle's own errors may leave a decoder, and no input may take more than 256 MiB beyond what was
+there before, or 1 s of a core for each MiB begun. An input that does is kept in tests/fuzz/corpus, where the
+tests try it from then on. Returns 1 if there is one.
+
+Usage: scripts/fuzz [TARGET ...] [--runs N] [--seconds S]
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from benchmarks.soak import PAGE, sections_of, write_page
+
+_RUNS = 1_000_000
+_MOST_MB = 1024
+"""Of the whole process: there libFuzzer ends it, where the bound of one input has not."""
+_LONGEST_S = 30
+_OURS = ("daq", "drivers", "rig")
+_SECTION = "Odd inputs"
+_PROMISE = """\
+Whatever a file, a log, a frame or an answer holds: nothing but an error of rattle's own comes of it, and it
+takes at most 256 MiB more than was there before and 1 s of a core for each MiB begun. By `scripts/fuzz`;
+`MiB` is the most over all runs of a target, with what the fuzzer itself keeps, `s a MiB` the slowest input.
+"""
+_COLUMNS = f"    {'target':<10}{'runs':>10}{'s':>8}{'1/s':>7}{'MiB':>6}{'s a MiB':>9}{'failures':>10}"
+
+
+def fuzz(name: str, runs: int, seconds: int, told: Path) -> None:
+    """Fuzz one target in this process, which ends with it; what came out is written to `told`."""
+    import atheris
+
+    with atheris.instrument_imports(include=_OURS):
+        from tests.fuzz.targets import CORPUS, TARGETS, Spent
+
+    target, kept = TARGETS[name], CORPUS / name
+    spent, places = Spent(name), dict[str, str]()
+    begun, count = time.monotonic(), 0
+
+    def one(data: bytes) -> None:
+        nonlocal count
+        count += 1
+        try:
+            spent.run(data)
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}"
+            if what not in places:
+                path = kept / f"crash-{hashlib.sha256(data).hexdigest()[:12]}"
+                path.write_bytes(data)
+                places[what] = f"{path.name}: {what}: {error}"
+        if count % 100 == 0 or count == runs or count < 100:
+            figures = {"runs": count, "seconds": time.monotonic() - begun, "slowest": spent.seconds_a_mib,
+                       "bytes": spent.more_bytes, "failures": list(places.values())}  # fmt: skip
+            told.write_text(json.dumps(figures))
+
+    with tempfile.TemporaryDirectory() as found:
+        options = [f"-runs={runs}", f"-max_total_time={seconds}", f"-max_len={target.longest}", "-seed=1",
+                   f"-rss_limit_mb={_MOST_MB}", f"-timeout={_LONGEST_S}", f"-artifact_prefix={kept}/",
+                   "-report_slow_units=1000", "-verbosity=0", "-print_final_stats=1"]  # fmt: skip
+        atheris.Setup([sys.argv[0], *options, found, str(kept)], one)
+        atheris.Fuzz()
+
+
+def figures(name: str, runs: int, seconds: int) -> dict[str, Any]:
+    """What came out of a target, fuzzed in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        told = Path(folder) / "figures.json"
+        command = [sys.executable, "-m", "benchmarks.fuzz", name, "--child", str(told)]
+        ran = subprocess.run(  # noqa: S603
+            [*command, "--runs", str(runs), "--seconds", str(seconds)],
+            capture_output=True,
+            check=False,
+            text=True,
+        )
+        came: dict[str, Any] = json.loads(told.read_text())
+    if ran.returncode:
+        came["failures"].append(f"ended with {ran.returncode}: {ran.stderr[-2000:]}")
+    return came
+
+
+def row(name: str, came: dict[str, Any]) -> str:
+    """A line of the table."""
+    runs, seconds = came["runs"], came["seconds"]
+    return (
+        f"    {name:<10}{runs:>10}{seconds:>8.0f}{runs / seconds:>7.0f}{came['bytes'] >> 20:>6}"
+        f"{came['slowest']:>9.3f}{len(came['failures']):>10}  {datetime.datetime.now(datetime.UTC):%Y-%m-%d}"
+    )
+
+
+def write_rows(rows: dict[str, str]) -> None:
+    """Put these into the page; those of other targets stay."""
+    before = sections_of(PAGE).get(_SECTION.lower(), "").splitlines()
+    every = {line.split()[0]: line for line in before if line.startswith("    ") and line != _COLUMNS} | rows
+    held = all(line.split()[-2] == "0" for line in every.values())
+    head = f"## {_SECTION}: {'held' if held else 'NOT HELD'}\n\n{_PROMISE}\n"
+    write_page({_SECTION.lower(): "\n".join([head, _COLUMNS, *every.values(), ""])})
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("targets", nargs="*", metavar="TARGET")
+    parser.add_argument("--runs", type=int, default=_RUNS, help="of each target")
+    parser.add_argument("--seconds", type=int, default=0, help="of each target at most, and no page")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.child:
+        fuzz(arguments.targets[0], arguments.runs, arguments.seconds, arguments.child)
+    from tests.fuzz.targets import TARGETS
+
+    unknown = set(arguments.targets) - TARGETS.keys()
+    if unknown:
+        parser.error(f"{', '.join(unknown)}: none of {', '.join(TARGETS)}")
+    print(_COLUMNS, flush=True)
+    failed = 0
+    for name in arguments.targets or TARGETS:
+        came = figures(name, arguments.runs, arguments.seconds)
+        failed += len(came["failures"])
+        print(row(name, came), *came["failures"], sep="\n        ", flush=True)
+        if not arguments.seconds:
+            write_rows({name: row(name, came)})
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
