@@ -12,6 +12,7 @@ from daq.log.records import ClockRecord
 from daq.time_base.clocks import CardClock
 from drivers.protocols.generator import DriveGenerator
 from drivers.protocols.instrument import Actuator, Notice
+from rig.session.interlock import HUNG_S
 from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
 from sim_twin.rigs.impact_beam.model import SineDrive
@@ -38,7 +39,7 @@ class Motion(Protocol):
 
     @property
     def longest_order_s(self) -> float:
-        """How long `start` may look at nothing else, in s; one that takes longer hangs."""
+        """How long a sequence may look at nothing else by now, in s; one that takes longer hangs."""
 
     def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Prepare; nothing moves yet. `path`: drives (sections [drive]) that it shall come through."""
@@ -142,7 +143,7 @@ class Shaker:
     @property
     def longest_order_s(self) -> float:
         """Some settings of a generator on a slow line."""
-        return 0.6
+        return HUNG_S
 
     def arm(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
         first = path[0] if path else self.drive

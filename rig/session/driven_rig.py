@@ -28,7 +28,7 @@ from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker, drive_off_after
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
 from rig.session.frequency import ON_THEIR_WAY_S
-from rig.session.interlock import ForceWatch, LimitWatch
+from rig.session.interlock import HUNG_S, ForceWatch, LimitWatch
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
 from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
@@ -139,6 +139,7 @@ class DrivenRig:
         self._hung = ""
         self._force: ForceWatch | None = None
         self._stopped_ns = 0
+        self._guarded_s = math.inf
 
     def launch(self, stack: ExitStack) -> None:
         """Start the supervisor's process, which takes seconds."""
@@ -341,8 +342,10 @@ class DrivenRig:
 
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
         self.shaft.disarm()
-        with self._deciding:
-            self._met, self._stops = self._dangers(), True
+        decided = self._deciding.acquire(timeout=_ASK_S)  # a guard that hangs may have it
+        self._met, self._stops = self._dangers(), True
+        if decided:
+            self._deciding.release()
         self.watch.excuse(self.motion.longest_stop_s)
         stop()
 
@@ -384,6 +387,7 @@ class DrivenRig:
         """A thread that does nothing else stops the rig and gives the signs of life, whoever else waits."""
         ended, stops = threading.Event(), list[threading.Thread]()
         guard = threading.Thread(target=self._guard, args=(ended, stops), name="guard", daemon=True)
+        self._guarded_s = self.clock.monotonic_s()
         guard.start()
         try:
             yield
@@ -391,10 +395,12 @@ class DrivenRig:
             for thread in stops:  # the signs of life go on until the last has done
                 thread.join(self.motion.longest_stop_s + 1.0)
             ended.set()
-            guard.join()
+            guard.join(HUNG_S)  # one that hangs is left behind
+            self._guarded_s = math.inf  # nothing moves any more
 
     def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
         while not ended.wait(_LOOK_S):
+            self._guarded_s = self.clock.monotonic_s()
             with self._deciding:
                 if (found := self._dangers()) > self._met:
                     # what comes while it stops already, a person who asks twice, an emergency stop: no ramp
@@ -436,7 +442,9 @@ class DrivenRig:
         return "the acquisition took too long for a reading" if self.acquisition.hangs else ""
 
     def _look(self, reading: CardReading) -> None:
-        """In the acquisition thread."""
+        """In the acquisition thread, which watches the guard as the guard does it."""
+        if self._moves and self.clock.monotonic_s() - self._guarded_s > HUNG_S:
+            self.acquisition.trip("nobody guards the run")
         if self._force is not None and (
             beyond := self._force.take(reading.values[self.names.index(self._force.channel.name)])
         ):

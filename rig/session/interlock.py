@@ -19,6 +19,9 @@ from daq.log.records import Event
 from rig.files.scenario import Limit
 from rig.session.shaft_speed import RPM_PER_RAD_S, SpeedReading
 
+HUNG_S = 0.6
+"""After which a part of a run that should look every 0.02 s, and looked at nothing, is taken for dead."""
+
 
 @dataclass(frozen=True, slots=True)
 class Passed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
@@ -11,11 +12,12 @@ from daq.log.records import ClockRecord
 from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import SpeedDrive
-from rig.session.interlock import Debounced
+from rig.session.interlock import HUNG_S, Debounced
 from rig.session.shaft_speed import RPM_PER_RAD_S
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 
-_STEP_S = 0.02
+_STEP_S, _ORDER_S = 0.02, 3.0
+_T = TypeVar("_T")
 _OUTPUT_SHARE = 0.01
 """Of the set speed: how near to it an inverter's output counts as there, as its driver sees it too."""
 _RAMP_MARGIN, _RAMP_GRACE_S = 1.5, 1.0
@@ -78,6 +80,7 @@ class Motor:
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * RPM_PER_RAD_S
         self._too_fast = Debounced(OVERSPEED_S + 60.0 / self._wanted_rpm)
         self._kept_rpm = 0.0
+        self._ordering = False
         self._notices: list[Notice] = []
         self._polls_s: list[tuple[float, float]] = []
         self._new_polls = False
@@ -92,14 +95,14 @@ class Motor:
 
     @property
     def longest_order_s(self) -> float:
-        """What the driver allows for an order; its own thread stops a motor that nobody looks after."""
-        return 3.0
+        """What the driver allows for an order on a disturbed line, while one is under way."""
+        return _ORDER_S if self._ordering else HUNG_S
 
     def arm(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)
         first_rpm = path[0].speed * RPM_PER_RAD_S if path else self._wanted_rpm
-        self._kept_rpm = self._drive.set_speed(first_rpm)
+        self._kept_rpm = self._order(lambda: self._drive.set_speed(first_rpm))
 
     def start(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         """Come up on the ramp, through the speeds of `path`, and trim until the shaft turns as wanted.
@@ -111,7 +114,7 @@ class Motor:
         """
         speeds = [*(drive.speed for drive in path), self.speed_rad_s]
         self._wanted_rpm = self._fastest_rpm = speeds[0] * RPM_PER_RAD_S
-        self._drive.start()
+        self._order(self._drive.start)
         self._await_output()
         self._await_shaft()
         for speed_rad_s in speeds[1:]:
@@ -135,6 +138,7 @@ class Motor:
 
     def check(self) -> None:
         """Raise what the inverter's driver found; tells it that somebody looks after the motor."""
+        self._ordering = False
         self._drive.check()
 
     def take_notices(self) -> tuple[Notice, ...]:
@@ -150,12 +154,17 @@ class Motor:
         request_s, reply_s = zip(*self._polls_s, strict=True)
         return [base.polled(self._drive.name, request_s, reply_s)]
 
+    def _order(self, order: Callable[[], _T]) -> _T:
+        self._ordering = True  # until somebody looks again
+        return order()
+
     def _move_to(self, speed_rad_s: float) -> None:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * RPM_PER_RAD_S
         self.speed_rad_s = speed_rad_s
         self._fastest_rpm = max(before_rpm, self._wanted_rpm)
         self._too_fast = Debounced(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
-        left_rpm, self._kept_rpm = self._kept_rpm, self._drive.set_speed(self._wanted_rpm)
+        left_rpm = self._kept_rpm
+        self._kept_rpm = self._order(lambda: self._drive.set_speed(self._wanted_rpm))
         self._await_output(left_rpm)
         self._await_shaft()
         self._fastest_rpm = self._wanted_rpm
@@ -213,7 +222,7 @@ class Motor:
         lacking: dict[float, float] = {}
         for _ in range(_MOST_TRIMS):
             before_s = self._clock.monotonic_s()
-            self._drive.read()  # once, for how long an answer takes
+            self._order(self._drive.read)  # once, for how long an answer takes
             self._polls_s.append((before_s, self._clock.monotonic_s()))
             self._new_polls = True
             lacking[self._kept_rpm] = found = self._wanted_rpm - self._mean_rpm()
@@ -240,7 +249,7 @@ class Motor:
     def _give(self, rpm: float) -> None:
         """Set the speed; where the inverter keeps another value than before, let that come through."""
         try:
-            kept_rpm = self._drive.set_speed(rpm)
+            kept_rpm = self._order(lambda: self._drive.set_speed(rpm))
         except InstrumentRefused as error:
             if error.code != "limit":
                 raise

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from types import MappingProxyType
@@ -11,6 +12,7 @@ from types import MappingProxyType
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.process import start_function_generator
 from rig.files.bench import embedded_bench
@@ -23,6 +25,7 @@ class DriveSpy:
 
     def __init__(self, receiver: Connection, onward: Connection | None) -> None:
         self.heard: list[DriveSettings] = []
+        self.heard_ns: list[int] = []
         self._receiver, self._onward = receiver, onward
         self._thread = threading.Thread(target=self._listen, name="drive spy", daemon=True)
         self._thread.start()
@@ -54,6 +57,7 @@ class DriveSpy:
         with suppress(EOFError, OSError):
             while True:
                 settings = self._receiver.recv()
+                self.heard_ns.append(time.time_ns())
                 self.heard.append(settings)
                 if self._onward is not None:
                     self._onward.send(settings)
@@ -78,19 +82,26 @@ def spied_generator(onward: Connection | None = None) -> Iterator[tuple[Emulated
 
 @contextmanager
 def light_card(
-    lines: Mapping[str, bool] = MappingProxyType({}), rehearsal: Connection | None = None
+    plant: Callable[[], Plant[DriveSettings]] = SinePlant,
+    shown: Mapping[str, str] = MappingProxyType({}),
+    lines: Mapping[str, bool] = MappingProxyType({}),
+    rehearsal: Connection | None = None,
 ) -> Iterator[tuple[EmulatedInstrument, Connection]]:
-    """A card whose force channels all show the drive, and where to send the drive.
+    """A card whose force channels all show the drive, but for those of `shown`, and where to send the drive.
 
-    What `rehearsal` brings is on its digital inputs then, instead of `lines`.
+    `shown` has the plant's channel by the bench's. What `rehearsal` brings is on its digital inputs then,
+    instead of `lines`.
     """
     wires = {
-        channel.physical: Wire("acceleration" if channel.unit == "m/s2" else "force", channel.volts_per_unit)
+        channel.physical: Wire(
+            shown.get(channel.name, "acceleration" if channel.unit == "m/s2" else "force"),
+            channel.volts_per_unit,
+        )
         for channel in embedded_bench().daq_card.channels
     }
     wiring = CardWiring(wires, lines=dict(lines))
     with (
         DriveLink.new() as link,
-        start_daq_card(SinePlant, wiring, link.receiver, rehearsal=rehearsal) as card,
+        start_daq_card(plant, wiring, link.receiver, rehearsal=rehearsal) as card,
     ):
         yield card, link.sender

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import NO_TERMINAL, DriveFaults, InverterSetup
-from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.registers import Terminal
 from drivers.mitsubishi_fr.settings import InverterSettings
@@ -35,6 +35,8 @@ SETTINGS = InverterSettings(RPM_PER_HZ, 350.0)
 MOTOR = EmulatedMotor(RPM_PER_HZ * math.tau / 60.0, SpeedDrive(1.0))
 WATCHDOG = 122
 _POINT_S = 0.002
+STRIKE = 150.0
+"""N or m/s^2, on an input of the card that the bench file leaves out."""
 
 SCENARIO = f"""\
 name = "tested crank"
@@ -77,10 +79,14 @@ node = 7
 
 @dataclass
 class TurningPlant:
-    """A shaft that follows the inverter; `slips_after_s` a steady output it falls to four fifths of it."""
+    """A shaft that follows the inverter; `slips_after_s` a steady output it falls to four fifths of it.
+
+    Its frame shows `STRIKE` once the file `struck` is there.
+    """
 
     slips_after_s: float = math.inf
-    channels: tuple[str, ...] = ("crank.angle", "crank.marker")
+    struck: Path | None = None
+    channels: tuple[str, ...] = ("crank.angle", "crank.marker", "struck")
     _course: ShaftCourse = field(default_factory=lambda: ShaftCourse(MOTOR))
     _rate: float = 1.0
     _made: int = 0
@@ -99,6 +105,7 @@ class TurningPlant:
     def advance(self, count: int) -> NDArray[np.float64]:
         samples = self._made + np.arange(count)
         self._made += count
+        struck = np.full(count, STRIKE if self.struck and self.struck.exists() else 0.0)
         if self._start_s is None:
             angle = np.zeros(count)
         else:
@@ -109,17 +116,18 @@ class TurningPlant:
             lost = 0.2 * RPM * math.tau / 60.0 * slipping
             self._lost_rad = max(self._lost_rad, float(lost[-1]))
             angle = angle - np.maximum(lost, self._lost_rad if lost[-1] == 0.0 else 0.0)
-        return np.stack([angle, 5.0 * (np.mod(angle, math.tau) < 0.1)])
+        return np.stack([angle, 5.0 * (np.mod(angle, math.tau) < 0.1), struck])
 
 
 @dataclass(frozen=True, slots=True)
-class Slipping:
+class Made:
     """Makes the plant in the card's process."""
 
-    after_s: float
+    slips_after_s: float
+    struck: Path | None
 
     def __call__(self) -> TurningPlant:
-        return TurningPlant(self.after_s)
+        return TurningPlant(self.slips_after_s, self.struck)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +147,7 @@ class InverterSpy:
 
     def __init__(self, receiver: Connection) -> None:
         self.heard: list[InverterOutput] = []
+        self.heard_ns: list[int] = []
         self._receiver = receiver
         self._thread = threading.Thread(target=self._listen, name="inverter spy", daemon=True)
         self._thread.start()
@@ -158,7 +167,9 @@ class InverterSpy:
     def _listen(self) -> None:
         with suppress(EOFError, OSError):
             while True:
-                self.heard.append(self._receiver.recv())
+                output = self._receiver.recv()
+                self.heard_ns.append(time.time_ns())
+                self.heard.append(output)
 
     def join(self) -> None:
         self._thread.join()
@@ -183,13 +194,21 @@ def spied_crank(
     slips_after_s: float = math.inf,
     encoder: EncoderSetup | None = None,
     stop: Terminal = NO_TERMINAL,
+    struck: Path | None = None,
+    watchdog_s: float = WATCHDOG_S,
 ) -> Iterator[SpiedCrank]:
-    """A crank's bench without physics but for its shaft; `stop` is the terminal of an emergency stop."""
+    """A crank's bench without physics but for its shaft, and a strike at its frame.
+
+    `stop` is the terminal of an emergency stop.
+    """
     wiring = CardWiring(
-        {"cDAQ1Mod1/ai0": Wire("crank.marker", 1.0, range_v=10.0)},
+        {
+            "cDAQ1Mod1/ai0": Wire("crank.marker", 1.0, range_v=10.0),
+            "cDAQ1Mod1/ai1": Wire("struck", 0.05 / 9.80665),
+        },
         counters={"cDAQ1Mod3/ctr0": CounterWire("crank.angle", 1024)},
     )
-    parameters = {**matching_setup(SETTINGS, RAMP_S).parameters, WATCHDOG: round(WATCHDOG_S * 10)}
+    parameters = {**matching_setup(SETTINGS, RAMP_S).parameters, WATCHDOG: round(watchdog_s * 10)}
     rehearsal, ordered = get_context("spawn").Pipe()
     with DriveLink.new() as spied, DriveLink.new() as shown, DriveLink.new() as sensed:
         fork = Fork((spied.sender, shown.sender, sensed.sender))
@@ -197,7 +216,7 @@ def spied_crank(
             InverterWiring(fork, None, ordered), InverterSetup(parameters, DriveFaults(terminals=stop))
         )
         ordered.close()
-        card = start_daq_card(Slipping(slips_after_s), wiring, shown.receiver)
+        card = start_daq_card(Made(slips_after_s, struck), wiring, shown.receiver)
         sensor = start_encoder(partial(LinkedShaft, MOTOR, sensed.receiver), encoder)
         spied.sender.close()
         spy = InverterSpy(spied.receiver)

@@ -204,6 +204,23 @@ def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
     ended(bench, Hung, "the acquisition took too long for a reading", during)
 
 
+def test_a_guard_that_hangs_is_seen_by_the_acquisition(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, None)
+    since_s = 0.0
+
+    def during(rig: DrivenRig) -> None:
+        nonlocal since_s
+        rig._deciding.acquire()  # it hangs while it decides, which stopping does not wait for
+        since_s = time.monotonic()
+        rig.watch.wait(2.0)
+
+    try:
+        ended(bench, InterlockTripped, "nobody guards the run", during)
+    finally:
+        bench.rig._deciding.release()
+    assert (bench.generator.off_s or np.inf) - since_s < 1.0
+
+
 def test_signs_of_life_come_while_all_is_well(tmp_path: Path, beats: list[float]) -> None:
     with Bench(tmp_path, None).moving() as rig:
         beats.clear()

@@ -1,0 +1,291 @@
+"""How soon a drive is safe: runs with a generator and with a motor that end badly, over and over.
+
+`limit`: what is measured passes a limit while the terminal has stopped; from that sample to the off.
+`killed`, `frozen`: SIGKILL and SIGSTOP at a random moment from the first of driving on.
+`thread`: one thread of the run, any of them, is held; where the run goes on without it, a person stops it.
+`lost`: an instrument is gone; to the first sign of a stop, and from there to the off.
+`viewer`: the live view is killed; the record has to be whole.
+
+Returns 1 if the worst but one in a hundred misses its bar. The motor's inverter watches for 0.5 s (Pr.122).
+
+Usage: python -m benchmarks.reactions [ways] [--tries N] [--seed N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import os
+import pty
+import signal
+import subprocess
+import sys
+import tempfile
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from daq.block import NS_PER_S
+from daq.log.reader import LogReader
+from daq.log.records import STOPPING
+from drivers.emulator_process import EmulatedInstrument
+from tests.drivers.plants import SinePlant
+from tests.end_to_end.files import write_bench, write_scenario
+from tests.end_to_end.spied_bench import light_card, spied_generator
+from tests.end_to_end.spied_crank import STRIKE, spied_crank
+
+ROOT = Path(__file__).parents[1]
+_AFTER_S = 3.0
+"""Of driving, at most, until it ends badly."""
+_WATCHDOG_S = 0.5
+_PATIENCE_S = 60.0
+_TOO_LONG_S = 5.0
+_PTRACE_SEIZE, _PTRACE_INTERRUPT = 0x4206, 0x4207
+_LIMIT = '[limits."{channel}"]\nabort = "{level}"\n'
+
+
+@dataclass
+class StruckPlant(SinePlant):
+    """Its row `constant` shows a strike once the file `struck` is there."""
+
+    struck: Path = Path()
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        self.constant = STRIKE if self.struck.exists() else 0.0
+        return super().advance(count)
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Scenario and bench file, the instruments by name, and when which output was heard to drive."""
+
+    scenario: Path
+    file: Path
+    instruments: dict[str, EmulatedInstrument]
+    struck: str
+    heard: Callable[[], list[tuple[int, bool]]]
+
+    @property
+    def drives(self) -> bool:
+        heard = self.heard()
+        return bool(heard) and heard[-1][1]
+
+    def safe_ns(self) -> int | None:
+        """When it was off for good (Unix ns); None while it drives."""
+        heard = self.heard()
+        on = max((at for at, (_, drives) in enumerate(heard) if drives), default=-1)
+        return None if on in (-1, len(heard) - 1) else heard[on + 1][0]
+
+
+@contextmanager
+def _generator(folder: Path) -> Iterator[Bench]:
+    struck = "contact.force_upper"
+    limits = _LIMIT.format(channel=struck, level="100 N")
+    scenario = write_scenario(folder / "scenario.toml", settle_s=1.0, duration_s=60.0, limits=limits)
+    plant = partial(StruckPlant, struck=folder / "struck")
+    with light_card(plant, {struck: "constant"}) as (card, onward), spied_generator(onward) as (made, spy):
+        file = write_bench(folder / "bench.toml", made.address, card.address)
+
+        def heard() -> list[tuple[int, bool]]:
+            return [(at, each.on) for at, each in zip(spy.heard_ns, spy.heard, strict=False)]
+
+        yield Bench(scenario, file, {"card": card, "generator": made}, struck, heard)
+
+
+@contextmanager
+def _motor(folder: Path) -> Iterator[Bench]:
+    struck = "crank_frame.acceleration_y"
+    with spied_crank(folder, struck=folder / "struck", watchdog_s=_WATCHDOG_S) as crank:
+        with crank.scenario.open("a") as file:
+            file.write(_LIMIT.format(channel=struck, level="100 m/s^2"))
+        with crank.file.open("a") as file:
+            file.write(
+                f'[[daq_card.channels]]\nname = "{struck}"\nphysical = "cDAQ1Mod1/ai1"\n'
+                'kind = "acceleration_iepe"\nsensitivity = "50 mV/g"\nrange = "100 g"\n'
+            )
+
+        def heard() -> list[tuple[int, bool]]:
+            outputs = zip(crank.spy.heard_ns, crank.spy.heard, strict=False)
+            return [(at, each.on and each.target_hz > 0.0) for at, each in outputs]
+
+        made = {"card": crank.card, "inverter": crank.inverter, "encoder": crank.encoder}
+        yield Bench(crank.scenario, crank.file, made, struck, heard)
+
+
+RIGS = {"generator": _generator, "motor": _motor}
+
+
+class Terminal:
+    """A run at a terminal of its own, which reads what is written unless it is stopped."""
+
+    def __init__(self, bench: Bench, out: Path) -> None:
+        ours, theirs = pty.openpty()
+        arguments = ["run", bench.scenario, "--bench", bench.file, "--out", out]
+        self.run = subprocess.Popen(  # noqa: S603
+            [sys.executable, "-m", "rig.start", *map(str, arguments)],
+            cwd=ROOT,
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
+        )
+        self._ours, self._theirs, self.shown = ours, theirs, b""
+        self._reading = threading.Thread(target=self._read, daemon=True)
+        self._reading.start()
+
+    def stop_reading(self, stopped: bool) -> None:
+        """What Ctrl-S and Ctrl-Q do."""
+        termios.tcflow(self._theirs, termios.TCOOFF if stopped else termios.TCOON)
+
+    def close(self) -> None:
+        helpers = _family(self.run.pid)
+        self.run.kill()
+        self.run.wait()
+        for each in helpers:  # a supervisor that goes on is held by nothing here any more
+            with suppress(psutil.NoSuchProcess):
+                each.kill()
+        os.close(self._theirs)
+        self._reading.join(1.0)
+        os.close(self._ours)
+
+    def _read(self) -> None:
+        with suppress(OSError):
+            while data := os.read(self._ours, 4096):
+                self.shown += data
+
+
+def _family(pid: int) -> list[psutil.Process]:
+    with suppress(psutil.NoSuchProcess):
+        return psutil.Process(pid).children(recursive=True)
+    return []
+
+
+def _await(holds: Callable[[], object], within_s: float, terminal: Terminal) -> bool:
+    """Whether it came to hold; raises where the run ended before."""
+    until_s = time.monotonic() + within_s
+    while not holds():
+        if time.monotonic() > until_s:
+            return False
+        if terminal.run.poll() is not None and within_s == _PATIENCE_S:
+            raise RuntimeError(terminal.shown.decode(errors="replace"))
+        time.sleep(0.002)
+    return True
+
+
+def _since(bench: Bench, from_ns: int, terminal: Terminal) -> float:
+    """Seconds from then to the off; infinite where none comes."""
+    _await(bench.safe_ns, _TOO_LONG_S, terminal)
+    safe_ns = bench.safe_ns()
+    return float("inf") if safe_ns is None else (safe_ns - from_ns) / NS_PER_S
+
+
+def _limit(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
+    _await(lambda: b"recording" in terminal.shown, _PATIENCE_S, terminal)
+    terminal.stop_reading(True)
+    time.sleep(rng.uniform(0.5, 1.0))
+    (folder / "struck").touch()
+    _await(bench.safe_ns, _PATIENCE_S, terminal)
+    terminal.stop_reading(False)
+    terminal.run.wait(_PATIENCE_S)
+    (log,) = folder.glob("*.mcap")
+    with LogReader(log) as reader:
+        for _, block in reader.blocks("measured", [bench.struck]):
+            above = np.flatnonzero(block.values > STRIKE / 2)
+            if len(above):
+                passed_ns = block.time_ns + round(int(above[0]) / block.sample_rate * NS_PER_S)
+                return {"limit": _since(bench, passed_ns, terminal)}
+    raise RuntimeError(f"{log}: it was never struck")
+
+
+def _killed(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
+    terminal.run.kill()
+    return {"killed": _since(bench, time.time_ns(), terminal)}
+
+
+def _frozen(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
+    terminal.run.send_signal(signal.SIGSTOP)
+    return {"frozen": _since(bench, time.time_ns(), terminal)}
+
+
+def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
+    thread = rng.choice([each.id for each in psutil.Process(terminal.run.pid).threads()])
+    ptrace = ctypes.CDLL(None, use_errno=True).ptrace
+    if ptrace(_PTRACE_SEIZE, thread, None, None) or ptrace(_PTRACE_INTERRUPT, thread, None, None):
+        raise OSError(ctypes.get_errno(), f"cannot hold thread {thread}")
+    held_ns = time.time_ns()
+    if _await(bench.safe_ns, 1.5, terminal):
+        return {"thread held": _since(bench, held_ns, terminal)}
+    terminal.run.send_signal(signal.SIGINT)
+    return {"thread held, then stopped": _since(bench, time.time_ns(), terminal)}
+
+
+def _lost(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
+    name = rng.choice([each for each in bench.instruments if each not in RIGS and each != "inverter"])
+    os.kill(bench.instruments[name].pid, signal.SIGKILL)
+    lost_ns = time.time_ns()
+    _await(bench.safe_ns, _TOO_LONG_S, terminal)
+    terminal.run.wait(_PATIENCE_S)
+    (log,) = folder.glob("*.mcap")
+    with LogReader(log) as reader:
+        noticed_ns = next(event.time_ns for event in reader.events() if event.code == STOPPING)
+    return {
+        f"{name} lost: noticed": (noticed_ns - lost_ns) / NS_PER_S,
+        f"{name} lost: safe after": _since(bench, noticed_ns, terminal),
+    }
+
+
+WAYS = {"limit": _limit, "killed": _killed, "frozen": _frozen, "thread": _thread, "lost": _lost}
+BARS_S = {"limit": 0.15, "noticed": 1.0, "safe after": 0.2}
+"""Of the 99th percentile; 1 s for whatever is not named."""
+
+
+def once(rig: str, way: str, rng: Random) -> dict[str, float]:
+    """Seconds of one try, by what they are."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        bench = stack.enter_context(RIGS[rig](folder))
+        terminal = Terminal(bench, folder)
+        stack.callback(terminal.close)
+        _await(lambda: bench.drives, _PATIENCE_S, terminal)
+        if way != "limit":
+            time.sleep(rng.uniform(0.0, _AFTER_S))
+        return WAYS[way](bench, terminal, folder, rng)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("ways", nargs="*", default=list(WAYS), metavar="way", help=", ".join(WAYS))
+    parser.add_argument("--tries", type=int, default=0, help="of each; 100, and 200 of `limit`, if not said")
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    rng, met = Random(arguments.seed), True  # noqa: S311
+    for way in arguments.ways:
+        for rig in RIGS:
+            found: dict[str, list[float]] = {}
+            for _ in range(arguments.tries or (200 if way == "limit" else 100)):
+                for what, seconds in once(rig, way, rng).items():
+                    found.setdefault(what, []).append(seconds)
+            for what, all_s in sorted(found.items()):
+                bar_s = BARS_S.get(what.split(": ")[-1], 1.0)
+                p99_s = float(np.quantile(all_s, 0.99, method="inverted_cdf"))
+                met &= p99_s <= bar_s
+                print(
+                    f"{rig:9} {what:26} {len(all_s):4} tries: median {np.median(all_s):.3f} s, "
+                    f"99 % within {p99_s:.3f} s (bar {bar_s:g} s), worst {max(all_s):.3f} s",
+                    flush=True,
+                )
+    return int(not met)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
