@@ -39,14 +39,18 @@ CENTRE, CLEARANCE, STIFFNESS, DAMPING, SHARE, HALF_STEP, GIVE, GIVE_RATE = range
 TORQUE, SPIN_STIFFNESS, SPIN_BY_FORCE, GAP_BY_TORQUE, RATE_BY_TORQUE = range(8, 13)
 GAP_AFTER_FORCE, RATE_AFTER_FORCE = 13, 14
 NUMBERS = 15
-GAP, RATE, SPIN = range(3)
+"""In m, m, N/m (Hertzian: N/m^1.5), N s/m, 1, s, m/N, m/(N s); N m, N m s, 1/(N s), 1/N, 1/(N s); m/N,
+m/(N s). The second five are for friction alone.
+
+By the middle of a step a force has moved its own contact by GIVE a newton: SHARE of a linear one is left."""
+GAP, RATE, SPIN = range(3)  # m and m/s at t_k, rad/s at the end of the step; all without F_k
 SCALARS = 3
-CHUNK = 32
+CHUNK = 32  # a multiple of LANES, for tiles of 8 steps by 8 lanes are turned
 """Steps between copies to the output."""
-_FADED = 1e-200
-_SETTLE_EVERY = 8 * CHUNK
-_NEWTON_STEPS = 3
-_SWEEPS = 2
+_FADED = 1e-200  # normal numbers end at 2e-308: room for what decays until the next look
+_SETTLE_EVERY = 8 * CHUNK  # steps; a look goes through the whole motion, as a step does
+_NEWTON_STEPS = 3  # as many in every lane: no lane's bits may hang on its neighbours
+_SWEEPS = 2  # contact and friction in turn, each by the other's latest; as many in every lane too
 
 # All strict, so that the bits of a lane are the same in every place of every block.
 
@@ -62,12 +66,13 @@ def _linear(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vector,
     zero, share = spread(0.0), _number(number, n, SHARE)
     k, viscous = _number(number, n, STIFFNESS), _number(number, n, DAMPING) * rate
     force = fused(k, depth, viscous) * share
-    force = where_positive(depth, where_positive(force, force, zero), zero)
+    force = where_positive(depth, where_positive(force, force, zero), zero)  # the stop never pulls
     # Where the stop is met within the step, the mean is over what is behind that: the damper's force jumps.
-    reach = rate * _number(number, n, HALF_STEP)
-    behind = depth + reach
-    part = fused(k, spread(0.5) * behind, viscous) * share * (behind / (reach + reach))
+    reach = rate * _number(number, n, HALF_STEP)  # m in half a step
+    behind = depth + reach  # depth at the end of the step
+    part = fused(k, spread(0.5) * behind, viscous) * share * (behind / (reach + reach))  # 0.5: mean depth
     part = where_positive(behind, part, zero)
+    # Only on the way in: on the way out the force has come to zero by itself, without a jump.
     return force, where_positive(reach - magnitude(depth), part, force)
 
 
@@ -79,14 +84,15 @@ def _hertzian(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vecto
     give, force = _number(number, n, GIVE), zero
     for _ in range(_NEWTON_STEPS):
         inner = fused_less(give, force, depth)
-        inner = where_positive(inner, inner, zero)
+        inner = where_positive(inner, inner, zero)  # no root of a depth below zero
         stiffness = k * share * root(inner)
         excess = fused(stiffness, inner, viscous * share) - force
-        force = force + excess / fused(spread(1.5) * stiffness, give, spread(1.0))
+        force = force + excess / fused(spread(1.5) * stiffness, give, spread(1.0))  # by its slope
     force = where_positive(depth, where_positive(force, force, zero), zero)
     reach = rate * _number(number, n, HALF_STEP)
     behind = depth + reach
     behind = where_positive(behind, behind, zero)
+    # 0.4 is the mean of x^1.5 over 0 to 1: the depth grows evenly.
     part = fused(k * root(behind), spread(0.4) * behind, viscous) * share * (behind / (reach + reach))
     return force, where_positive(reach - magnitude(depth), part, force)
 
@@ -95,8 +101,8 @@ def _hertzian(number: Array, n: int, depth: Vector, rate: Vector) -> tuple[Vecto
 def _contact(number: Array, n: int, gap: Vector, rate: Vector, hertzian: bool) -> tuple[Vector, Vector]:
     """Upper minus lower force in the middle of the step, and its mean over the step."""
     from_centre = gap + _number(number, n, CENTRE)
-    depth = magnitude(from_centre) - _number(number, n, CLEARANCE)
-    rate = where_positive(from_centre, rate, spread(0.0) - rate)
+    depth = magnitude(from_centre) - _number(number, n, CLEARANCE)  # of the nearer stop
+    rate = where_positive(from_centre, rate, spread(0.0) - rate)  # into that stop
     if hertzian:
         force, mean = _hertzian(number, n, depth, rate)
     else:
@@ -108,7 +114,7 @@ def _contact(number: Array, n: int, gap: Vector, rate: Vector, hertzian: bool) -
 def _friction(number: Array, n: int, spin: Vector, force: Vector) -> Vector:
     """The torque that stops the pivot by the end of the step, or all that there is."""
     most = _number(number, n, TORQUE)
-    left = fused_less(_number(number, n, SPIN_BY_FORCE), force, spin)
+    left = fused_less(_number(number, n, SPIN_BY_FORCE), force, spin)  # rad/s, were there no friction
     torque = left * _number(number, n, SPIN_STIFFNESS)
     return where_positive(magnitude(torque) - most, signed(most, torque), torque)
 
@@ -135,8 +141,8 @@ def _turn(slot: Array, at: int, state: Array, y: int, slots: int, force: Vector)
     So the next force need not wait for the sums to which this one contributes.
     """
     gap, rate = spread(0.0), spread(0.0)
-    gap2, rate2 = gap, rate
-    for _ in range(0, slots, 2):
+    gap2, rate2 = gap, rate  # two chains of sums, so that neither waits for its own last addition
+    for _ in range(0, slots, 2):  # `coefficients` makes their number even
         re, im = load(state, y), load(state, y + LANES)
         cos, sin = load(slot, at), load(slot, at + LANES)
         new_re, new_im = fused_less(sin, im, cos * re), fused(cos, im, sin * re)
@@ -197,6 +203,7 @@ def _accelerations(
     for r in range(rows):
         gain, at = 2 * (g * rows + r) * LANES, 2 * (g * rows + r) * slots * LANES
         y = 2 * g * slots * LANES
+        # What the force does at once and in its half step; then what the motion without it does (m/s2).
         total = fused(load(row_gain, gain), force, load(row_gain, gain + LANES) * torque)
         for _ in range(slots):
             total = fused(load(row, at), load(state, y), total)
@@ -216,9 +223,9 @@ def _deliver(buffer: Array, place: Index, first: int, last: int, start: int, cou
             transpose(buffer, tile)
             for lane in range(LANES):
                 to = place[g * LANES + lane]
-                if to >= 0 and count - k >= LANES:
+                if to >= 0 and count - k >= LANES:  # -1 is a lane that only fills its group
                     store(out, (to * rows + r) * steps + start + k, load(buffer, tile + lane * LANES))
-                elif to >= 0:
+                elif to >= 0:  # a whole vector would run over into the next row of `out`
                     for j in range(count - k):
                         out[to, r, start + k + j] = buffer[g - first, r, k + lane, j]
 
@@ -237,12 +244,12 @@ def advance(
     """
     groups, slots, friction = slot.shape[0], slot.shape[1], slot.shape[2] == WITH_FRICTION
     width, lines, steps = slot.shape[2] * LANES, buffer.shape[1], out.shape[2]
-    for first in range(0, groups, buffer.shape[0]):
+    for first in range(0, groups, buffer.shape[0]):  # these fit the first cache: all their steps first
         last = min(first + buffer.shape[0], groups)
         for start in range(0, steps, CHUNK):
             count = min(CHUNK, steps - start)
             for k in range(count):
-                for g in range(first, last):
+                for g in range(first, last):  # independent chains, which the processor overlaps
                     n, sc, y = g * NUMBERS * LANES, g * SCALARS * LANES, g * slots * 2 * LANES
                     column = ((g - first) * lines * CHUNK + k) * LANES
                     gap, rate, torque = load(scalar, sc), load(scalar, sc + RATE * LANES), spread(0.0)
@@ -250,6 +257,7 @@ def advance(
                         spin = load(scalar, sc + SPIN * LANES)
                         force, mean, torque = _contact_with_friction(number, n, gap, rate, spin, hertzian)
                         if row is not None and row_gain is not None:
+                            # before the slots go on: rows and force are both of the middle of this step
                             _accelerations(row, row_gain, g, state, force, torque, buffer, column)
                         gap, rate, spin = _turn_with_friction(
                             slot, g * slots * width, state, y, slots, mean, torque

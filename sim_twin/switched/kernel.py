@@ -30,9 +30,9 @@ from sim_twin.vector import (
 )
 
 Real = NDArray[np.float64]
-_MOST_SWITCHES_AT_ONCE = 8
-_SECANTS = 4
-_FADED = 1e-200
+_MOST_SWITCHES_AT_ONCE = 8  # lest two regimes hand on to each other for ever at one tick
+_SECANTS = 4  # then halving, which ends surely where a bend leads secants astray
+_FADED = 1e-200  # normal numbers end at 2e-308: room for what decays until the next look
 _LEAST = -1e300
 Index = NDArray[np.int64]
 
@@ -50,22 +50,22 @@ def look_ahead(
     size = ahead.shape[1]
     at, y = r * size * LANES, b * size
     one, two, three, four = spread(constant), spread(0.0), spread(0.0), spread(0.0)
-    for _ in range(0, size, 4):
+    for _ in range(0, size, 4):  # slots are padded to 16
         one = fused(load(ahead, at), repeated(s, y), one)
         two = fused(load(ahead, at + LANES), repeated(s, y + 1), two)
         three = fused(load(ahead, at + 2 * LANES), repeated(s, y + 2), three)
         four = fused(load(ahead, at + 3 * LANES), repeated(s, y + 3), four)
         at, y = at + 4 * LANES, y + 4
     coming = (one + two) + (three + four)
-    other = fused(spread(opposite[r, 2]), coming, spread(opposite[r, 1]))
+    other = fused(spread(opposite[r, 2]), coming, spread(opposite[r, 1]))  # the second's, by the first's
     passed = first_positive(where_positive(coming - other, coming, other))
-    if passed == 0:
+    if passed == 0:  # an event comes within the very next fine step
         return -1, 0.0
     if passed == LANES:
         if line >= 0:
             store(out, line * out.shape[1] + column + 1, spread(0.0) - coming)
         return 3, pick(coming, LANES - 1)
-    power = (passed > 1) + (passed > 3)
+    power = (passed > 1) + (passed > 3)  # only steps of 2^power are tabulated
     if line >= 0:
         for k in range((1 << power) - 1):
             out[line, column + 1 + k] = -pick(coming, k)
@@ -75,7 +75,7 @@ def look_ahead(
 @allocation_free_inlined
 def _turn(step: Real, row: int, s: Real, old: int, new: int) -> None:
     half = step.shape[1]
-    for i in range(half):
+    for i in range(half):  # real and imaginary parts apart: one store a loop
         s[new, 0, i] = step[row, i] * s[old, 0, i] - step[row + 1, i] * s[old, 1, i]
     for i in range(half):
         s[new, 1, i] = step[row, i] * s[old, 1, i] + step[row + 1, i] * s[old, 0, i]
@@ -127,10 +127,11 @@ def _fastest(event_speed: Real, r: int, s: Real, b: int) -> float:
 def _residual_force(residual: Real, rows: Real, numbers: Real, r: int, s: Real, b: int) -> float:
     if residual[r, 0] == 0.0:
         return 0.0
-    last = (r + 1) * (rows.shape[0] // residual.shape[0]) - 1
+    last = (r + 1) * (rows.shape[0] // residual.shape[0]) - 1  # its row of penetration
     d = numbers[last, 0] + _product(rows, last, s, b)
     if d <= 0.0:
         return 0.0
+    # N: what the law has beyond the spring that is in the modes already
     return float(residual[r, 0] * d * np.sqrt(d) - residual[r, 1] * d)
 
 
@@ -140,12 +141,12 @@ def _turn_with_residual(
 ) -> None:
     half = step.shape[1]
     force = _residual_force(residual, rows, numbers, r, s, old)
-    _turn(step, row + 2, s, old, new)
+    _turn(step, row + 2, s, old, new)  # half a step with the force held, for the motion in the middle
     for i in range(half):
         s[new, 0, i] += step[row + 6, i] * force
     for i in range(half):
         s[new, 1, i] += step[row + 7, i] * force
-    force = _residual_force(residual, rows, numbers, r, s, new)
+    force = _residual_force(residual, rows, numbers, r, s, new)  # there; held over the whole step
     _turn(step, row, s, old, new)
     for i in range(half):
         s[new, 0, i] += step[row + 4, i] * force
@@ -161,7 +162,7 @@ def _fired(
     force = _residual_force(residual, rows, numbers, r, s, b)
     largest, row = _LEAST, r * (rows.shape[0] // target.shape[0])
     for e in range(target.shape[1]):
-        if target[r, e] < 0:
+        if target[r, e] < 0:  # rows are as many for every regime, the rest unused
             break
         first = numbers[row, 0] + numbers[row, 1] * force + _product(rows, row, s, b)
         largest = max(largest, first)
@@ -190,20 +191,20 @@ def _locate(
     residual: Real, r: int, s: Real, b: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Go from buffer b to the first tick in step k at which something has fired; return buffer and ticks."""
-    passed, digit, tries = 0, digits - 1, 0
+    passed, digit, tries = 0, digits - 1, 0  # digit: coarse ticks of a fine step, ticks of a coarse one
     _, below = _fired(rows, numbers, target, residual, r, s, b)
     _, above = _fired(rows, numbers, target, residual, r, s, 1 - b)
-    level = k - digits - digit
+    level = k - digits - digit  # above 0: a step of 2^level fine ones, halved first
     base, low, high = (digits, 0, min(k - digits, digit)) if k > digits else (0, 0, k)
     while True:
         narrowing = level > 0 or high - low > 1
         if level > 0:
             middle = digit + level - 1
         elif not narrowing:
-            middle = low if base > 0 else high
+            middle = low if base > 0 else high  # coarsely to before the event, finely to after it
         elif below < 0.0 < above and tries < _SECANTS:
             middle = low + int((high - low) * below / (below - above))
-            middle = min(max(middle, low + 1), high - 1)
+            middle = min(max(middle, low + 1), high - 1)  # a secant may not stand still
         else:
             middle = (low + high) >> 1
         row = begin + (base + middle) * planes
@@ -231,7 +232,7 @@ def _to_slots(t: Tables, r: int, x: Real, s: Real) -> None:
     """Express state x, which is lost, in regime r's modes; s[0] has the excitations and is zero elsewhere."""
     half = t.step.shape[1]
     for k in range(x.size):
-        x[k] -= t.rest[r, k] + _product(t.to_state, r * x.size + k, s, 0)
+        x[k] -= t.rest[r, k] + _product(t.to_state, r * x.size + k, s, 0)  # the steady answer to the drive
     for part in range(2):
         for i in range(t.first_drive):
             total, row = 0.0, (2 * r + part) * half + i
@@ -277,7 +278,7 @@ def _record(
     output: Real, numbers: Real, used: Index, force: float, r: int, s: Real, b: int, out: Real, column: int
 ) -> None:
     for o in range(used.shape[1]):
-        if used[r, o] < 0:
+        if used[r, o] < 0:  # outputs in use come first
             return
         row = r * used.shape[1] + o
         out[used[r, o], column] = numbers[row, 0] + numbers[row, 1] * force + _product(output, row, s, b)
@@ -290,7 +291,7 @@ def _try(
 ) -> tuple[int, float, float]:  # fmt: skip
     """Take a step into the other buffer; return what fired there, and the first two events' conditions."""
     first, second = 0.0, 0.0
-    if opposite[r, 0] > 0.0:
+    if opposite[r, 0] > 0.0:  # both conditions come of one product
         row = r * (rows.shape[0] // target.shape[0])
         first = _turn_and_watch(step, at, rows, numbers[row, 0], row, s, b)
         second = opposite[r, 1] + opposite[r, 2] * first
@@ -308,10 +309,10 @@ def _longest_step(bits: int, digits: int, left: int, longest: int, nearest: floa
 
     `nearest` is the greatest condition of an event and `fast` a bound on its rise in a fine step.
     """
-    fine = 1 << (2 * bits)
+    fine = 1 << (2 * bits)  # ticks; all positions are in ticks, which are exact as integers
     if left < 2 * fine:
         if left >= 1 << bits:
-            return digits + (min(left, fine) >> bits)
+            return digits + (min(left, fine) >> bits)  # coarse ticks, at most a fine step
         return left
     k = digits + digits
     rise, reach = 4.0 * fast, 4 * fine
@@ -354,11 +355,11 @@ def _run(  # noqa: C901 - what is split off is inlined again, and every further 
         if changed:
             first = numbers[row, 0] + _product(rows, row, s, b)
             second = opposite[r, 1] + opposite[r, 2] * first
-        if changed or steps & 31 == 0:
+        if changed or steps & 31 == 0:  # modes decay: in between the bound still holds, only wider
             _flush(s, b)
             fast = _fastest(event_speed, r, s, b)
         changed, steps = False, steps + 1
-        looking = opposite[r, 0] > 0.0 and used[r, 0] < 0 and left > LANES * fine
+        looking = opposite[r, 0] > 0.0 and used[r, 0] < 0 and left > LANES * fine  # out has room
         column = position >> (2 * bits)
         if recorded[r] > 0:
             within = position & (fine - 1)
@@ -367,10 +368,10 @@ def _run(  # noqa: C901 - what is split off is inlined again, and every further 
             if within == 0 and used[r, 0] >= 0:
                 force = _residual_force(residual, rows, numbers, r, s, b)
                 _record(output, output_numbers, used, force, r, s, b, out, column)
-            left, looking = fine - within, looking and within == 0
-        longest = ticks.size - 1 if opposite[r, 0] > 0.0 else 2 * digits
+            left, looking = fine - within, looking and within == 0  # stop at each sample
+        longest = ticks.size - 1 if opposite[r, 0] > 0.0 else 2 * digits  # `fast` bounds two events
         k = _longest_step(bits, digits, left, longest, max(first, second), fast)
-        if looking and k < 2 * digits + 2:
+        if looking and k < 2 * digits + 2:  # else the bound grants eight fine steps anyway
             power, condition = look_ahead(ahead, opposite, r, numbers[row, 0], s, b, out, line[r], column)
             if power >= 0:
                 _turn(step, begin + (2 * digits - 1 + power) * planes, s, b, 1 - b)
@@ -386,7 +387,7 @@ def _run(  # noqa: C901 - what is split off is inlined again, and every further 
         position, changed = position + passed, True
         b, new = _switch(rows, numbers, target, residual, change, offset, r, s, b)
         if new != r:
-            if switches < switch_time.size:
+            if switches < switch_time.size:  # counted on, so that the caller sees that they did not fit
                 switch_time[switches], switch_regime[switches] = position / fine, new
             r, switches = new, switches + 1
     for k in range(x.size):

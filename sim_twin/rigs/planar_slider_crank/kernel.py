@@ -25,10 +25,10 @@ from sim_twin.mechanisms.integrator import integrate
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 
 X, Y, PHI, S, VX, VY, W, VS, THETA, WORK, LOST, Q, VQ = range(13)
-RIGID_STATES, FLEXIBLE_STATES = 11, 13
-CRANK_PIN, PISTON_PIN = 0, 1
+RIGID_STATES, FLEXIBLE_STATES = 11, 13  # the state's length tells whether the rod bends
+CRANK_PIN, PISTON_PIN = 0, 1  # places in `v0`, `d`, `rate` and `force`
 CONTACTS = 2
-FRAME_X, FRAME_Y, GUIDE_Y, ANGLE, PISTON_ACCELERATION = range(5)
+FRAME_X, FRAME_Y, GUIDE_Y, ANGLE, PISTON_ACCELERATION = range(5)  # N, N, N, rad, m/s2
 OUTPUTS = 5
 _COUPLING = 4.0 / pi
 """2 m3/pi over the modal mass m3/2."""
@@ -65,7 +65,7 @@ class CrankNumbers(NamedTuple):
 
 @inlined
 def _crank_speed(p: CrankNumbers, theta: float) -> float:
-    if p.fluctuation == 0.0:
+    if p.fluctuation == 0.0:  # spares the sine: the speed is asked for in every stage of a step
         return p.omega
     return p.omega * (1.0 + p.fluctuation * sin(p.order * theta + p.lag))
 
@@ -97,23 +97,24 @@ def _at_piston_pin(p: CrankNumbers, y: Real, up: float, along: float) -> tuple[f
 def _joint_forces(
     p: CrankNumbers, y: Real, v0: Real, speed: float, sine: float, cosine: float, up: float, along: float
 ) -> tuple[RevoluteForce, RevoluteForce]:
+    # v0 is the approach speed (m/s) that was latched at the onset of a contact; 0: the joint is open.
     one, two = NO_FORCE, NO_FORCE
     if v0[CRANK_PIN] > 0.0:
         ex, ey, vx, vy = _at_crank_pin(p, y, speed, sine, cosine, up, along)
         one = revolute_force(p.joint_1, ex, ey, vx, vy, speed, y[W], v0[CRANK_PIN])
     if v0[PISTON_PIN] > 0.0:
         ex, ey, vx, vy = _at_piston_pin(p, y, up, along)
-        two = revolute_force(p.joint_2, ex, ey, vx, vy, 0.0, y[W], v0[PISTON_PIN])
+        two = revolute_force(p.joint_2, ex, ey, vx, vy, 0.0, y[W], v0[PISTON_PIN])  # the pin does not turn
     return one, two
 
 
 @mechanical
 def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -> None:
     """Slopes of the state and the normal forces of both joints (Newton and Euler for rod and piston)."""
-    speed = _crank_speed(p, y[THETA])
+    speed = _crank_speed(p, y[THETA])  # the crank's motion is given: no force changes it
     fx, fy, torque, push, lift, lost, work = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     force[CRANK_PIN], force[PISTON_PIN] = 0.0, 0.0
-    if v0[CRANK_PIN] > 0.0 or v0[PISTON_PIN] > 0.0:
+    if v0[CRANK_PIN] > 0.0 or v0[PISTON_PIN] > 0.0:  # no sines in free flight
         sine, cosine = sine_cosine(y[THETA])
         up, along = sine_cosine(y[PHI])
         one, two = _joint_forces(p, y, v0, speed, sine, cosine, up, along)
@@ -123,8 +124,8 @@ def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -
         work = speed * (p.crank_length * (cosine * one.y - sine * one.x) - one.on_journal)
         force[CRANK_PIN], force[PISTON_PIN] = one.normal, two.normal
     if p.guide.coefficient > 0.0:
-        drag = friction_share(p.guide, y[VS]) * abs(p.piston_mass * p.gravity + lift)
-        push, lost = push + drag, lost - drag * y[VS]
+        drag = friction_share(p.guide, y[VS]) * abs(p.piston_mass * p.gravity + lift)  # N; weight and rod
+        push, lost = push + drag, lost - drag * y[VS]  # drag is against the speed, so this is a gain
     dy[X], dy[Y], dy[PHI], dy[S] = y[VX], y[VY], y[W], y[VS]
     dy[VX], dy[VY] = fx * p.rod_mobility, fy * p.rod_mobility - p.gravity
     dy[W], dy[VS] = torque * p.rod_turning_mobility, push * p.piston_mobility
@@ -137,13 +138,14 @@ def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -
 def _bend(p: CrankNumbers, y: Real, fx: float, fy: float, dy: Real) -> None:
     """Add the bending mode: q'' + 2 zeta w q' + w^2 q = -(4/pi) a, a the chord's transverse acceleration."""
     up, along = sine_cosine(y[PHI])
-    a = (along * fy - up * fx) * p.rod_mobility
+    a = (along * fy - up * fx) * p.rod_mobility  # no gravity: rod and mode fall alike
     decay, spring = p.rod_decay * y[VQ], p.rod_omega * p.rod_omega * y[Q]
+    # The chord of the free rod gives way, and 1 - 8/pi^2 of the modal mass is left: 2.30 times the frequency.
     bend = -(decay + spring + _COUPLING * a) / (1.0 - 0.5 * _COUPLING * _COUPLING)
     dy[Q], dy[VQ] = y[VQ], bend
-    dy[VX] += 0.5 * _COUPLING * bend * up
+    dy[VX] += 0.5 * _COUPLING * bend * up  # the mode's reaction on the rod's centre
     dy[VY] -= 0.5 * _COUPLING * bend * along
-    dy[LOST] += 0.5 * p.rod_mass * decay * y[VQ]
+    dy[LOST] += 0.5 * p.rod_mass * decay * y[VQ]  # W; the modal mass is half the rod's
 
 
 @mechanical
@@ -152,6 +154,7 @@ def depths(p: CrankNumbers, t: float, y: Real, d: Real, rate: Real) -> None:
     speed = _crank_speed(p, y[THETA])
     sine, cosine = sine_cosine(y[THETA])
     up, along = sine_cosine(y[PHI])
+    # asked for open joints too: where one comes above zero a contact begins
     ex, ey, vx, vy = _at_crank_pin(p, y, speed, sine, cosine, up, along)
     d[CRANK_PIN], rate[CRANK_PIN] = revolute_depth(p.joint_1.clearance, ex, ey, vx, vy)
     ex, ey, vx, vy = _at_piston_pin(p, y, up, along)
@@ -163,7 +166,7 @@ def observe(p: CrankNumbers, t: float, y: Real, v0: Real, out: Real, column: int
     """What the mechanism does to the frame (N), crank angle (rad) and piston acceleration (m/s2)."""
     sine, cosine = sine_cosine(y[THETA])
     speed = _crank_speed(p, y[THETA])
-    centrifugal = p.unbalance * speed * speed
+    centrifugal = p.unbalance * speed * speed  # N, along the crank; its bearing is in the frame
     frame_x, frame_y, push, lift = centrifugal * cosine, centrifugal * sine, 0.0, 0.0
     if v0[CRANK_PIN] > 0.0 or v0[PISTON_PIN] > 0.0:
         up, along = sine_cosine(y[PHI])

@@ -27,31 +27,31 @@ from sim_twin.rigs.spatial_slider_crank.pose import (
     to_rod,
 )
 
-SPEED_ROW, ANGLE_ROW, SLIDER_SPEED_ROW = CONTACTS, CONTACTS + 1, CONTACTS + 2
-OUTPUTS = CONTACTS + 3
+SPEED_ROW, ANGLE_ROW, SLIDER_SPEED_ROW = CONTACTS, CONTACTS + 1, CONTACTS + 2  # rad/s, rad, m/s
+OUTPUTS = CONTACTS + 3  # first the forces of the eight points and the socket, N
 
 
 @mechanical
 def rates(p: Constants, t: float, y: Array, v0: Array, dy: Array, force: Array) -> None:
     """dy/dt, and the normal forces of the eight points and the socket."""
-    n = RIGID + 2 * p.modes
+    n = RIGID + 2 * p.modes  # coordinates; as many speeds follow, then angle, work and loss (`Layout`)
     at = pose(p, y)
     push, twist, lost = _guide_forces(p, y, at, v0, force, dy)
     ball_force, work, socket_lost = _socket_force(p, y, at, v0, force)
-    in_rod = to_rod(at, ball_force)
-    elastic_forces(p, y, at, in_rod, dy)
+    in_rod = to_rod(at, ball_force)  # all equations are in the rod's frame
+    elastic_forces(p, y, at, in_rod, dy)  # first: `set_rod` sums what it leaves in dy
     set_rod(p, y, at, dy, p.work)
     add_slider(p, at, p.work)
-    add_rod_load(in_rod, at.tip, p.work)
+    add_rod_load(in_rod, at.tip, p.work)  # the ball sits at the bent rod's tip
     add_slider_load(at, to_rod(at, push), to_rod(at, twist), p.work)
-    solve(p.work)
+    solve(p.work)  # the last row, loads so far, becomes accelerations
     _write_accelerations(p, y, at, p.work, dy)
     dy[2 * n] = crank_speed(p, y[2 * n])
     dy[2 * n + 1] = work
     modal_loss, m = 0.0, p.modes
     for k in range(m):
         u_rate, w_rate = y[n + RIGID + k], y[n + RIGID + m + k]
-        modal_loss += 2.0 * p.damping * p.omega[k] * (u_rate * u_rate + w_rate * w_rate)
+        modal_loss += 2.0 * p.damping * p.omega[k] * (u_rate * u_rate + w_rate * w_rate)  # modal mass 1
     dy[2 * n + 2] = lost + socket_lost + modal_loss
 
 
@@ -59,7 +59,7 @@ def rates(p: Constants, t: float, y: Array, v0: Array, dy: Array, force: Array) 
 def depths(p: Constants, t: float, y: Array, d: Array, rate: Array) -> None:
     """Penetration and its rate at the eight points and in the socket."""
     at = pose(p, y)
-    for i in range(POINTS):
+    for i in range(POINTS):  # open ones too: this is what finds an onset
         place, velocity = slider_point(at, (p.points[i, 0], p.points[i, 1], p.points[i, 2]))
         d[i], rate[i] = _overlap(p, y, i, place, velocity)
     touch = _socket_touch(p, y, at)
@@ -72,7 +72,7 @@ def observe(p: Constants, t: float, y: Array, v0: Array, out: Array, column: int
     at = pose(p, y)
     for i in range(POINTS):
         out[i, column] = 0.0
-        if v0[i] > 0.0:
+        if v0[i] > 0.0:  # latched approach speed, m/s; 0: open
             place, velocity = slider_point(at, (p.points[i, 0], p.points[i, 1], p.points[i, 2]))
             d, rate = _overlap(p, y, i, place, velocity)
             out[i, column] = normal_force(p.guide_law, d, rate, v0[i])
@@ -82,7 +82,7 @@ def observe(p: Constants, t: float, y: Array, v0: Array, out: Array, column: int
         out[SOCKET, column] = normal_force(p.socket_law, touch.depth, touch.rate, v0[SOCKET])
     theta = y[2 * (RIGID + 2 * p.modes)]
     out[SPEED_ROW, column], out[ANGLE_ROW, column] = crank_speed(p, theta), theta
-    _, centre_velocity = slider_point(at, (-p.pin[0], -p.pin[1], -p.pin[2]))
+    _, centre_velocity = slider_point(at, (-p.pin[0], -p.pin[1], -p.pin[2]))  # `pin` is seen from the centre
     out[SLIDER_SPEED_ROW, column] = centre_velocity[0]
 
 
@@ -99,7 +99,8 @@ def _overlap(p: Constants, y: Array, i: int, place: Vector, velocity: Vector) ->
     along, speed = (place[1], velocity[1]) if axis == 1 else (place[2], velocity[2])
     if p.base[1] > 0.0:
         base = 2 * (RIGID + 2 * p.modes) + 3
-        along, speed = along - y[base + axis - 1], speed - y[base + 1 + axis]
+        along, speed = along - y[base + axis - 1], speed - y[base + 1 + axis]  # axis is 1 or 2
+    # The shell is around the guide: a point touches where it comes nearer to the axis than the guide's face.
     return p.half_side - side * along, -side * speed
 
 
@@ -110,7 +111,7 @@ def _guide_forces(
     """Force on the slider, its moment about the pin (world frame), what contacts lose (W); moves the base."""
     push = twist = base_velocity = (0.0, 0.0, 0.0)
     lost = 0.0
-    if p.base[1] > 0.0:
+    if p.base[1] > 0.0:  # mass 0: the guide stands still and has no states
         base = 2 * (RIGID + 2 * p.modes) + 3
         base_velocity = (0.0, y[base + 2], y[base + 3])
     for i in range(POINTS):
@@ -119,7 +120,7 @@ def _guide_forces(
             place, velocity = slider_point(at, (p.points[i, 0], p.points[i, 1], p.points[i, 2]))
             d, rate = _overlap(p, y, i, place, velocity)
             force[i] = normal_force(p.guide_law, d, rate, v0[i])
-            slip = subtracted(velocity, base_velocity)
+            slip = subtracted(velocity, base_velocity)  # across the face too: friction leaves that out
             rubbing = friction_force(p.friction, force[i], face_axis(i), slip)
             normal = face_side(i) * force[i]
             total = added(rubbing, (0.0, normal, 0.0) if face_axis(i) == 1 else (0.0, 0.0, normal))
@@ -148,7 +149,7 @@ def _move_base(p: Constants, y: Array, push: Vector, dy: Array) -> float:
 @mechanical
 def _socket_touch(p: Constants, y: Array, at: Pose) -> Touch:
     theta = y[2 * (RIGID + 2 * p.modes)]
-    centre, velocity = crank_pin(p, theta), crank_pin_velocity(p, theta)
+    centre, velocity = crank_pin(p, theta), crank_pin_velocity(p, theta)  # the crank carries the socket
     return ball_in_socket(at.ball, at.ball_velocity, centre, velocity, p.socket_clearance)
 
 
@@ -176,12 +177,12 @@ def _write_accelerations(p: Constants, y: Array, at: Pose, A: Array, dy: Array) 
     for i in range(3):
         dy[i] = y[n + i]
         dy[3 + i] = turning[i]
-        dy[n + i] = acceleration[i] + p.gravity[i]
+        dy[n + i] = acceleration[i] + p.gravity[i]  # the equations are of a frame that falls
         dy[n + 3 + i] = A[8, 3 + i]
     for j in range(2):
         dy[6 + j], dy[n + 6 + j] = y[n + 6 + j], A[8, 6 + j]
     a2, a3, spin = A[8, 1], A[8, 2], A[8, 3]
-    for k in range(m):
+    for k in range(m):  # what `elastic_forces` left out: the pin's and the spin's acceleration
         u, w = RIGID + k, RIGID + m + k
         dy[u], dy[w] = y[n + u], y[n + w]
         dy[n + u] += y[w] * spin - p.sway[k] * a2
