@@ -34,7 +34,7 @@ class _Fitted:
         self._fit = ClockFit()
         self._lock = threading.Lock()
         self._due_s = _FIRST_FIT_S
-        self.last = (0.0, 0.0)
+        self.last = (0.0, 0.0)  # the latest pair: the device's time and its arrival, s
         self.model: ClockModel | None = None
 
     def add(self, device_s: ArrayLike, arrival_s: ArrayLike) -> None:
@@ -47,7 +47,7 @@ class _Fitted:
         with self._lock:
             if not at_last and self.last[1] < self._due_s:
                 return False
-            self._due_s = max(_FIT_AGAIN * self.last[1], self._due_s + _FIRST_FIT_S)
+            self._due_s = max(_FIT_AGAIN * self.last[1], self._due_s + _FIRST_FIT_S)  # thirty fits in an hour
             model = self._fit.model()
             self.model = model or self.model
             return model is not None
@@ -73,6 +73,7 @@ class CardClock:
 
         Says what is wrong with the answer, for which it is left out; nothing, mostly.
         """
+        # Between these two looks sample 0 is taken: their middle is off by half of the distance at most.
         before_s = self._clock.monotonic_s()
         start()
         after_s, after_ns = self._clock.monotonic_s(), self._clock.unix_ns()
@@ -134,7 +135,7 @@ class CardClock:
         model = self._fitted.model
         if model is None:
             return 0.0, _CRYSTAL
-        seen = model.rate_uncertainty_ppm * 0.5e-6
+        seen = model.rate_uncertainty_ppm * 0.5e-6  # 95 % half width to a deviation
         weight = _CRYSTAL**2 / (_CRYSTAL**2 + seen**2)
         return model.line.slope * weight, _CRYSTAL * seen / float(np.hypot(_CRYSTAL, seen))
 
@@ -149,7 +150,7 @@ class DeviceClock:
     def __init__(self, device: str, base: CardClock) -> None:
         self._device, self._base = device, base
         self._fitted = _Fitted()
-        self._origin_s: float | None = None
+        self._origin_s: float | None = None  # its first stamp: floats near 0 resolve most
         self._told_until_s = -np.inf
 
     def note(self, stamp_s: Array, arrival_s: Array) -> None:
@@ -181,6 +182,7 @@ class DeviceClock:
         device_s = self._fitted.last[0]
         card_s = float(self._base.card_s(model.time_s([device_s]))[0])
         origin_s = self._base.start_ns / NS_PER_S - self._origin_s
+        # Both rates are against the host's clock, which drops out here.
         rate = (1.0 + model.rate_ppm * 1e-6) / (1.0 + self._base.rate_ppm * 1e-6) - 1.0
         uncertainty = np.hypot(model.uncertainty_s([device_s])[0], self._base.uncertainty_s(card_s))
         record = ClockRecord(

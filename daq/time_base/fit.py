@@ -156,7 +156,7 @@ def _model(device: Array, arrival: Array, anchor: Anchor | None) -> ClockModel:
             starts.append(start)
     elapsed = _elapsed(device, passed, starts)
     binned = _Binned(late, elapsed - np.median(elapsed), starts)
-    typical = _converged(binned, Anchor.TYPICAL, 0.0)
+    typical = _converged(binned, Anchor.TYPICAL, 0.0)  # first: the slope out, the quickest show
     shortest = _converged(binned, Anchor.SHORTEST, typical.slope)
     above = binned.residual(shortest)
     delay = max(float(np.median(above)), 0.0)

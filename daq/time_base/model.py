@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 _TUNING = 1.345
 """Huber's constant: 95 % of least squares' efficiency where the noise is normal."""
 _MAD_TO_SIGMA = 1.4826
-_FIRST, _ITERATIONS = 8, 60
+_FIRST, _ITERATIONS = 8, 60  # rounds of least absolute deviations, and of both; it ends by itself before that
 _SMALLEST = 1e-13
 """A scale in s below which points count as exactly on the line: the rounding of seconds held in floats."""
-_COVERED = 0.95
+_COVERED = 0.95  # of all that is called an uncertainty here
 _RESOLUTION_S = 1e-7
 """Step of the stamps: host clocks read to 100 ns or better."""
 _SMALLEST_S = 1e-15
@@ -77,7 +77,7 @@ def _iterate(design: Array, target: Array) -> tuple[Array, float]:
     factor = np.ones(count)
     coefficients: Array = np.zeros(unknowns)
     sigma = _SMALLEST
-    for step in range(_ITERATIONS):
+    for step in range(_ITERATIONS):  # least squares, weighted anew each round
         root = np.sqrt(factor)
         before = coefficients
         coefficients = np.asarray(np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0])
@@ -85,7 +85,7 @@ def _iterate(design: Array, target: Array) -> tuple[Array, float]:
         spread = _MAD_TO_SIGMA * float(np.median(distance)) * np.sqrt(count / (count - unknowns))
         sigma = max(spread, _SMALLEST)
         if step < _FIRST:
-            factor = sigma / np.maximum(distance, 1e-3 * sigma)
+            factor = sigma / np.maximum(distance, 1e-3 * sigma)  # bounded, for a point on the line
         else:
             factor = np.minimum(1.0, _TUNING * sigma / np.maximum(distance, _SMALLEST))
             if np.max(np.abs(coefficients - before)) < 1e-6 * sigma:

@@ -24,7 +24,7 @@ class RunClock:
         self._clock = clock
         self._start_ns = clock.unix_ns()
         self._start_s = clock.monotonic_s()
-        self._away_ns = 0
+        self._away_ns = 0  # what the wall clock is off by steps that were told already
         self._seen_ns = self._start_ns
         self._seen_s = self._start_s
         self._stopped = False

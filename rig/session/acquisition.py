@@ -20,7 +20,7 @@ from drivers.protocols.card import AcquisitionCard, CardReading
 from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 
-BLOCK_S = 0.1
+BLOCK_S = 0.1  # ten readings a second: a limit is seen within a block, and a call's cost is small against it
 _TAKES_S, _READS_S = 0.6, 2.0
 """What comes to a reading, and the card's own deadline; whoever needs longer watches no limit."""
 JOIN_S = 5.0
@@ -62,7 +62,7 @@ class Acquisition:
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._stop = threading.Event()
         self._raised = dict.fromkeys(self._names, Flag.GOOD)
-        self.changed = threading.Condition()
+        self.changed = threading.Condition()  # its lock is over `acquired`, `record_from`, `record_until`
         self.base = CardClock(clock, card.sample_rate)
         self.acquired = 0
         self.record_from: int | None = None
@@ -70,12 +70,12 @@ class Acquisition:
         self.error: RattleError | None = None
         self.tripped: Passed | str | None = None
         self.trips = 0
-        self._due_s = math.inf
+        self._due_s = math.inf  # by when its thread is to have done what it is at; the guard's thread looks
         self.overloads = dict.fromkeys(self._names, 0)
         self.turned_off = dict[str, float]()
 
     def __enter__(self) -> Acquisition:
-        self._card.arm()
+        self._card.arm()  # before the clock looks: only the start itself lies between its two looks
         doubt = self.base.start(self._card.start, self._card.started_s)
         if doubt:
             self._event("warning", "clock.stamp_ignored", f"{self._card.name} {doubt}")
@@ -133,7 +133,7 @@ class Acquisition:
                 reading = self._card.read(self._count)
                 self._due_s = self._clock.monotonic_s() + _TAKES_S
                 self.base.arrived(_end_of(reading), reading.arrived_s)
-                for take in self._readers:
+                for take in self._readers:  # limits first, for whoever comes after may be slow
                     take(reading)
                 with self.changed:
                     self.changed.notify_all()
@@ -143,7 +143,7 @@ class Acquisition:
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
             self.error = AcquisitionFault(f"acquisition stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
-        self._due_s = math.inf
+        self._due_s = math.inf  # it has ended, and cannot be late any more
         with self.changed:
             self.changed.notify_all()
         if isinstance(self.error, AcquisitionFault):
@@ -161,7 +161,7 @@ class Acquisition:
     def _note_flags(self, reading: CardReading) -> None:
         for name, flags in zip(self._names, reading.flags, strict=True):
             risen = flags & ~self._raised[name]
-            self._raised[name] = flags
+            self._raised[name] = flags  # a flag that lasts is told once
             self.overloads[name] += bool(flags & Flag.OVERLOAD)
             for flag, code in _FLAG_CODES.items():
                 if risen & flag:

@@ -17,8 +17,8 @@ from rig.session.progress import Screen
 from rig.session.supervisor import switch_off
 from sim_twin.rigs.impact_beam.model import SineDrive
 
-RAMP_S = 0.4
-_RAMP_STEPS = 16
+RAMP_S = 0.4  # one way; its steps of 25 ms keep a shaker from a jolt
+_RAMP_STEPS = 16  # the first two come to the eighth that is proved
 _SMALLEST_V = 0.01
 """V peak: the least amplitude of a 33220A into high impedance."""
 
@@ -102,7 +102,7 @@ def drive_off_after(
                 screen.warn(f"{error}")
                 if told:
                     screen.warn(told)
-            raise
+            raise  # the caller must not take it for off
 
     try:
         yield
@@ -146,7 +146,7 @@ class Shaker:
         return HUNG_S
 
     def arm(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
-        first = path[0] if path else self.drive
+        first = path[0] if path else self.drive  # a soft start waits there and comes to `drive` at its end
         volts = first.amplitude / self.force_per_volt
         amplitude = min(_SMALLEST_V, volts) if soft else volts
         self.generator.arm_sine(first.frequency, amplitude, 0.0, triggered=not soft)
@@ -168,12 +168,12 @@ class Shaker:
         self.generator.set_frequency(self.drive.frequency / (1 + off))
 
     def ramp_down(self) -> None:
-        for step in range(_RAMP_STEPS - 1, 0, -1):
+        for step in range(_RAMP_STEPS - 1, 0, -1):  # not to 0, which no generator can: off does that
             share = step / _RAMP_STEPS
             self._set_amplitude(share * self.drive.amplitude, self.drive.amplitude)
             if self.drive.offset:
                 self._set_offset(share * self.drive.offset)
-            self.wait(RAMP_S / _RAMP_STEPS)
+            self.wait(RAMP_S / _RAMP_STEPS)  # looks at all that may end the run
         self.generator.off()
 
     def off(self) -> None:

@@ -38,10 +38,10 @@ from rig.session.spoilt_disk import disk_of
 from rig.session.supervisor import Supervisor
 from rig.stream import Stream
 
-_LOOK_S = 0.02
-_BLOCK_S = 0.1
-_SILENCE_S = 5.0
-_ASK_S = 0.1
+_LOOK_S = 0.02  # of guard and sequence; 25 of these fit into what the supervisor bears (0011)
+_BLOCK_S = 0.1  # as often as the card's readings come
+_SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
+_ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
 
 class Hung(RattleError, RuntimeError):
@@ -133,13 +133,13 @@ class DrivenRig:
         self.loggers: list[LoggerRecord] = []
         self.on_stopping: Callable[[], None] | None = None
         """Called where it stops before its time; None where nothing follows what is recorded."""
-        self._rests = self._moves = self._stops = False
-        self._deciding = threading.Lock()
-        self._met = self._unsafe = 0
-        self._hung = ""
+        self._rests = self._moves = self._stops = False  # ramped down; was started; is being stopped
+        self._deciding = threading.Lock()  # of guard and sequence: over `_met`, `_stops`, `_unsafe`
+        self._met = self._unsafe = 0  # dangers answered with a stop; stops not yet done
+        self._hung = ""  # who hung, said once: what comes back to life later must not go on
         self._force: ForceWatch | None = None
         self._stopped_ns = 0
-        self._guarded_s = math.inf
+        self._guarded_s = math.inf  # the guard's last look, monotonic s; inf: nobody guards and nothing moves
 
     def launch(self, stack: ExitStack) -> None:
         """Start the supervisor's process, which takes seconds."""
@@ -256,7 +256,7 @@ class DrivenRig:
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
-            running.enter_context(self._guarded())
+            running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
             try:
                 yield
@@ -269,9 +269,9 @@ class DrivenRig:
         """Let it move, unless something speaks against it by now; returns once it is as wanted."""
         self.watch.check()
         self._supervisor.beat()  # from here on it is needed, whether a reading has come or not
-        self._moves = True
+        self._moves = True  # before the order: it may be obeyed although its answer is lost
         self.motion.start(soft, path)
-        if self.motion.speed_rad_s is not None:
+        if self.motion.speed_rad_s is not None:  # only now: on its way up no speed is wrong
             self.shaft.arm(self.motion.speed_rad_s)
 
     def start_record(self, count: int) -> int:
@@ -341,7 +341,7 @@ class DrivenRig:
             self.warn(code, text)
 
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
-        self.shaft.disarm()
+        self.shaft.disarm()  # a ramp is no shaft that leaves its speed
         decided = self._deciding.acquire(timeout=_ASK_S)  # a guard that hangs may have it
         self._met, self._stops = self._dangers(), True
         if decided:
@@ -435,7 +435,7 @@ class DrivenRig:
 
     def _late(self) -> str:
         """Who hangs by now, while it moves."""
-        if not self._moves:
+        if not self._moves:  # at rest a slow disk or a person may take their time
             return ""
         if self.watch.hangs(self.motion.longest_order_s):
             return f"the sequence looked at nothing for {self.motion.longest_order_s:g} s"

@@ -49,7 +49,7 @@ class LimitWatch:
     def __init__(self, limits: Sequence[Limit], sample_rate: float) -> None:
         self._limits = tuple(limits)
         self._hold = {limit.channel: max(1, round(limit.hold * sample_rate)) for limit in limits}
-        self._beyond: dict[tuple[str, bool], int] = {}
+        self._beyond: dict[tuple[str, bool], int] = {}  # samples beyond without a break, up to now
         self._told: set[tuple[str, bool]] = set()
 
     def check(
@@ -65,7 +65,7 @@ class LimitWatch:
             if limit.abort is not None and flags and flags[limit.channel] & BLIND:
                 found.append(Passed(limit.channel, limit.unit, math.nan, limit.abort, abort=True))
                 continue
-            values = np.abs(rows[limit.channel])
+            values = np.abs(rows[limit.channel])  # NaN is beyond nothing: flags tell of it
             for level, abort in ((limit.warning, False), (limit.abort, True)):
                 if level is not None and self._held(limit, values, level, abort):
                     found.append(Passed(limit.channel, limit.unit, float(np.nanmax(values)), level, abort))
@@ -90,7 +90,7 @@ class LimitWatch:
         return longest >= self._hold[limit.channel]
 
 
-_OVER_S = 0.2
+_OVER_S = 0.2  # two readings of the card; a whole cycle where that is longer
 _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
 
@@ -115,7 +115,7 @@ class ForceWatch:
         mean, before = float(self._values.mean()), self._force
         self._force = abs(complex(self._sine @ (self._values - mean))) + abs(mean)
         limit = _BEYOND_BENCH * self._highest
-        if not self._force > limit or before > limit:
+        if not self._force > limit or before > limit:  # told once, as it passes
             return ""
         unit = self.channel.unit
         return (
@@ -210,7 +210,7 @@ class SpeedGuard:
         self, clock: Clock, shows: str = "shaft at", shows_not: str = "no instrument shows the shaft's speed"
     ) -> None:
         self._clock, self._shows, self._shows_not = clock, shows, shows_not
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # sequence, acquisition and guard all come here
         self._wanted_rad_s: float | None = None
         self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
         self.tripped: str | None = None
@@ -218,7 +218,7 @@ class SpeedGuard:
     def arm(self, wanted_rad_s: float) -> None:
         """Hold the shaft to a speed from now on."""
         with self._lock:
-            self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
+            self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)  # what was before is over
             self._wanted_rad_s = wanted_rad_s
 
     @property

@@ -20,12 +20,12 @@ STALE_S = 0.5
 """A speed that is older tells nothing of the shaft any more: a card's blocks come every 0.1 s."""
 _KEPT_S = 61.0
 """A turn at 1 rpm, the slowest that a scenario may ask for; of faster turns the last one is kept."""
-_POINT_S = 0.005
-_LATEST_S = 0.1
-_STEADY_SHARE = 0.10
+_POINT_S = 0.005  # a point of the angle is kept so often: 20 within `_LATEST_S`
+_LATEST_S = 0.1  # one block of the card
+_STEADY_SHARE = 0.10  # what a turn's mean may differ from the latest, with an uneven turn, and still count
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
-_MOST_MARKS = 4096
+_MOST_MARKS = 4096  # over a minute at 3000 rpm
 _MISSED = f"more than {MOST_MISSING} marks in a row are missing: the marker is off, or the shaft stands"
 
 
@@ -50,7 +50,7 @@ class ShaftSpeed:
     def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
         self.channel, self._reading = shaft_reading(channels, sample_rate)
         self._clock = clock
-        self.shown, self._at_s = SpeedReading(), -math.inf
+        self.shown, self._at_s = SpeedReading(), -math.inf  # set in the acquisition thread, monotonic s
 
     @property
     def marks(self) -> NDArray[np.float64]:

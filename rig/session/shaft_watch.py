@@ -24,10 +24,10 @@ from rig.session.motor import OVERSPEED
 from rig.session.shaft_speed import ShaftSpeed
 from rig.stream import Stream
 
-_MOST_MARKS = 4096
+_MOST_MARKS = 4096  # over a minute at 3000 rpm
 _SAME_SPEED = 0.005
 """Two speeds of one shaft, over the same turns, lie nearer; a wrong number of pulses is farther off."""
-_FEWEST_TURNS = 3
+_FEWEST_TURNS = 3  # a median of as many intervals bears one mark too many or too few
 
 _ANY_SPEED_RAD_S = 314.0
 """3000 rpm: what a shaft may turn at where nothing is wanted of it."""

@@ -23,7 +23,7 @@ class StopRequest:
     """While the context lasts, a signal only counts as `asked`; whoever waits looks at it, with `check`."""
 
     def __init__(self) -> None:
-        self._before: dict[signal.Signals, object] = {}
+        self._before: dict[signal.Signals, object] = {}  # handlers to put back; an outer request among them
         self.asked, self._asked_s = 0, -math.inf
 
     def __enter__(self) -> StopRequest:

@@ -27,11 +27,11 @@ LET_GO_S = 4.0
 """An inverter's own watchdog is quicker, and a run that is killed cannot close its log."""
 _HURRY_S = 0.06
 """How long a sign of life counts with a generator once the emergency stop is seen: three of the guard's."""
-_START_S = 30.0
-_AGAIN_S, _ANSWER_S = 1.0, 2.0
+_START_S = 30.0  # a new interpreter that loads a driver, on a busy machine
+_AGAIN_S, _ANSWER_S = 1.0, 2.0  # between two tries to switch off; what the run waits for `go_on`
 _SLEPT_S = 0.05
 """Later than so by itself, this process was not let run: nor was the one that it watches."""
-_MOST_FILES = 1024
+_MOST_FILES = 1024  # the usual limit of open files of a process
 _READY, _DONE, _OFF, _TRIPPED = "ready", "done", "off", "tripped"
 _LET_GO = (
     "rattle: the run gave no sign of life for {silence:g} s and was ended, so that nothing is sent to the "
@@ -73,7 +73,7 @@ class Supervisor:
         self._silence_s = LET_GO_S if spare is None else SILENCE_S
         self._told = ""
         self._line_seen: EmergencyStop | None = None
-        self._hearing = threading.Lock()
+        self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
         self._child = Child(
             "supervisor", _supervise, spare, locks, emulated, line, deaf_to=STOP_SIGNALS, grace_s=None
@@ -93,7 +93,7 @@ class Supervisor:
         if not ready:
             raise SupervisorTripped("the supervisor did not start; nothing moves without it")
         # A frozen supervisor must not hold up the acquisition with a full pipe.
-        os.set_blocking(self._child.pipe.fileno(), False)
+        os.set_blocking(self._child.pipe.fileno(), False)  # a beat that finds it full is dropped
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -224,7 +224,7 @@ def _await_silence(pipe: Connection, line: LineWatch | None, hurry_s: float) -> 
 
     Once `line` is seen open, which the run is told, it may be silent for `hurry_s` at most.
     """
-    until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False
+    until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
     try:
         while True:
             if line is not None and (seen := line.look()) is not None:
