@@ -21,7 +21,7 @@ from daq.errors import InstrumentAbsent
 from daq.process import Child
 
 START_DEADLINE_S = 60.0  # a plant may have to be compiled first
-STOP_DEADLINE_S = 5.0
+STOP_DEADLINE_S = 5.0  # a child of its own accord takes half of that, below
 
 
 class Emulator(Protocol):
@@ -84,7 +84,7 @@ class DriveLink:
     @classmethod
     def new(cls) -> DriveLink:
         """Make a link that nobody uses yet."""
-        receiver, sender = multiprocessing.get_context("spawn").Pipe(duplex=False)
+        receiver, sender = multiprocessing.get_context("spawn").Pipe(duplex=False)  # children are spawned
         return cls(receiver, sender)
 
     def close(self) -> None:
@@ -148,9 +148,9 @@ def _serve(pipe: Connection, make: Callable[[], Emulator]) -> None:
             emulator.stop()
         # Whatever hangs, a plant or a client, must not keep the process alive.
         grace_s = STOP_DEADLINE_S / 2.0 if running else 0.0
-        threading.Timer(grace_s, os._exit, args=(1,)).start()
+        threading.Timer(grace_s, os._exit, args=(1,)).start()  # not sys.exit: that would wait for threads
 
-    threading.Thread(target=end_with_pipe, daemon=True).start()
+    threading.Thread(target=end_with_pipe, daemon=True).start()  # the pipe's end is all that is heard
     try:
         emulator = make()
         addresses = emulator.open()

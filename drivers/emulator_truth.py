@@ -23,7 +23,7 @@ class Truth:
 
     def tell(self, **what: object) -> None:
         if self.kept:
-            os.write(self._file, json.dumps(what).encode() + b"\n")
+            os.write(self._file, json.dumps(what).encode() + b"\n")  # unbuffered: kept if killed
 
     def close(self) -> None:
         if self.kept:

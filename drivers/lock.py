@@ -18,7 +18,7 @@ from typing import Any, Final
 from daq.errors import InstrumentRefused
 
 FOLDERS: Final = ("/run/lock", "/tmp")  # noqa: S108 - where every user of a machine can meet; no file is followed
-_LONGEST: Final = 200
+_LONGEST: Final = 200  # bytes that are believed and shown of a file that anybody can write
 
 
 class InstrumentLock:
@@ -28,7 +28,7 @@ class InstrumentLock:
         self._path, self._file = path, file
 
     def __getstate__(self) -> tuple[str, Any]:
-        return self._path, DupFd(self._file)
+        return self._path, DupFd(self._file)  # a spawned child gets the open file, and with it the lock
 
     def __setstate__(self, state: tuple[str, Any]) -> None:
         self._path, self._file = state[0], state[1].detach()
@@ -45,7 +45,7 @@ class InstrumentLock:
     def sign(self, doing: str = "") -> None:
         """Say who holds it, and since when."""
         since = f"{datetime.datetime.now().astimezone():%Y-%m-%d %H:%M:%S}"
-        os.ftruncate(self._file, 0)
+        os.ftruncate(self._file, 0)  # by the open file: the path may be another's by now
         os.pwrite(self._file, f"process {os.getpid()}{doing} since {since}".encode(), 0)
 
     def close(self) -> None:
@@ -89,7 +89,7 @@ def lock(instrument: str, address: str) -> InstrumentLock:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if _is_at(file, path):  # else its last holder has taken it away
-                    held = InstrumentLock(path, os.dup(file))
+                    held = InstrumentLock(path, os.dup(file))  # `file` is closed below on every way
                     held.sign()
                     return held
             except BlockingIOError:
@@ -118,14 +118,14 @@ def _one_name(address: str) -> str:
 
 def _opened(path: str) -> int:
     """The file, which every user may write; never one that a link leads to."""
-    how = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
+    how = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK  # not to hang on a pipe that somebody put there
     while True:
         with suppress(FileNotFoundError):
             file = os.open(path, how)
             break
-        with suppress(FileExistsError):
+        with suppress(FileExistsError):  # somebody was quicker: open that one
             file = os.open(path, how | os.O_CREAT | os.O_EXCL)
-            os.fchmod(file, 0o666)
+            os.fchmod(file, 0o666)  # past the umask: every user of the bench has to be able to lock
             break
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)

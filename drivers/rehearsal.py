@@ -42,7 +42,7 @@ _TRIED = "the run goes on; tried again and never believed"
 _MARKED = "the channel's flag and an event `sensor...`; the run goes on"
 _REFUSED = "refused before anything moves"
 _DRIVE_STOPS = "exit 1; the motor is brought to rest, the word says why"
-_SOME = {"share": 0.01}
+_SOME = {"share": 0.01}  # of the answers: seldom enough that a run lives, often enough to show
 _ONE_INPUT = {"channel": ""}
 
 FAULTS: Final[Mapping[str, Fault]] = {
@@ -203,7 +203,7 @@ class Rehearsal:
     """What is still to come to one instrument; what every process can do it does itself."""
 
     def __init__(self, faults: Iterable[Rehearsed], seed: int = 0) -> None:
-        self._waiting = sorted(faults, key=lambda each: each.at_s)
+        self._waiting = sorted(faults, key=lambda each: each.at_s)  # popped from the front: each comes once
         self.lot = random.Random(seed)  # noqa: S311 - a schedule, no secret
 
     def due(self, used_s: float) -> Iterator[Rehearsed]:
@@ -211,7 +211,7 @@ class Rehearsal:
         while self._waiting and self._waiting[0].at_s <= used_s:
             fault = self._waiting.pop(0)
             if fault.kind == "unplugged":
-                os._exit(1)
+                os._exit(1)  # no clean-up: whoever pulls a plug leaves none
             elif fault.kind == "hangs":
                 ctypes.PyDLL(None).sleep(round(fault.number("for")))  # holds the interpreter: no thread runs
             else:

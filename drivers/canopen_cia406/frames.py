@@ -18,7 +18,7 @@ HEARTBEAT = 0x700
 LINUX_INTERFACES = ("socketcan", "socketcand")
 """Interfaces whose error frames carry Linux's error class in their identifier."""
 
-_EMCY = struct.Struct("<HB5s")
+_EMCY = struct.Struct("<HB5s")  # error code, error register, five bytes of the maker's
 
 
 class NmtState(IntEnum):

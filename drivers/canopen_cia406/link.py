@@ -23,7 +23,7 @@ from drivers.canopen_cia406.objects import Entry
 from drivers.canopen_cia406.settings import EncoderSettings
 
 SLICE_S = 0.05  # how long the thread waits for a frame before it looks whether it is to stop
-_JOIN_S = 2.0
+_JOIN_S = 2.0  # forty slices: a thread that has not ended by then hangs in an interface's driver
 
 # Both libraries raise what they log: it need not go to standard error where nobody asked for it.
 for _library in ("can", "canopen"):
@@ -43,7 +43,7 @@ class Listener(Protocol):
         """No frame can come any more."""
 
 
-_LONGEST_GREETING = 80
+_LONGEST_GREETING = 80  # bytes; a server's answers have about ten
 
 
 class SocketcandBus(SocketCanDaemonBus):

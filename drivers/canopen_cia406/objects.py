@@ -16,7 +16,7 @@ SCALING = 0x0004
 
 CYCLIC = (254, 255)
 """Transmission types of a TPDO that is sent whenever its timer elapses (CiA 301, 7.5.2.37, table 72)."""
-PDO_INVALID = 0x8000_0000
+PDO_INVALID = 0x8000_0000  # bit 31 of a COB-ID: the PDO is not sent
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406 import objects
 from drivers.canopen_cia406.objects import Entry
 
-_WORD32 = Whole(0, 2**32 - 1)
-_COUNTS = Whole(1, 2**32 - 1)
+_WORD32 = Whole(0, 2**32 - 1)  # an object of 32 bits
+_COUNTS = Whole(1, 2**32 - 1)  # 0 counts would make no turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ class EncoderSettings:
     emulated: Annotated[bool, Key()] = False
     identity: Annotated[EncoderIdentity, Key()] = EncoderIdentity()
     options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
-    buffer_s: float = 4.0
-    timeout_s: float = 0.5
+    buffer_s: float = 4.0  # s; a reader may stall so long with nothing lost
+    timeout_s: float = 0.5  # s
     name: str = "encoder"
 
     @staticmethod
@@ -82,7 +82,7 @@ class EncoderSettings:
 def problems(settings: EncoderSettings) -> list[Problem]:
     """Return everything that is wrong with the settings themselves."""
     ms = settings.period_s * 1e3
-    whole_ms = 0.5 < ms < 65535.5 and abs(ms - round(ms)) < 1e-6
+    whole_ms = 0.5 < ms < 65535.5 and abs(ms - round(ms)) < 1e-6  # object 6200h: 16 bits, in ms
     rules = (
         ("interface", settings.interface, bool(settings.interface), "an interface of python-can"),
         ("node", settings.node, 1 <= settings.node <= 127, "1 to 127"),

@@ -19,9 +19,9 @@ _ALWAYS = (
     objects.TPDO1_TYPE,
     objects.TPDO1_LENGTH,
 )
-_NAMING = (objects.PRODUCT, objects.REVISION, objects.SERIAL)
-_SCALED = (objects.COUNTS_PER_REVOLUTION, objects.TOTAL_RANGE)
-_UNSCALED = (objects.SINGLE_TURN_RESOLUTION, objects.REVOLUTIONS)
+_NAMING = (objects.PRODUCT, objects.REVISION, objects.SERIAL)  # optional in object 1018h
+_SCALED = (objects.COUNTS_PER_REVOLUTION, objects.TOTAL_RANGE)  # what counts where scaling is on
+_UNSCALED = (objects.SINGLE_TURN_RESOLUTION, objects.REVOLUTIONS)  # where it is off; they multiply
 _MOST_MAPPED = 8  # a frame has 8 bytes
 
 

@@ -21,7 +21,7 @@ from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
 from drivers.protocols.instrument import Notice
 
-HEARTBEATS_MISSED = 3
+HEARTBEATS_MISSED = 3  # one or two may be late on a busy bus or machine
 _ATTENTIVE_S = 0.1
 """The link looks twice as often; what passes beyond that is a stall of this machine and no silence."""
 _MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
@@ -29,7 +29,7 @@ _MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 _MISSING, _UNREAD = "frames missing", "not read in time"
 _NOT_CERTAIN = "; how many and where is not certain"
-_MOST_CAUSES = 1000
+_MOST_CAUSES = 1000  # a second's at 1 kHz; none is taken out while no position comes
 
 
 class Gaps:
@@ -101,7 +101,7 @@ class PositionStream:
             0.0  # s of the monotonic clock, but for the stamp of a beat
         )
         self._beats = 0
-        self._state = -1
+        self._state = -1  # none heard yet
         self._fault: InstrumentError | None = None
         self.connected()
 
@@ -151,8 +151,8 @@ class PositionStream:
             self._gaps = Gaps()
             self._counts = PositionStatistics()
             self._enqueued = 0
-            self._suspect = self._unsure = self._operational = False
-            self._wanted = 1
+            self._suspect = self._unsure = self._operational = False  # overrun not told yet; numbers; node
+            self._wanted = 1  # how many the reader waits for: it is not woken before
             self._beat_limit_s = HEARTBEATS_MISSED * heartbeat_s
             self._streaming = True
 
@@ -192,7 +192,7 @@ class PositionStream:
             self._wanted, self._capacity = count, max(self._capacity, 2 * count)
             # The reader sleeps until there are enough, or there will be no more.
             self._changed.wait_for(lambda: len(self._queue) >= count or self._ended, seconds)
-            if self._ended and not self._queue:
+            if self._ended and not self._queue:  # what came before a fault is read first
                 raise self._fault or self._lost_error("it was not started")
             if not self._ended and len(self._queue) < count:
                 what = f"{len(self._queue)} of {count} positions within {seconds:.3g} s; {self._last_good()}"

@@ -11,10 +11,10 @@ from enum import Enum
 
 from pymodbus.framer.rtu import FramerRTU
 
-READ, WRITE = 0x03, 0x06
-_EXCEPTION = 0x80
-_EXCEPTION_LENGTH = 5
-_SHORTEST = 4
+READ, WRITE = 0x03, 0x06  # holding registers; a single register
+_EXCEPTION = 0x80  # added to the function of a request that is refused
+_EXCEPTION_LENGTH = 5  # bytes: station, function, code, CRC
+_SHORTEST = 4  # bytes: station, function, CRC
 
 
 @dataclass(frozen=True, slots=True)

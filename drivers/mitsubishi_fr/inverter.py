@@ -112,7 +112,7 @@ class FrInverter:
         if self._open is None or not self._open.motor.orders.may_turn:
             return
         session, per_hz = self._open, self.settings.rpm_per_hz
-        session.poller.attended_s = self._clock.monotonic_s()
+        session.poller.attended_s = self._clock.monotonic_s()  # a stop shows too that somebody looks
         # Asked in the loop's thread with each look: `measured_rpm` must not wait.
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
         session.run_stop(session.poller.stop(measured_hz))

@@ -18,18 +18,18 @@ from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import MotorState
 
 STEP_S = 1.0  # within it a single message has to be answered
-OPENING_STEP_S = 3.0
+OPENING_STEP_S = 3.0  # nothing turns yet: a line that is slow to wake may have its time
 OBEYED_S = 0.2  # after it a set value that was acknowledged must read back
 OBEY_GRACE_S = 0.5  # on top of 1.5 ramps: polls, and the drive's own 20 ms
-RAMP_MARGIN = 1.5
+RAMP_MARGIN = 1.5  # of a ramp's time, before it counts as overrun
 STANDSTILL_HZ = 0.05  # five steps of the output frequency, which is read in 0.01 Hz
 RUNS_ABOVE_HZ = 1.0  # the RUN signal comes with Pr.13, 0.5 Hz unless somebody changed it
-WITHDRAWALS = 3
-LOOK_AGAIN_S = 0.02
+WITHDRAWALS = 3  # tries; then silence, and the drive's own watchdog
+LOOK_AGAIN_S = 0.02  # the drive's own 20 ms again
 NOT_OBEYED = "not obeyed"
 TOLERANCE = 0.01  # of the due frequency
-SMALLEST_TOLERANCE_HZ = 0.1
-MOST_NOTICES = 1000
+SMALLEST_TOLERANCE_HZ = 0.1  # ten steps of the set value, where 1 % would be less
+MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 
 class OvertakenOrder(Exception):

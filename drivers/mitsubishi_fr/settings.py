@@ -16,11 +16,11 @@ from drivers.protocols.instrument import misplaced
 
 LONGEST_WATCHDOG_S = 2.0
 SHORTEST_WATCHDOG_S = 0.5  # a silence that long happens on a disturbed line without anybody being gone
-WATCHDOG_OFF = 9999
+WATCHDOG_OFF = 9999  # raw: no time but the word for none
 _STOP_LINE_POLL_S = 0.05
-PARITY_SETTINGS = {"N": 0, "O": 1, "E": 2}
-_PROTOCOL_MODBUS = 1
-_STOPS = {0: "coasts", 1: "ramps down"}
+PARITY_SETTINGS = {"N": 0, "O": 1, "E": 2}  # Pr.120
+_PROTOCOL_MODBUS = 1  # Pr.549
+_STOPS = {0: "coasts", 1: "ramps down"}  # Pr.502
 
 CHECKED = (
     fr.block(fr.MAXIMUM_FREQUENCY),
@@ -40,8 +40,8 @@ _PORT = Text(
     r"/dev/\S+|COM\d{1,3}|socket://[^\s/]+:\d{1,5}",
 )
 _SOCKET = "socket://"
-_MOST_HZ = 400.0
-_BAUDRATES = (4800, 9600, 19200, 38400)
+_MOST_HZ = 400.0  # what an FR-D700 puts out at most
+_BAUDRATES = (4800, 9600, 19200, 38400)  # of Pr.118, which holds a hundredth
 
 
 def _reachable(inverter: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -127,7 +127,7 @@ class CardChannel:
     serial: Annotated[str, Text("the sensor's serial number")] = ""
     calibrated: Annotated[date | None, Key()] = None
     valid_until: Annotated[date | None, Key()] = None
-    unit: str = "V"
+    unit: str = "V"  # this and what follows: by the rig's table of channels, no keys of a bench file
     quantity: str = ""
     location: str = ""
     sensor: str = ""
@@ -199,9 +199,9 @@ class CardSettings:
     driver: Annotated[Literal["nidaqmx"], Key()] = "nidaqmx"
     grpc: Annotated[str | None, _ADDRESS] = None
     emulated: Annotated[bool, Key()] = False
-    buffer_s: Annotated[float, Quantity("s", 0.5, 120, key="buffer")] = 10.0
+    buffer_s: Annotated[float, Quantity("s", 0.5, 120, key="buffer")] = 10.0  # a disk may stall so
     channels: tuple[CardChannel, ...] = ()
-    sample_rate_hz: float = 0.0
+    sample_rate_hz: float = 0.0  # 0 until a scenario says it, and refused
     name: str = "DAQ card"
     stop_line: StopLine | None = None
     CHECKS: ClassVar = (Check(("grpc",), _reachable),)
@@ -235,7 +235,7 @@ def problems(settings: CardSettings) -> list[Problem]:
         if not _positive(getattr(settings, key)):
             found.append(Problem(key, repr(getattr(settings, key)), "above 0"))
     for field in ("name", "physical"):
-        counts = Counter(getattr(channel, field) for channel in settings.channels)
+        counts = Counter(getattr(channel, field) for channel in settings.channels)  # one input, one channel
         found += [Problem(f"channels.{field}", text, "only once") for text, n in counts.items() if n > 1]
     for channel in settings.channels:
         found += _channel_problems(channel)

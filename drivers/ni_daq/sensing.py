@@ -15,7 +15,7 @@ HIGHEST_FULL_SCALE_V: Final = 10.0
 INPUT_WORDS: Mapping[str, str] = MappingProxyType(
     {"ai": 'an analog input, such as "cDAQ1Mod1/ai0"', "ctr": 'a counter, such as "cDAQ1Mod3/ctr0"'}
 )
-GAIN: Final = Quantity("mV/pC", 0, 1e6, above=True)
+GAIN: Final = Quantity("mV/pC", 0, 1e6, above=True)  # 1 mV/pC is 1e9 V/C
 MEANINGS: Mapping[str, str] = MappingProxyType(
     {
         "sensitivity": 'a sensitivity, such as "100 mV/N"',
@@ -100,7 +100,7 @@ def sensitivity_of(channel: Mapping[str, Any]) -> Quantity | None:
         return Quantity("", 0, 1000, above=True)
     if "gain" in sensor.needs:
         return Quantity(f"pC/{per}", 0, 1e6, above=True)
-    return Quantity(f"mV/{per}", 0, 1e9, above=True)
+    return Quantity(f"mV/{per}", 0, 1e9, above=True)  # as sensors' sheets state it
 
 
 def range_of(channel: Mapping[str, Any]) -> Quantity | None:

@@ -41,7 +41,7 @@ class UnwrappedCount:
 
     def __call__(self, raw: NDArray[np.uint32]) -> NDArray[np.int64]:
         """Return the counts of the next block, shape (n,)."""
-        register = raw.view(np.int32).astype(np.int64)
+        register = raw.view(np.int32).astype(np.int64)  # above 2^31: counts below 0
         above = (register - self._lowest) % self._modulus
         return self._unwrapper.unwrap(above).counts + self._lowest
 
@@ -66,7 +66,7 @@ class MarkPulses:
         """Return the next block in V, shape (n,)."""
         counts = self._counts(raw)
         rising = np.diff(counts, prepend=self._last) > 0
-        self._last = int(counts[-1]) if len(counts) else self._last
+        self._last = int(counts[-1]) if len(counts) else self._last  # an edge may lie between two blocks
         return np.where(rising, self._level, 0.0)
 
 
@@ -164,7 +164,7 @@ def declare_force_iepe(task: Any, channel: CardChannel) -> None:
         min_val=-channel.range,
         max_val=channel.range,
         units=ForceUnits.NEWTONS,
-        sensitivity=channel.sensitivity * 1e3,
+        sensitivity=channel.sensitivity * 1e3,  # V/N to mV/N
         sensitivity_units=ForceIEPESensorSensitivityUnits.MILLIVOLTS_PER_NEWTON,
         current_excit_source=ExcitationSource.INTERNAL,
         current_excit_val=channel.excitation_a,
@@ -180,7 +180,7 @@ def declare_acceleration_iepe(task: Any, channel: CardChannel) -> None:
         min_val=-channel.range,
         max_val=channel.range,
         units=AccelUnits.METERS_PER_SECOND_SQUARED,
-        sensitivity=channel.sensitivity * STANDARD_GRAVITY * 1e3,
+        sensitivity=channel.sensitivity * STANDARD_GRAVITY * 1e3,  # V per m/s2 to mV/g
         sensitivity_units=AccelSensitivityUnits.MILLIVOLTS_PER_G,
         current_excit_source=ExcitationSource.INTERNAL,
         current_excit_val=channel.excitation_a,
@@ -233,7 +233,7 @@ def declare_encoder(task: Any, channel: CardChannel) -> None:
         channel.physical,
         decoding_type=EncoderType[f"X_{pulses.decoding}"],
         zidx_enable=pulses.index,
-        zidx_val=pulses.initial_angle,
+        zidx_val=pulses.initial_angle,  # rad, as `units` below says
         units=AngleUnits.RADIANS,
         pulses_per_rev=pulses.per_revolution,
         initial_angle=pulses.initial_angle,
@@ -272,7 +272,7 @@ def _pulses(channel: CardChannel) -> Pulses:
 
 
 def _rad_per_pulse(channel: CardChannel) -> float:
-    return _pulses(channel).rad_per_count * _pulses(channel).decoding
+    return _pulses(channel).rad_per_count * _pulses(channel).decoding  # one track's pulse: no decoding
 
 
 _OWN: Final = {

@@ -31,17 +31,17 @@ class CardLine:
             remote = self._channel and nidaqmx.GrpcSessionOptions(self._channel, "")
             self._task = nidaqmx.Task(grpc_options=remote)
             self._task.di_channels.add_di_chan(self._line.line)
-            self._task.start()
+            self._task.start()  # once: a reading is then a single call
             self._reader = DigitalSingleChannelReader(self._task.in_stream)
 
     def heed(self) -> None:
         """Read it; see `LineReader.heed`."""
         with session.translated("emergency stop", self.address, f"reading {self._line.line}"):
-            on = self._reader.read_one_sample_one_line(0.0)
+            on = self._reader.read_one_sample_one_line(0.0)  # as it is now: nothing to wait for
         self._line.heed(on, self.address)
 
     def close(self) -> None:
         if self._task is not None:
-            give_back(self._task)
+            give_back(self._task)  # or the next run could not have the line
         if self._channel is not None:
             self._channel.close()

@@ -14,10 +14,10 @@ from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.sensors import known_sensor
 from drivers.ni_daq.session import UNSUPPORTED
 
-_OFFERS = {"ai": "ai_physical_chans", "ctr": "ci_physical_chans"}
+_OFFERS = {"ai": "ai_physical_chans", "ctr": "ci_physical_chans"}  # what lists them
 TOLERANCE = 0.01
 """Of the sensitivity: twice what calibrations of a healthy sensor differ by."""
-ABSENT = UNSUPPORTED | {
+ABSENT = UNSUPPORTED | {  # no sheet to read: nothing is wrong with a sensor that has none
     DAQmxErrors.TEDS_SENSOR_NOT_DETECTED.value,
     DAQmxErrors.TEDS_NOT_SUPPORTED.value,
     DAQmxErrors.NO_TEDS_TERMINAL_BLOCK.value,

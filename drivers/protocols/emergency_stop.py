@@ -14,7 +14,7 @@ from typing import Annotated, Final, Literal, Protocol
 from daq.errors import EmergencyStop, InstrumentError
 from daq.quantity import Key, Text
 
-LOOK_S: Final = 0.02
+LOOK_S: Final = 0.02  # as the guard of a run looks
 _UNREAD: Final = 25
 """Looks without a reading: half a second, of which a machine that stands still takes nothing."""
 
@@ -86,7 +86,7 @@ class LineWatch:
     def __init__(self, make: Callable[[], LineReader]) -> None:
         self._reader = make()
         self._seen: EmergencyStop | None = None
-        self._unread, self._looked_s = 0, time.monotonic()
+        self._unread, self._looked_s = 0, time.monotonic()  # looks since the last reading; when the last was
 
     def __enter__(self) -> LineWatch:
         try:
@@ -114,7 +114,7 @@ class LineWatch:
                 self._reader.heed()
             except InstrumentError as error:
                 self._see(error)
-            self._unread = 0
+            self._unread = 0  # no lock: at worst one of these is lost, and the next counts
             time.sleep(LOOK_S)
 
     def _see(self, error: InstrumentError) -> None:

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 from daq.channel import Channel
 
-LOOPBACK_HOSTS: Final = ("127.0.0.1", "localhost", "[::1]", "::1")
+LOOPBACK_HOSTS: Final = ("127.0.0.1", "localhost", "[::1]", "::1")  # of a port without a password
 TUNNEL: Final = "127.0.0.1 (nothing is encrypted; reach other machines by an SSH tunnel)"
 _PORTS: Final = range(1, 65536)
 

@@ -35,9 +35,9 @@ class ScpiGenerator:
         self._link = ScpiLink(config.name, config.resource, config.timeout_s)
         self._amplitude_v = self._offset_v = 0.0
         self._triggered = False
-        self._kept: dict[str, Callable[[str], bool]] = {}
+        self._kept: dict[str, Callable[[str], bool]] = {}  # by command: is an answer what was told?
         self._stopped = False
-        self._watched = cycle(each.command for each in _WATCHED)
+        self._watched = cycle(each.command for each in _WATCHED)  # one a call: the guard may be waiting
 
     def open(self) -> None:
         """Connect, discard stale answers and errors, and check the model."""
@@ -76,7 +76,7 @@ class ScpiGenerator:
         for choice in (settings.OUTPUT_OFF, settings.SINE, settings.OPEN_CIRCUIT, settings.PEAK_TO_PEAK):
             self._choose(choice)
         self._set(settings.FREQUENCY, frequency_hz)
-        self._set(settings.AMPLITUDE, 2.0 * amplitude_v)
+        self._set(settings.AMPLITUDE, 2.0 * amplitude_v)  # peak to Vpp
         self._set(settings.OFFSET, offset_v)
         self._amplitude_v, self._offset_v, self._triggered = amplitude_v, offset_v, triggered
         if triggered:
@@ -84,7 +84,7 @@ class ScpiGenerator:
                 self._choose(choice)
 
     def start(self) -> None:
-        self._link.hurry(MOVING_S)
+        self._link.hurry(MOVING_S)  # before anything moves
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
         if not self._stopped and self._triggered:
@@ -125,7 +125,7 @@ class ScpiGenerator:
 
     def off(self) -> None:
         """Turn the output off and see that it is; errors of earlier commands do not matter here."""
-        self._stopped = True
+        self._stopped = True  # first: a `start` that is under way looks at it once more
         if not self._link.is_open:
             return
         # Safe state: nothing but the output is asked for, and errors of before stay in the queue.
@@ -167,7 +167,7 @@ class ScpiGenerator:
 
     def _errors(self) -> list[tuple[int, str]]:
         errors: list[tuple[int, str]] = []
-        for _ in range(LONGEST_ERROR_QUEUE):
+        for _ in range(LONGEST_ERROR_QUEUE):  # one that never ends holds nobody up
             try:
                 code, message = error_in(self._link.query("SYST:ERR?"))
             except ValueError as error:

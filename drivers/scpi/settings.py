@@ -48,7 +48,7 @@ class GeneratorSettings:
     ] = ""
     emulated: Annotated[bool, Key()] = False
     name: str = "signal generator"
-    timeout_s: float = 2.0
+    timeout_s: float = 2.0  # s; 0.5 at most while it drives
     CHECKS: ClassVar = (Check(("resource", "emulated"), _reachable),)
 
     @staticmethod
@@ -142,11 +142,12 @@ AMPLITUDE = Number("amplitude", "VOLT", "Vpp", 0.02, 20.0, 1e-4, 5e-4, _OUTPUT)
 OFFSET = Number("offset", "VOLT:OFFS", "V", -10.0, 10.0, 1e-3, 5e-4, _OUTPUT)
 
 SINE = Choice("waveform", "FUNC", "SIN", "SIN", _OUTPUT)
+# Told of a load of 50 ohm it would show half of the volts that an open input really gets.
 OPEN_CIRCUIT = Choice("output load", "OUTP:LOAD", "INF", "9.9E37", _OUTPUT)
-PEAK_TO_PEAK = Choice("amplitude unit", "VOLT:UNIT", "VPP", "VPP", _OUTPUT)
+PEAK_TO_PEAK = Choice("amplitude unit", "VOLT:UNIT", "VPP", "VPP", _OUTPUT)  # amplitudes here are in Vpp
 OUTPUT_ON = Choice("output", "OUTP", "ON", "1", _OUTPUT)
 OUTPUT_OFF = Choice("output", "OUTP", "OFF", "0", _OUTPUT)
-TRIGGERED_BURST = (
+TRIGGERED_BURST = (  # a sine that waits for *TRG and then runs without an end
     Choice("burst mode", "BURS:MODE", "TRIG", "TRIG", _BURST),
     Choice("trigger source", "TRIG:SOUR", "BUS", "BUS", "Triggering Commands"),  # before an infinite count
     Choice("burst count", "BURS:NCYC", "INF", "9.9E37", _BURST),

@@ -29,7 +29,7 @@ OFFSET = Entry(0x6509, 0, "offset value", 32, "counts", "CiA 406")
 _TYPES = {8: datatypes.UNSIGNED8, 16: datatypes.UNSIGNED16, 32: datatypes.UNSIGNED32}
 _STATES = {name: number for number, name in NMT_STATES.items()}
 _RESENT_S = 130e-6  # as after a lost acknowledgement
-_BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040
+_BUS_ERROR, _CONTROLLER, _BUS_OFF = 0x080, 0x004, 0x040  # linux/can/error.h
 _GARBAGE = "< frame 18Z what >"  # an identifier that is no number
 _IDLE_S = 0.005  # s
 
@@ -50,10 +50,10 @@ class EmulatedEncoder:
         # Jitter of the bus by a seed, so that a fault that a test finds comes again.
         self._random = np.random.default_rng(setup.seed)
         self._overtaken: can.Message | None = None
-        self._silent = False
+        self._silent = False  # positions alone; the heartbeat goes on
         self._truth = Truth("encoder")
         self._stuck_s = math.inf
-        self._frame, self._start_s = -1, 0.0
+        self._frame, self._start_s = -1, 0.0  # -1: its timer does not run
         self._beat_s, self._beat_due_s = 0.0, math.inf  # period of the heartbeat, and when the next is due, s
         # canopen's heartbeat has a thread of its own, which on a busy machine falls behind the positions.
         nmt: Any = self._node.nmt
@@ -88,7 +88,7 @@ class EmulatedEncoder:
 
     def close(self) -> None:
         self._stop.set()
-        self._thread.join()
+        self._thread.join()  # it sends by the network, which is closed last
         self._node.nmt.stop_heartbeat()
         self._network.disconnect()
         self._truth.close()
@@ -101,7 +101,7 @@ class EmulatedEncoder:
         # CiA 406: a preset is the value of the position where the shaft stands as it is written
         if index == 0x6003:
             here = self._position(self._clock.monotonic_s())
-            self._zero += int.from_bytes(data, "little") - here
+            self._zero += int.from_bytes(data, "little") - here  # position at angle 0, counts
 
     def _on_sync(self, *_: object) -> None:
         # TPDO 2, of transmission type 1: one position with every SYNC
@@ -212,7 +212,7 @@ class EmulatedEncoder:
         }
         if kind == "bus_off":
             self._report(_BUS_OFF)
-            self._silent = True
+            self._silent = True  # for good, as off the bus
             self._node.nmt.stop_heartbeat()
         elif kind in acts:
             acts[kind]()

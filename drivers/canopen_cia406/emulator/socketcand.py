@@ -35,7 +35,7 @@ class SocketcandBus(can.BusABC):
         self._name, self._stamp = channel, stamp
         self._arrived: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
         self._clients: dict[socket.socket, _Client] = {}
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # over clients and their bytes: any thread sends
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._wake, self._woken = socket.socketpair()  # ends `select` from another thread
         self.channel_info = f"emulated {channel}"
@@ -68,7 +68,7 @@ class SocketcandBus(can.BusABC):
         """Pass a frame on to every client in raw mode."""
         stamp_s = msg.timestamp or self._stamp()
         if msg.is_error_frame:
-            self.say(f"< error {msg.arbitration_id:03X} {stamp_s:.6f} >")
+            self.say(f"< error {msg.arbitration_id:03X} {stamp_s:.6f} >")  # socketcand sends no data with it
         else:
             width = 8 if msg.is_extended_id else 3
             self.say(f"< frame {msg.arbitration_id:0{width}X} {stamp_s:.6f} {msg.data.hex().upper()} >")
@@ -84,7 +84,7 @@ class SocketcandBus(can.BusABC):
         with self._lock:
             for connection in self._clients:
                 with suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)
+                    connection.shutdown(socket.SHUT_RDWR)  # `serve` reads the end, and forgets the client
 
     def shutdown(self) -> None:
         super().shutdown()
@@ -142,7 +142,7 @@ class SocketcandBus(can.BusABC):
                 case ["send", name, length, *content]:
                     with suppress(ValueError):  # socketcand drops what it cannot read
                         data = bytes(int(byte, 16) for byte in content[: int(length, 16)])
-                        extended = len(name) > 3
+                        extended = len(name) > 3  # 3 digits are 11 bits, 8 are 29
                         self._arrived.put(
                             can.Message(
                                 arbitration_id=int(name, 16), is_extended_id=extended, data=data, check=True

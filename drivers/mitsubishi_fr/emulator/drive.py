@@ -22,29 +22,29 @@ from drivers.rehearsal import Rehearsed
 
 # Raw values. Pr.3 to 6 are those of the manual's example of a read; the rest is as rattle needs it.
 PARAMETERS = {
-    1: 12000,
+    1: 12000,  # maximum frequency, 0.01 Hz
     2: 0,
     3: 6000,
     4: 6000,
     5: 3000,
     6: 1000,
-    7: 50,
+    7: 50,  # acceleration and deceleration, 0.1 s (M)
     8: 50,
-    20: 6000,
-    79: 0,
+    20: 6000,  # to which those times are
+    79: 0,  # operation mode is chosen over the line
     117: 1,
-    118: 192,
+    118: 192,  # baud / 100
     119: 1,
-    120: 2,
+    120: 2,  # even parity
     121: 1,
-    122: 20,
-    340: 1,
-    502: 1,
-    549: 1,
+    122: 20,  # watchdog, 0.1 s
+    340: 1,  # in network operation from power-on
+    502: 1,  # ramps down on silence
+    549: 1,  # Modbus RTU
 }
 RUNNING_FREQUENCY_EEPROM = 40015  # kept over power-off
 HIGHEST_SET_FREQUENCY = 40000  # 400.00 Hz
-WATCHDOG_OFF = 9999
+WATCHDOG_OFF = 9999  # of Pr.122
 RAMP_ON_SILENCE = 1
 _NO_RAMP_HZ_PER_S = 1e6  # where Pr.7 or Pr.8 is 0
 _VOLTS_PER_HZ = 200.0 / 60.0  # constant V/f: 200 V at 60 Hz
@@ -80,7 +80,7 @@ class Unanswered(Exception):
     """The drive does what was asked and sends no answer."""
 
 
-NO_LOAD_A = 0.6
+NO_LOAD_A = 0.6  # A; of a small motor
 
 
 class OutputSink(Protocol):
@@ -139,12 +139,12 @@ class EmulatedDrive:
         self._load, self._now = load, now
         self._parameters = PARAMETERS | dict(setup.parameters)
         self._refusals = dict(setup.faults.exceptions)
-        self._set = self._eeprom = 0
+        self._set = self._eeprom = 0  # raw, 0.01 Hz
         self._run = False
-        self._tripping: int | None = None
+        self._tripping: int | None = None  # a fault that is shown once the ramp has ended
         self._fault = 0
         self._history = [0] * len(fr.FAULTS)
-        self._last_frame_s: float | None = None
+        self._last_frame_s: float | None = None  # None: the watchdog has not begun to count
         self._mode = self._mode_at_start()
         self.output = InverterOutput(True, 0.0, 0.0, _NO_RAMP_HZ_PER_S, now())
 
@@ -193,7 +193,7 @@ class EmulatedDrive:
             code, left = self._refusals.get(number, (0, 0))
             if left > 0:
                 self._refusals[number] = (code, left - 1)
-                return ExcCodes(code)
+                return ExcCodes(code)  # as a test or a rehearsal wants it
         if not any(self._has(number) for number in numbers):
             return ExcCodes.ILLEGAL_ADDRESS
         if values is None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drivers.mitsubishi_fr.frames import checksum
 
 LATE_S = (0.22, 0.5)  # an answer is given up after 0.2 s
-_BUSY = 0x06
+_BUSY = 0x06  # Modbus exception: server device busy
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ KINDS: dict[str, Callable[[Exchange], Piece]] = {
     "echo": lambda exchange: Piece(0.0, exchange.request + exchange.answer),
     "echo alone": lambda exchange: Piece(0.0, exchange.request),
     "twice": lambda exchange: Piece(0.0, exchange.answer + exchange.answer),
-    "stale": lambda exchange: Piece(0.0, exchange.previous),
+    "stale": lambda exchange: Piece(0.0, exchange.previous),  # an answer has no name to tell it by (0007)
     "old first": lambda exchange: Piece(0.0, exchange.previous + exchange.answer),
     "late": lambda exchange: Piece(exchange.lot.uniform(*LATE_S), exchange.answer),
     "other station": lambda exchange: Piece(

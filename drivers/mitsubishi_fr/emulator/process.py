@@ -81,6 +81,6 @@ def matching_setup(
         fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
     }
     line = settings.stop_line
-    on = fr.Terminal[line.terminal] if line is not None and line.healthy else NO_TERMINAL
+    on = fr.Terminal[line.terminal] if line is not None and line.healthy else NO_TERMINAL  # nobody presses it
     parameters = {register.number - fr.PARAMETERS: value for register, value in raw.items()}
     return InverterSetup(parameters, DriveFaults(terminals=on), rehearsed=rehearsed)

@@ -27,7 +27,7 @@ from drivers.rehearsal import Rehearsal, Rehearsed
 
 REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
 SETTLE_S = 0.01  # what was due happens at its own time, however late it is looked at
-TIMER_RESOLUTION_S = 1e-6
+TIMER_RESOLUTION_S = 1e-6  # s; `call_at` may come a clock's step early
 _REQUEST_LENGTH = 8  # both of a read and of a write of one register
 
 
@@ -52,10 +52,10 @@ class InverterServer:
         self._loop = asyncio.new_event_loop()
         self._stopped = asyncio.Event()
         self._wires: list[_Wire] = []
-        self._written = 0
+        self._written = 0  # what the last write wrote, for its answer
         self._modbus: ModbusTcpServer
         self._listener: asyncio.Server
-        self._pty = (-1, -1)
+        self._pty = (-1, -1)  # master, slave
 
     def open(self) -> tuple[str, str]:
         """Open both ways in; return them as pyserial wants them, TCP first."""
@@ -97,7 +97,7 @@ class InverterServer:
         while not self._stopped.is_set():
             self.drive.settle()
             if self.drive.output.target_hz > 0.0:
-                self._used_s = min(self._used_s, self._loop.time())
+                self._used_s = min(self._used_s, self._loop.time())  # the first time alone
             for fault in self._to_come.due(self._loop.time() - self._used_s):
                 self._befall(fault)
             with suppress(TimeoutError):
@@ -113,7 +113,7 @@ class InverterServer:
             wire.close()
         for handle in (master, slave):
             os.close(handle)
-        await asyncio.sleep(0)
+        await asyncio.sleep(0)  # lets the loop end what was closed just now
 
     def new_wire(self, send: Callable[[bytes], None]) -> _Wire:
         """Return a new way in; what is answered on it goes to `send`."""

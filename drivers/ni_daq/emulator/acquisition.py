@@ -33,9 +33,9 @@ class SampleBuffer:
 
     def __init__(self, rows: int, size: int, dtype: DTypeLike = np.float64) -> None:
         self._ring: NDArray[Any] = np.zeros((rows, size), dtype=dtype)
-        self._made = self._taken = 0
+        self._made = self._taken = 0  # samples a row since the start; never reset, so that an overrun shows
         self._fault: DaqmxError | None = None
-        self._changed = threading.Condition()
+        self._changed = threading.Condition()  # over ring, counts and fault
 
     @property
     def made(self) -> int:
@@ -88,7 +88,7 @@ class DriveInbox(Generic[Output]):
     """What an actuator puts out on its way to the plant; any thread may put, the producer takes."""
 
     def __init__(self, initial: Output | None = None) -> None:
-        self._waiting: deque[Output] = deque()
+        self._waiting: deque[Output] = deque()  # appending and taking are atomic: no lock
         self._last = initial
 
     def put(self, output: Output) -> None:
@@ -144,9 +144,10 @@ class Acquisition:
         self._names = tuple(item.physical for item in inputs)
         self._rate = sample_rate
         self._block = max(round(BLOCK_S * sample_rate), 1)
+        # a client may ask for less than is made at once
         self.buffer = SampleBuffer(len(inputs), max(buffer_size, 2 * self._block))
         self._clipped = np.zeros(len(inputs), dtype=bool)
-        self._clipping = threading.Lock()
+        self._clipping = threading.Lock()  # the client asks while the next block is made
         self._counters: tuple[CounterRun, ...] = ()
         self._start_s = 0.0
         self._truth = Truth("daq_card")
@@ -221,7 +222,7 @@ class Acquisition:
                     self._truth.tell(first=first, count=count, values=values_of)
                 self.buffer.put(values)
         except Exception as error:  # the plant is not ours: whatever it raises ends the task, not the server
-            fault = error if isinstance(error, DaqmxError) else None
+            fault = error if isinstance(error, DaqmxError) else None  # a rehearsed one
             if fault is None:
                 traceback.print_exc(file=sys.stderr)
                 fault = DaqmxError(DAQmxErrors.DEV_CANNOT_BE_ACCESSED, "the emulated plant failed")

@@ -135,7 +135,7 @@ class AngleCount:
         place = np.floor(angle * (self._per_turn / math.tau) + _COUNT_ROUNDING).astype(np.int64)
         if self._origin is None:
             self._origin = self._last = int(place[0])
-        register = place - self._origin + self._shift
+        register = place - self._origin + self._shift  # before any mark
         if self._at_index is not None:
             before = np.concatenate([[self._last], place[:-1]])
             forwards, backwards = place // self._per_turn, -(-place // self._per_turn)

@@ -34,7 +34,7 @@ def start_daq_card(
     `CardWiring.lines` says it. Raises `ConfigurationError` for a wiring that no card has,
     `InstrumentAbsent` where it does not start in time.
     """
-    wiring.devices()
+    wiring.devices()  # raises here and not in the new process, where nobody would see it
     return start(partial(_Card, plant, wiring, drive, initial, rehearsal), name, deadline_s)
 
 

@@ -14,7 +14,7 @@ from drivers.protocols.card import Plant
 from drivers.rehearsal import Rehearsal, Rehearsed
 
 _BEYOND = 1e12  # of whatever unit: more than any input takes
-_HIGH_V = 1.0
+_HIGH_V = 1.0  # above the noise of a marker's low level, below its 5 V
 
 
 class SpoiltPlant:
@@ -24,7 +24,7 @@ class SpoiltPlant:
         self._plant, self.channels, self.drive = plant, plant.channels, plant.drive
         self._rehearsal = Rehearsal(faults, seed)
         self._going: list[tuple[float, Callable[[NDArray[np.float64]], None]]] = []
-        self._made, self._rate = 0, 1.0
+        self._made, self._rate = 0, 1.0  # samples since the start, and Hz
 
     def start(self, sample_rate: float) -> None:
         """As any plant."""
@@ -38,7 +38,7 @@ class SpoiltPlant:
             if fault.kind == "overruns":
                 text = "samples were overwritten before they were read"
                 raise DaqmxError(DAQmxErrors.SAMPLES_NO_LONGER_AVAILABLE, text)
-            lasts_s = np.inf if fault.kind == "marks_missing" else fault.number("for")
+            lasts_s = np.inf if fault.kind == "marks_missing" else fault.number("for")  # each mark by lot
             self._going.append((self._made + lasts_s * self._rate, self._failure(fault, shown)))
         self._made += count
         for until, spoil in self._going:
@@ -65,11 +65,11 @@ class _MissingMarks:
 
     def __init__(self, row: int, share: float, lot: Callable[[], float]) -> None:
         self._row, self._share, self._lot = row, share, lot
-        self._made, self._last, self._left_out = 0, -2, False
+        self._made, self._last, self._left_out = 0, -2, False  # -2: no sample is right behind it
 
     def __call__(self, block: NDArray[np.float64]) -> None:
         for at in np.flatnonzero(block[self._row] > _HIGH_V).tolist():
-            if self._made + at != self._last + 1:
+            if self._made + at != self._last + 1:  # a new pulse, whose fate holds for all of it
                 self._left_out = self._lot() < self._share
             self._last = self._made + at
             if self._left_out:

@@ -89,7 +89,7 @@ class CounterWire:
     plant_channel: str
     pulses_per_revolution: int = 1024
     preset: int = 0
-    threshold_v: float = 2.5
+    threshold_v: float = 2.5  # half of a 5 V pulse
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +104,8 @@ class CardWiring:
     """
 
     wires: Mapping[str, Wire]
-    product_type: str = "NI 9234"
-    serial: int = 0x01E24000
+    product_type: str = "NI 9234"  # its figures are above
+    serial: int = 0x01E24000  # shown in hexadecimal
     inputs_per_device: int = 4
     idle_noise_v: float = 50e-6
     seed: int = 0
@@ -151,7 +151,7 @@ def spoilt(wiring: CardWiring) -> CardWiring:
             shorted = fault.kind == "short"
             wires[physical] = replace(wires[physical], connected=shorted, shorted=shorted)
         elif fault.kind == "rolls_over":
-            preset = 2**32 - int(fault.number("before"))
+            preset = 2**32 - int(fault.number("before"))  # that many counts before the register starts again
             counters = {name: replace(each, preset=preset) for name, each in counters.items()}
     return replace(wiring, wires=wires, counters=counters)
 
@@ -182,8 +182,8 @@ class Input:
 
 def coerced_rate(rate_hz: float) -> float:
     """Return the slowest rate of the card that is not below `rate_hz`, as DAQmx does."""
-    for divisor in reversed(DIVISORS):
-        if FASTEST_HZ / divisor >= rate_hz * (1.0 - 1e-9):
+    for divisor in reversed(DIVISORS):  # slowest first
+        if FASTEST_HZ / divisor >= rate_hz * (1.0 - 1e-9):  # 1e-9: rounding of a rate asked for
             return FASTEST_HZ / divisor
     raise DaqmxError(
         DAQmxErrors.INVALID_ATTRIBUTE_VALUE, f"sample rate {rate_hz:g} Hz is above {FASTEST_HZ:g}"

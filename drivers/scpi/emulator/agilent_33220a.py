@@ -28,7 +28,7 @@ from drivers.scpi.emulator.command_tree import (
 IDENTITY = "Agilent Technologies,33220A,MY00000000,2.02-2.02-22-2"
 ERROR_QUEUE = 20
 SOURCE_OHM = 50.0  # of its output
-OPEN = 9.9e37
+OPEN = 9.9e37  # ohm, or cycles: how SCPI writes infinity
 PEAK_LIMIT_V = 10.0  # into an open circuit
 AMPLITUDE_LIMITS_VPP = (0.02, 20.0)  # into an open circuit
 _FREQUENCY_SUFFIXES = {"HZ": 1.0, "KHZ": 1e3, "MHZ": 1e6, "UHZ": 1e-6}
@@ -41,17 +41,17 @@ class GeneratorState:
     """The settings after *RST. Voltages are those into an open circuit."""
 
     frequency_hz: float = 1e3
-    amplitude_vpp: float = 0.2
+    amplitude_vpp: float = 0.2  # 0.1 Vpp into 50 ohm
     offset_v: float = 0.0
     unit: str = "VPP"
-    load_ohm: float = 50.0
+    load_ohm: float = 50.0  # what it is told, not what hangs on it
     output: bool = False
     phase_deg: float = 0.0
     burst: bool = False
     burst_mode: str = "TRIG"
     burst_count: float = 1.0
     burst_phase_deg: float = 0.0
-    burst_running: bool = False
+    burst_running: bool = False  # triggered: the sine is let through, without an end
     trigger_source: str = "IMM"
 
     @property
@@ -167,7 +167,7 @@ class Emulated33220A:
     def _trigger(self) -> None:
         state = self._state
         if not (state.burst and state.trigger_source == "BUS" and state.output) or state.burst_running:
-            raise CommandError(-211)
+            raise CommandError(-211)  # nothing waits for a trigger
         if state.burst_count < OPEN:
             raise CommandError(-241, "bursts of a finite count")
         self._keep(replace(state, burst_running=True), phase_rad=math.radians(state.burst_phase_deg))
@@ -175,10 +175,10 @@ class Emulated33220A:
     def _apply_sine(self, parameters: Sequence[str]) -> None:
         if len(parameters) > 3:
             raise CommandError(-108)
-        self._change(burst=False, burst_running=False)
+        self._change(burst=False, burst_running=False)  # APPLy leaves burst mode
         setters = (self._set_frequency, self._set_amplitude, self._set_offset)
         for setter, parameter in zip(setters, parameters, strict=False):
-            setter([parameter])
+            setter([parameter])  # each clips by itself; amplitude before offset, which it bounds
         self._change(output=True)
 
     def _set_shape(self, parameters: Sequence[str]) -> None:
@@ -188,13 +188,13 @@ class Emulated33220A:
 
     def _set_frequency(self, parameters: Sequence[str]) -> None:
         value = self._quantity(parameters, _FREQUENCY_SUFFIXES, 1e-6, 20e6, 1e3)
-        self._change(frequency_hz=round(value, 6))
+        self._change(frequency_hz=round(value, 6))  # kept to 1 uHz
 
     def _set_amplitude(self, parameters: Sequence[str]) -> None:
         value = self._quantity(parameters, _VOLT_SUFFIXES, *self._amplitude_range, self._displayed(0.2))
         if self._state.unit == "DBM":
-            value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._state.load_ohm)
-        volts = value if self._state.unit == "VPP" else value * math.sqrt(8.0)
+            value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._state.load_ohm)  # V rms
+        volts = value if self._state.unit == "VPP" else value * math.sqrt(8.0)  # rms to peak to peak
         vpp = volts / self._state.load_factor
         # The amplitude wins over the offset, which moves towards 0 and is told (-221).
         room = PEAK_LIMIT_V - vpp / 2.0
@@ -285,7 +285,7 @@ class Emulated33220A:
 
     def _keep(self, state: GeneratorState, phase_rad: float | None = None) -> None:
         self._state, now, before = state, self._clock(), self._output
-        phase = self._phase_at(now) if phase_rad is None else phase_rad
+        phase = self._phase_at(now) if phase_rad is None else phase_rad  # the sine goes on
         self._output = DriveSettings(
             on=state.output,
             frequency_hz=state.frequency_hz,

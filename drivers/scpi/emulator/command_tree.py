@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-TEXTS = {
+TEXTS = {  # SCPI-1999: -1xx command, -2xx execution, -3xx device, -4xx query errors
     0: "No error",
     -101: "Invalid character",
     -108: "Parameter not allowed",
@@ -31,8 +31,8 @@ TEXTS = {
     -430: "Query DEADLOCKED",
 }
 _NUMBER = re.compile(r"([+-]?(?:\d{1,99}(?:\.\d{0,99})?|\.\d{1,99})(?:E[+-]?\d{1,5})?)\s{0,9}([A-Z]{0,9})")
-_UNITS = re.compile(r"""(?:[^;"']|"[^"]*"|'[^']*'|["'])+""")
-_PARAMETERS = re.compile(r"""(?:[^,"']|"[^"]*"|'[^']*'|["'])+""")
+_UNITS = re.compile(r"""(?:[^;"']|"[^"]*"|'[^']*'|["'])+""")  # a ; within quotes parts nothing
+_PARAMETERS = re.compile(r"""(?:[^,"']|"[^"]*"|'[^']*'|["'])+""")  # nor does a comma
 
 
 class CommandError(Exception):
@@ -73,7 +73,7 @@ class CommandTree:
                     path = self._run_unit(text, path, answers)
             except CommandError as error:
                 report(error)
-                if error.code > -200:
+                if error.code > -200:  # what follows a header that is not known would go to the wrong node
                     break
         return ";".join(answers) if answers else None
 
@@ -82,6 +82,7 @@ class CommandTree:
             raise CommandError(-101)
         header, *rest = text.split(maxsplit=1)
         parameters = [part.strip() for part in _PARAMETERS.findall(rest[0])] if rest else []
+        # A leading : is the root of the tree; without it a header goes on from the path of the one before.
         full = header[1:] if header.startswith(":") else header if header.startswith("*") else path + header
         plain = full.removesuffix("?").upper()
         command = next((each for pattern, each in self._commands if pattern.fullmatch(plain)), None)
@@ -148,7 +149,7 @@ def boolean(text: str) -> bool:
     """Return whether `text` says on: ON, OFF, or a number that is not zero."""
     if text in ("ON", "OFF"):
         return text == "ON"
-    return round(min(abs(number(text, {})), 1.0)) != 0
+    return round(min(abs(number(text, {})), 1.0)) != 0  # rounded first: 0.4 is off
 
 
 def word(text: str, *choices: str) -> str:

@@ -22,7 +22,7 @@ from drivers.scpi.emulator.agilent_33220a import IDENTITY, Emulated33220A
 from drivers.scpi.emulator.command_tree import CommandError
 
 INPUT_BUFFER = 65536  # bytes; beyond, -363 and all of it is dropped
-_LOOK_S = 0.02
+_LOOK_S = 0.02  # how late a rehearsed fault may come
 OUTPUT_BUFFER = 65536  # bytes; beyond, -430 (IEEE 488.2: deadlocked) and all of it is dropped
 
 
@@ -46,11 +46,11 @@ class ScpiServer:
     ) -> None:
         self._instrument, self._stale_answer = instrument, stale_answer
         self._to_come, self._look_s = Rehearsal(rehearsed), _LOOK_S if rehearsed else None
-        self.used_s = math.inf
+        self.used_s = math.inf  # monotonic s of the first output: faults count from there
         self._selector = selectors.DefaultSelector()
         self._listener: socket.socket | None = None
         self._pty: tuple[int, int] | None = None
-        self._wake_read, self._wake_write = -1, -1
+        self._wake_read, self._wake_write = -1, -1  # a pipe ends `select` from another thread
 
     def open(self) -> tuple[str, str]:
         """Open both ports; return their VISA resource strings, TCP first."""
@@ -113,7 +113,7 @@ class ScpiServer:
         except OSError:  # it has hung up already
             return
         connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # answers at once
         port = _Port(connection.fileno(), connection.recv, connection.send, hang_up=connection.close)
         self._selector.register(connection, selectors.EVENT_READ, port)
         with suppress(OSError):  # if it has hung up, its first read says so
@@ -125,7 +125,7 @@ class ScpiServer:
             self._drop(port)
             return
         port.received += data
-        *lines, rest = port.received.split(b"\n")
+        *lines, rest = port.received.split(b"\n")  # half a message waits for its end
         port.received = bytearray(rest)
         for line in lines:
             answer = self._instrument.run(line.decode("latin-1").strip("\r"))
@@ -150,7 +150,7 @@ class ScpiServer:
         except BlockingIOError:
             pass
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if port.pending else 0)
-        self._selector.modify(port.handle, events, port)
+        self._selector.modify(port.handle, events, port)  # writable is asked for only while something waits
 
     def _drop(self, port: _Port) -> None:
         if port.hang_up is not None:  # the pty outlives its clients
