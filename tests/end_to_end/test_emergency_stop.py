@@ -59,7 +59,10 @@ class StoppedBench:
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[StoppedBench]:
     rehearsal, ordered = get_context("spawn").Pipe()
-    with light_card(lines={LINE: True}, rehearsal=ordered) as (card, onward), spied_generator(onward) as (generator, spy):
+    with (
+        light_card(lines={LINE: True}, rehearsal=ordered) as (card, onward),
+        spied_generator(onward) as (generator, spy),
+    ):
         ordered.close()
         table = f'[emergency_stop]\nline = "{LINE}"'
         file = write_bench(tmp_path / "bench.toml", generator.address, card.address, table)
