@@ -70,6 +70,7 @@ class Acquisition:
         self.error: RattleError | None = None
         self.tripped: Passed | str | None = None
         self.trips = 0
+        self.alarm = threading.Event()  # set where one of these comes, for whoever need not wait for a look
         self._due_s = math.inf  # by when its thread is to have done what it is at; the guard's thread looks
         self.overloads = dict.fromkeys(self._names, 0)
         self.turned_off = dict[str, float]()
@@ -107,6 +108,7 @@ class Acquisition:
     def trip(self, passed: Passed | str) -> None:
         """In the acquisition thread: a limit was passed that ends the run."""
         self.tripped, self.trips = passed, self.trips + 1
+        self.alarm.set()
 
     def start_record(self, count: int) -> int:
         """Record the next `count` samples; returns the card's index of the first."""

@@ -399,7 +399,9 @@ class DrivenRig:
             self._guarded_s = math.inf  # nothing moves any more
 
     def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
-        while not ended.wait(_LOOK_S):
+        while not ended.is_set():
+            self.acquisition.alarm.wait(_LOOK_S)
+            self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
             with self._deciding:
                 if (found := self._dangers()) > self._met:
