@@ -44,6 +44,10 @@ serial = "EMU-{serial}"
 calibrated = 2026-05-04
 valid_until = 2036-05-04
 """
+_STALL = """
+[emulation]
+faults = ["disk.stalls@3:for={seconds:g}"]
+"""
 
 
 @dataclass(slots=True)
@@ -61,10 +65,11 @@ def main() -> int:
         scenario = Path(folder) / "scenario.toml"
         text = re.sub(r'duration = ".*"', f'duration = "{arguments.seconds:g} s"', SCENARIO.read_text())
         scenario.write_text(text)
-        bench = arguments.bench
-        if arguments.channels != 16:
+        bench, of_bench = arguments.bench, arguments.bench.read_text()
+        if arguments.channels != 16 or arguments.stall:
             bench = Path(folder) / "bench.toml"
-            bench.write_text(_bench_of(arguments.channels))
+            of_bench = of_bench if arguments.channels == 16 else _bench_of(arguments.channels)
+            bench.write_text(of_bench + _STALL.format(seconds=arguments.stall))
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
         watched = _watch(command, arguments.seconds)
@@ -76,6 +81,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--channels", type=int, default=16)
     parser.add_argument("--bench", type=Path, default=BENCH)
+    parser.add_argument("--stall", type=float, default=0.0, help="s for which the disk takes nothing")
     parser.add_argument("--no-live", action="store_true")
     return parser.parse_args()
 
@@ -149,6 +155,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     counted = [topic for topic in report.topics if topic.topic.startswith(("/measured/", "/predicted/"))]
     expected = round(seconds * 51200)
     unaccounted = sum(abs(expected - topic.samples - topic.missing) for topic in counted)
+    missing = sum(topic.missing for topic in counted)
     derived = sum(topic.samples for topic in report.topics if topic.topic.startswith("/derived/"))
     means = {name: statistics.mean(shares) for name, shares in watched.cpu.items() if shares}
     busiest = max(means, key=lambda name: means[name])
@@ -157,7 +164,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     worst = max(watched.cpu["acquisition"])
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {len(counted)} measured and predicted, {derived} derived values")
-    print(f"samples unaccounted       {unaccounted} (missing: {sum(t.missing for t in report.topics)})")
+    print(f"samples unaccounted       {unaccounted} (missing: {missing})")
     print(f"view                      {told.get('view.dropped', 'none')}")
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
@@ -167,7 +174,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
     print(f"all processes             {sum(means.values()):.2f} cores")
     print(f"load after the run        {os.getloadavg()[0]:.2f}")
-    kept = report.sound and not unaccounted and len(counted) == 2 * channels
+    kept = report.sound and not unaccounted and not missing and len(counted) == 2 * channels
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
     return 0 if kept and within and max(watched.rss) < MOST_MIB.get(channels, 1500) else 1
 

@@ -62,6 +62,11 @@ ALL = {
         ("benchmarks.reactions",),
         ("benchmarks.reactions", "--tries", "1"),
     ),
+    "stall": Promise(
+        "A disk that takes nothing for 10 s costs no sample of 64 channels at 51.2 kHz.",
+        ("benchmarks.recording_load", "--channels", "64", "--seconds", "30", "--stall", "10"),
+        ("benchmarks.recording_load", "--channels", "64", "--seconds", "30", "--stall", "10"),
+    ),
     "load": Promise(
         "64 channels at 51.2 kHz with twin and live view: no sample lost.",
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "3600"),
