@@ -117,7 +117,18 @@ def _compared(
     measured = {name: blocks for (origin, name), blocks in series.items() if origin == "measured"}
     ended = min((codes[code] for code in (RECORD_END, "drive.off") if code in codes), default=None)
     stopped_ns = codes.get(STOPPING) if ended is None else None
-    card, encoder = _card_of(measured, sent), _encoder_of(measured.get(_ENCODER, []), sent)
+    cards, encoder = _cards_of(measured, sent), _encoder_of(measured.get(_ENCODER, []), sent)
+    analog = [name for name in measured if channels[name].raw_unit in _ANALOG]
+    places = [
+        _place_on_card(
+            each,
+            {name: measured[name] for name in analog if measured[name][0].sample_rate == each.rate},
+        )
+        for each in cards
+    ]
+    card, (offset, wrong) = min(
+        zip(cards, places, strict=True), key=lambda each: len(each[1][1]), default=(None, (0, []))
+    )
     if card is None and encoder is None:
         return  # it is of no emulator
     for (origin, name), blocks in series.items():
@@ -130,8 +141,6 @@ def _compared(
             if blocks[0].sample_rate == card.rate and name != _ENCODER
         ]
         planned = _planned(text, card.rate)
-        analog = [name for name in names if channels[name].raw_unit in _ANALOG]
-        offset, wrong = _place_on_card(card, {name: measured[name] for name in analog})
         yield from wrong
         must = card.made - offset if _stopped_by_run(card, path) else math.inf
         if written_ns is not None:
@@ -174,9 +183,10 @@ def _planned(scenario: str, rate: float) -> float:
     return round(wanted.duration * rate) + (0 if wanted.settle > 0 else round(PRE_TRIGGER_S * rate))
 
 
-def _card_of(
+def _cards_of(
     measured: Mapping[str, Sequence[SampleBlock]], sent: Sequence[SentByCard | SentByEncoder]
-) -> SentByCard | None:
+) -> list[SentByCard]:
+    """Those that sampled then, several where runs went on beside each other; the last to begin first."""
     begins = {blocks[0].sample_rate: blocks[0].time_ns for blocks in measured.values()}
     cards = [each for each in sent if isinstance(each, SentByCard) and each.rate in begins]
     within = [
@@ -184,7 +194,7 @@ def _card_of(
         for each in cards
         if -0.1 < (begins[each.rate] - each.started_ns) / NS_PER_S < each.made / each.rate + 0.1
     ]
-    return max(within, key=lambda each: each.started_ns, default=None)
+    return sorted(within, key=lambda each: -each.started_ns)
 
 
 def _stopped_by_run(card: SentByCard, log: Path) -> bool:

@@ -125,7 +125,10 @@ class Supervisor:
 
     def check(self) -> None:
         """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
-        if self._heard():
+        told = self._heard()
+        if self._line_seen is not None:  # why it does, and nothing else is
+            raise self._line_seen
+        if told:
             raise SupervisorTripped(
                 f"the supervisor stops the drive: the run gave no sign of life for {self._silence_s:g} s"
             )

@@ -119,7 +119,7 @@ def test_its_scenario_is_checked(rattle: Rattle, tmp_path: Path) -> None:
     assert rattle("check", SCENARIO) == f"{SCENARIO}: scenario, no faults\n"
     bench = tmp_path / "bench.toml"
     bench.write_text(BENCH.read_text())
-    assert rattle("check", bench) == f"{bench}: bench, no faults\n"
+    assert rattle("check", bench) == f"emergency stop: none is read\n{bench}: bench, no faults\n"
 
 
 @pytest.mark.parametrize(

@@ -161,6 +161,8 @@ class InverterServer:
             return
         if isinstance(fault, LineFaults):
             self.disturbance = Disturbance(fault)
+        elif isinstance(fault, DriveFaults):
+            self.drive.put_faults(fault)
         else:
             self._befall(fault)
 
