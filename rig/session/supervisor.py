@@ -125,15 +125,14 @@ class Supervisor:
 
     def check(self) -> None:
         """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
-        told = self._heard()
-        if self._line_seen is not None:  # why it does, and nothing else is
-            raise self._line_seen
-        if told:
-            raise SupervisorTripped(
+        if self._heard():
+            raise self._line_seen or SupervisorTripped(
                 f"the supervisor stops the drive: the run gave no sign of life for {self._silence_s:g} s"
             )
         if not self._child.alive:
-            raise SupervisorTripped("the supervisor is gone, tripped or dead; no run goes on without it")
+            raise self._line_seen or SupervisorTripped(
+                "the supervisor is gone, tripped or dead; no run goes on without it"
+            )
 
     @property
     def emergency_stop(self) -> EmergencyStop | None:

@@ -198,8 +198,8 @@ class EmulatedEncoder:
 
     def _fail(self, kind: str, value: float, due_s: float) -> None:
         acts: dict[str, Callable[[], None]] = {
-            "error_frame": lambda: self._report(_BUS_ERROR),
-            "receive_overrun": lambda: self._report(_CONTROLLER),
+            "error_frame": lambda: self._report(_BUS_ERROR, due_s),
+            "receive_overrun": lambda: self._report(_CONTROLLER, due_s),
             "hang_up": self._bus.hang_up,
             "garbage": lambda: self._bus.say(_GARBAGE),
             "heartbeat_stops": self._node.nmt.stop_heartbeat,
@@ -211,14 +211,16 @@ class EmulatedEncoder:
             "clock_jump": lambda: setattr(self, "_jump_s", self._jump_s + value),
         }
         if kind == "bus_off":
-            self._report(_BUS_OFF)
+            self._report(_BUS_OFF, due_s)
             self._silent = True  # for good, as off the bus
             self._node.nmt.stop_heartbeat()
         elif kind in acts:
             acts[kind]()
 
-    def _report(self, error_class: int) -> None:
-        self._bus.send(can.Message(arbitration_id=error_class, is_error_frame=True))
+    def _report(self, error_class: int, due_s: float) -> None:
+        # with the time at which it was due: a thread that is late must not report behind the next frames
+        stamp_s = self._stamp(due_s)
+        self._bus.send(can.Message(timestamp=stamp_s, arbitration_id=error_class, is_error_frame=True))
 
 
 def dictionary(setup: EncoderSetup) -> ObjectDictionary:
