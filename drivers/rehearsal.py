@@ -35,8 +35,10 @@ class Fault:
         return name + "".join(f":{key}={each}" for key, each in zip(self.values, shown, strict=True))
 
 
-_MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON, and a process that goes on trying"
+_MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON; with a real one, a process goes on trying"
 _LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
+_HUNG = "exit 1 within two seconds, the instrument named; drive off; what it owed is in /gap"
+_WATCHDOG_STOPS = "exit 1; THE MOTOR MAY STILL TURN: its watchdog stops it"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
 _TRIED = "the run goes on; tried again and never believed"
 _MARKED = "the channel's flag and an event `sensor...`; the run goes on"
@@ -59,7 +61,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F33", "its amplitude is turned to `volts` peak to peak at its panel", _LOST, {"volts": 1.0}
     ),
     "inverter.unplugged": Fault("F1", "its process is gone", "exit 1; THE MOTOR MAY STILL TURN"),
-    "inverter.hangs": Fault("F1", "is silent `for` s", _DRIVE_STOPS, {"for": 20.0}),
+    "inverter.hangs": Fault("F1", "is silent `for` s", _WATCHDOG_STOPS, {"for": 20.0}),
     "inverter.flip": Fault("F4", "a `share` of the answers has wrong bits", _TRIED, _SOME),
     "inverter.cut": Fault("F4", "a `share` of the answers is cut", _TRIED, _SOME),
     "inverter.garbage": Fault("F5", "noise before a `share` of the answers", _TRIED, _SOME),
@@ -79,12 +81,14 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F9", "a write of `register` is acknowledged and forgotten", _DRIVE_STOPS, {"register": 40014.0}
     ),
     "inverter.stuck": Fault("F9", "keeps its speed, whatever it is told", "exit 1; THE MOTOR MAY STILL TURN"),
-    "inverter.drop": Fault("F10", "a `share` of the answers is lost; 1: all", _DRIVE_STOPS, {"share": 1.0}),
+    "inverter.drop": Fault(
+        "F10", "a `share` of the answers is lost; 1: all", _WATCHDOG_STOPS, {"share": 1.0}
+    ),
     "inverter.trips": Fault(
         "F13", "trips; `code` 16 is E.OC1", "exit 1, event `inverter.E...`; nobody resets it", {"code": 16.0}
     ),
     "daq_card.unplugged": Fault("F1", "its process is gone", _LOST),
-    "daq_card.hangs": Fault("F31", "is silent `for` s", _LOST, {"for": 20.0}),
+    "daq_card.hangs": Fault("F31", "is silent `for` s", _HUNG, {"for": 20.0}),
     "daq_card.overruns": Fault("F15", "samples were overwritten in it before they were read", _LOST),
     "daq_card.not_finite": Fault(
         "F24", "a sample of `channel` in each block is no number", _MARKED, {**_ONE_INPUT, "for": 0.1}

@@ -131,9 +131,13 @@ class IndexedChunks:
             self._executor = None
         self._opened.clear()
 
-    def last_ns(self, ids: frozenset[int]) -> int:
-        """Log time at which the last chunk ends that holds any of the channels `ids`; 0 for none."""
-        return max((each.last_ns for each in self._indexes if ids & {*each.channel_ids}), default=0)
+    def last_ns(self, ids: frozenset[int], after_ns: int) -> int:
+        """Log time at which the last chunk ends that holds any of the channels `ids` and begins after a time.
+
+        0 for none.
+        """
+        later = (each for each in self._indexes if each.first_ns > after_ns)
+        return max((each.last_ns for each in later if ids & {*each.channel_ids}), default=0)
 
     def passing(
         self, ids: frozenset[int] | None, start_ns: int | None, end_ns: int | None, allowance: Allowance

@@ -245,10 +245,13 @@ class LogReader:
             found.append(codec.decode_record(kind, message.data))
         return found
 
-    def last_ns(self, topic: str) -> int:
-        """When the host had the last of a topic at the latest, by the index; 0 where there is none."""
+    def last_ns(self, topic: str, after_ns: int) -> int:
+        """When the host had the last of a topic at the latest, by those chunks that begin after a time.
+
+        By the index; 0 where there is none.
+        """
         numbers = frozenset(number for number, name in self._channel_names.items() if name == topic)
-        return 0 if self._indexed is None else self._indexed.last_ns(numbers)
+        return 0 if self._indexed is None else self._indexed.last_ns(numbers, after_ns)
 
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""

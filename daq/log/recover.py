@@ -175,11 +175,12 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
                     lost += missing
                     if block is not None:
                         lasts[message.topic] = message.log_ns, block
-                read_ns = max((log_ns for log_ns, _ in lasts.values()), default=0)
                 cause = UNWRITTEN if log.damage == CUT else LOST
-                for topic, (log_ns, block) in lasts.items():
+                for topic, (log_ns, block) in lasts.items() if log.damage else ():
                     _, origin, name = topic.split("/", 2)
-                    late_s = (max(read_ns, log.last_ns(topic)) - log_ns) / NS_PER_S
+                    # of what is measured at once; a prediction comes later by as much as it likes
+                    beside = (at for other, (at, _) in lasts.items() if other.startswith(f"/{origin}/"))
+                    late_s = (max(*beside, log.last_ns(topic, log_ns), log_ns) - log_ns) / NS_PER_S
                     behind = len(block) * math.floor(late_s * block.sample_rate / len(block) + _SOONER)
                     if behind > 0 and origin != "derived":  # which come when a cycle ends
                         writer.due(origin, name, block.end_sample + behind, log_ns, cause)

@@ -123,7 +123,7 @@ class Poller:
             try:
                 await self._look_after(began_s)
             except InstrumentError as error:
-                await self._make_safe(error)
+                await self._make_safe(self._unread_line(error))
                 if isinstance(error, _GONE):
                     return  # a drive that comes back is a matter for a person
             except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
@@ -135,6 +135,13 @@ class Poller:
                 return
             self._looked_s = began_s
             await asyncio.sleep(max(self._settings.period_s - (self._clock.monotonic_s() - began_s), 0.0))
+
+    def _unread_line(self, error: InstrumentError) -> InstrumentError:
+        """An emergency stop where its line is on a drive that is gone: the chain may have cut its power."""
+        if (line := self._settings.stop_line) is None or not isinstance(error, _GONE):
+            return error
+        at = f"{line.line} of {self._settings.port}"
+        return EmergencyStop(at, f"its line cannot be read: {error.what}", self._clock.monotonic_s())
 
     async def _look_after(self, now_s: float) -> None:
         # A process that was frozen (SIGSTOP, swap) for longer than the watchdog waits finds a drive that has

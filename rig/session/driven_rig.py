@@ -311,7 +311,8 @@ class DrivenRig:
         return until is not None and self.acquisition.acquired >= until
 
     def ramp_down(self) -> None:
-        self._bring_to_rest(self.motion.ramp_down)
+        self._bring_to_rest(self.motion.cut if self.emergency_stop else self.motion.ramp_down)
+        self.heed_emergency_stop()
         self._rests = True
         self.logbook.tell("info", "drive.off", "drive ramped down and off")
 
@@ -322,7 +323,8 @@ class DrivenRig:
                 cause, stopped_ns = sys.exc_info()[1], self._stopped_ns or self._stopping_ns()
                 if (seen := self.emergency_stop) is not None:
                     cause = seen
-                    self.stream(Event(stopped_ns, "error", "rig", seen.code, str(seen)))
+                    with suppress(RecorderFailed):
+                        self.stream(Event(stopped_ns, "error", "rig", seen.code, str(seen)))
                 text = f"stopping before its time{f' ({cause})' if cause else ''}"
                 if self.on_stopping is not None:
                     self.on_stopping()

@@ -142,12 +142,17 @@ class Supervisor:
 
     def _heard(self, within_s: float = 0.0) -> str:
         """Which process switches the drive off, or that it is off; nothing while all is well."""
-        with self._hearing, suppress(OSError, EOFError):
-            while self._told != _TRIPPED and self._child.pipe.poll(within_s):
-                if isinstance(told := self._child.pipe.recv(), EmergencyStop):
-                    self._line_seen = told
-                else:
-                    self._told = told
+        if not self._hearing.acquire(timeout=LOOK_S):  # whoever has it may hang, and off waits for nobody
+            return self._told
+        try:
+            with suppress(OSError, EOFError):
+                while self._told != _TRIPPED and self._child.pipe.poll(within_s):
+                    if isinstance(told := self._child.pipe.recv(), EmergencyStop):
+                        self._line_seen = told
+                    else:
+                        self._told = told
+        finally:
+            self._hearing.release()
         return self._told
 
 

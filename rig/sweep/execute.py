@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from daq.clock import Clock
-from daq.errors import InterlockTripped, RattleError
+from daq.errors import EmergencyStop, InterlockTripped, RattleError
 from daq.signals.impact_events import BounceGrouper, ImpactDetector
 from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
 from rig.files.bench import Bench
@@ -167,6 +167,9 @@ class Sweeping:
         """Write down why a point ended before it was recorded, and say what comes of it."""
         try:
             yield
+        except EmergencyStop as error:  # which says nothing of the point
+            self._keep(self._state.with_point(number, PointState("stopped", why=str(error))))
+            raise
         except InterlockTripped as error:
             self._keep(self._state.with_point(number, PointState("interlock", why=str(error))))
             goes_on = f"the same call goes on after it, --again {number} repeats it"

@@ -13,7 +13,7 @@ import pytest
 from pymodbus.constants import ExcCodes
 
 from daq.clock import SystemClock
-from daq.errors import DeviceLost, EmergencyStop, InstrumentAbsent, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, EmergencyStop, InstrumentAbsent, InstrumentRefused
 from drivers import lock as locks
 from drivers.lock import Latch
 from drivers.mitsubishi_fr.emulator.drive import DriveFaults
@@ -260,6 +260,8 @@ def test_a_line_that_falls_silent_counts_as_open() -> None:
     async def silence(bench: Bench) -> None:
         await bench.run_at(HZ)
         bench.line.mute = True
-        assert isinstance(await latched(bench, 2.0), InstrumentSilent)
+        seen = await latched(bench, 2.0)
+        assert isinstance(seen, EmergencyStop)
+        assert "its line cannot be read" in seen.what
 
     on_bench(silence, settings=WATCHED, faults=HEALTHY)

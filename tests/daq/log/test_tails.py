@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from daq.block import NS_PER_S
 from daq.channel import Channel
 from daq.log.front import CUT, read_summary
 from daq.log.reader import LogReader
-from daq.log.records import Gap
+from daq.log.records import Event, Gap
 from daq.log.recover import LOST, UNWRITTEN, recover_log, verify_log
 from daq.log.writer import LogWriter
 from tests.daq.log.logs import BLOCK, START_NS, block, host_ns, write_ramp
@@ -100,6 +103,23 @@ def test_what_recovery_dropped_at_the_end_is_in_its_ledger(tmp_path: Path) -> No
     ]
     assert report.lost == sum(20 * BLOCK - end for end in ends.values())
     assert not report.whole
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_what_comes_late_of_other_origins_is_no_sign_of_a_loss(tmp_path: Path, cut: bool) -> None:
+    """A twin lags behind the record that it predicts, and events follow what was measured."""
+    path, late_ns = tmp_path / "log.mcap", NS_PER_S
+    with LogWriter(path) as log:
+        for origin, delay_ns in (("measured", 0), ("predicted", late_ns)):
+            log.declare(origin, Channel("a", "N"))
+            for number in range(20):
+                log.add_block(origin, block(number), host_ns(block(number)) + delay_ns)
+        log.add_event(Event(host_ns(block(19)) + 2 * late_ns, "info", "rig", "drive.off", "off"))
+    if cut:
+        path.write_bytes(path.read_bytes()[:-40])
+    report = recover_log(path, tmp_path / "recovered.mcap")
+    assert gaps_of(tmp_path / "recovered.mcap") == []
+    assert report.lost == 0
 
 
 def test_a_log_that_lacks_nothing_gets_no_gap(tmp_path: Path) -> None:

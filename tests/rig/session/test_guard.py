@@ -15,7 +15,7 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import EmergencyStop, InstrumentRefused, InterlockTripped
+from daq.errors import EmergencyStop, InstrumentRefused, InterlockTripped, RecorderFailed
 from daq.log.records import STOPPING
 from daq.log.writer import LogWriter
 from daq.time_base.run_clock import RunClock
@@ -312,6 +312,53 @@ PRESSED_S = 3.0
 
 def pressed() -> EmergencyStop:
     return EmergencyStop("port0/line0 of a card", "its line is open", time.monotonic() - PRESSED_S)
+
+
+@pytest.mark.parametrize("on_ramp", [False, True])
+def test_an_emergency_stop_cuts_the_ramp_down_and_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, on_ramp: bool
+) -> None:
+    motor = RampingMotor()
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+
+    def press() -> None:
+        if on_ramp:
+            await_true("on its ramp", lambda: "off" in motor.told)
+        monkeypatch.setattr(Beats, "emergency_stop", pressed())
+
+    def during(rig: DrivenRig) -> None:
+        monkeypatch.setattr(rig.acquisition, "alarm", threading.Event())
+        person.start()
+        if not on_ramp:
+            person.join()  # pressed between the guard's looks
+        rig.ramp_down()
+
+    person = threading.Thread(target=press)
+    ended(bench, EmergencyStop, "its line is open", during)
+    person.join()
+    assert "cut" in motor.told
+    if not on_ramp:
+        assert "off" not in motor.told
+
+
+def test_an_emergency_stop_with_a_log_that_takes_nothing_more_leaves_no_doubt_of_the_drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motor = RampingMotor()
+    motor.stands.set()
+    bench, said = Bench(tmp_path, motor), list[str]()  # type: ignore[arg-type]
+    monkeypatch.setattr(bench.rig.screen, "warn", said.append)
+
+    def refuse(record: object) -> None:
+        raise RecorderFailed("no space left")
+
+    def during(rig: DrivenRig) -> None:
+        rig.stream[:] = [refuse]
+        monkeypatch.setattr(Beats, "emergency_stop", pressed())
+        rig.heed_emergency_stop()
+
+    ended(bench, EmergencyStop, "its line is open", during)
+    assert said == []  # nothing went wrong with the drive
 
 
 @pytest.mark.parametrize("by", ["supervisor", "actuator"])

@@ -141,6 +141,14 @@ def test_one_that_is_killed_is_gone(launched: Callable[..., Supervisor]) -> None
             supervisor.check()
 
 
+def test_nobody_waits_for_another_who_hears_it(launched: Callable[..., Supervisor]) -> None:
+    """A guard that hangs there must not keep the sequence from switching off."""
+    with launched() as supervisor, supervisor._hearing:
+        since_s = time.monotonic()
+        assert supervisor.emergency_stop is None
+        assert time.monotonic() - since_s < 1.0
+
+
 def test_an_emergency_stop_is_told_and_left_to_a_run_that_lives(
     launched: Callable[..., Supervisor], tmp_path: Path
 ) -> None:

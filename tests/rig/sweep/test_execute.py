@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.errors import ConfigurationError, DeviceLost, InterlockTripped, LogError, RattleError
+from daq.errors import ConfigurationError, DeviceLost, EmergencyStop, InterlockTripped, LogError, RattleError
 from rig.files.bench import parse_bench
 from rig.files.model_file import parse_model
 from rig.files.scenario import Scenario
@@ -123,6 +123,13 @@ def test_an_interlock_ends_the_sweep_and_its_point_is_not_repeated_silently(tria
     state = trial.call(runs := Runs(), again={2})
     assert runs.points == [2]
     assert state.ended("done") == (1, 2, 3, 4)
+
+
+def test_a_point_that_an_emergency_stop_ended_is_done_by_the_next_call(trial: Trial) -> None:
+    with pytest.raises(EmergencyStop):
+        trial.call(Runs({2: EmergencyStop("port0/line0 of a card", "its line is open", 0.0)}))
+    trial.call(runs := Runs())
+    assert runs.points == [2, 3, 4]
 
 
 @pytest.mark.parametrize("code", ["drive.frequency_off", "drive.frequency_unknown", "motor.off_speed"])
