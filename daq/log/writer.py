@@ -14,7 +14,7 @@ from mcap.records import Channel as ChannelRecord
 from mcap.records import Schema as SchemaRecord
 from mcap.writer import CompressionType, Writer
 
-from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
+from daq.block import LATEST, NS_PER_S, Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.errors import RecorderFailed
 from daq.log import codec
@@ -117,7 +117,7 @@ class LogWriter:
             told_from = self._told_gaps.pop((topic, told_from))
         missing = max(told_from - expected, 0) if record_gap else 0
         if missing:
-            start_ns = sample_time_ns(block.time_ns, expected - block.first_sample, block.sample_rate)
+            start_ns = max(sample_time_ns(block.time_ns, expected - block.first_sample, block.sample_rate), 0)
             if not cause and expected == 0:
                 cause = "start of stream"
             elif not cause:
@@ -127,7 +127,7 @@ class LogWriter:
             self._record("/gap", "Gap", gap, host_ns)
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
-        self._end_ns[topic] = sample_time_ns(block.time_ns, len(block), block.sample_rate)
+        self._end_ns[topic] = min(sample_time_ns(block.time_ns, len(block), block.sample_rate), LATEST - 1)
         return missing
 
     def add_event(self, event: Event) -> None:
@@ -237,7 +237,11 @@ class LogWriter:
                 self._chunk.write(self._declarations)
         self._guard(
             lambda: self._writer.add_message(
-                self._topics[topic], log_time=log_ns, data=data, publish_time=publish_ns, sequence=sequence
+                self._topics[topic],
+                log_time=log_ns,
+                data=data,
+                publish_time=max(publish_ns, 0),  # MCAP knows no time before 1970
+                sequence=sequence,
             )
         )
         if self._chunk.count >= _CHUNK_BYTES:

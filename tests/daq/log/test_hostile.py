@@ -15,7 +15,7 @@ from mcap.records import Channel as ChannelRecord
 from mcap.records import Chunk, ChunkIndex, DataEnd, Footer, Header, Metadata, MetadataIndex
 from mcap.writer import MCAP0_MAGIC
 
-from daq.block import SampleBlock
+from daq.block import LATEST, NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats.recording import read_log
@@ -108,6 +108,20 @@ def test_millions_of_short_messages_are_not_kept(topic: str, tmp_path: Path) -> 
     path = crashed_file(tmp_path / "log.mcap", one)
     with LogReader(path) as log, bounded(), pytest.raises(LogError, match=ODD):
         log.series("measured", "a") if topic != "/event" else log.events()
+
+
+@pytest.mark.parametrize("time_ns", [-1, 0, LATEST - 1])
+@pytest.mark.parametrize("sample_rate", [1e-8, 1000.0])
+def test_a_hole_that_reaches_out_of_all_time_is_recovered(
+    sample_rate: float, time_ns: int, tmp_path: Path
+) -> None:
+    message = SampleBlockMessage(sample_rate=sample_rate, first_sample=LATEST - 1, values=[1.0, 2.0])
+    message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, NS_PER_S)
+    head = record(4, struct.pack("<HHI", 0, 0, 11) + b"/measured/a" + struct.pack("<II", 0, 0))
+    one = record(5, struct.pack("<HIQQ", 0, 0, 1, 0) + message.SerializeToString())
+    recover_log(crashed_file(tmp_path / "log.mcap", chunk(head + one)), tmp_path / "recovered.mcap")
+    with LogReader(tmp_path / "recovered.mcap") as log:
+        assert [(gap.time_ns, gap.count) for gap in log.gaps()] == [(0, LATEST - 1)]
 
 
 def test_one_chunk_that_the_index_has_twice_is_read_once(tmp_path: Path) -> None:
