@@ -56,11 +56,36 @@ ALL = {
         ("benchmarks.kills", "300"),
         ("benchmarks.kills", "3"),
     ),
-    "reactions": Promise(
-        "However a run ends badly, with a generator and with a motor, what moves is safe in time, and a "
-        "live view that dies costs no sample.",
-        ("benchmarks.reactions",),
-        ("benchmarks.reactions", "--tries", "1"),
+    "limit": Promise(
+        "A limit that is crossed is off within 0.15 s, with a generator and with a motor, also at a terminal "
+        "that has stopped.",
+        ("benchmarks.reactions", "limit"),
+        ("benchmarks.reactions", "limit", "--tries", "1"),
+    ),
+    "killed run": Promise(
+        "A run that is killed is safe within 1 s, whenever it drives.",
+        ("benchmarks.reactions", "killed"),
+        ("benchmarks.reactions", "killed", "--tries", "1"),
+    ),
+    "frozen run": Promise(
+        "A run that is frozen is safe within 1 s, whenever it drives.",
+        ("benchmarks.reactions", "frozen"),
+        ("benchmarks.reactions", "frozen", "--tries", "1"),
+    ),
+    "held thread": Promise(
+        "A run of which any thread hangs is safe within 1 s, or goes on and stops when it is told to.",
+        ("benchmarks.reactions", "thread"),
+        ("benchmarks.reactions", "thread", "--tries", "1"),
+    ),
+    "lost instrument": Promise(
+        "An instrument that is lost is noticed within 1 s, and what moves is safe 0.2 s after.",
+        ("benchmarks.reactions", "lost"),
+        ("benchmarks.reactions", "lost", "--tries", "1"),
+    ),
+    "dead viewer": Promise(
+        "A live view that dies costs no sample.",
+        ("benchmarks.reactions", "viewer"),
+        ("benchmarks.reactions", "viewer", "--tries", "1"),
     ),
     "stall": Promise(
         "A disk that takes nothing for 10 s costs no sample of 64 channels at 51.2 kHz.",
