@@ -62,7 +62,7 @@ class Relay:
                     for each in (near, far):
                         self._selector.register(each, selectors.EVENT_READ)
                 elif key.fileobj in self._ways:  # its other end may have closed both since
-                    self._pass_on(key.fileobj)  # type: ignore[arg-type]
+                    self._pass_on(key.fileobj)
         for each in self._ways:
             each.close()
         self._selector.close()
