@@ -2,12 +2,14 @@
 
 Runs `rattle run --live` as a user would and watches its processes from outside: samples lost, blocks that the
 view dropped, processor time, memory. With `--channels 64` the bench is made for it: the five channels of the
-impact beam and accelerometers along it.
+impact beam and accelerometers along it, or with `--crank` the five of the planar crank and accelerometers of
+its bed, beside an encoder on CAN at 1 kHz and an inverter that is read at 20 Hz.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 import statistics
@@ -15,9 +17,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import psutil
 
 from daq.log.reader import LogReader
@@ -26,7 +31,9 @@ from daq.log.recover import verify_log
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "impact_beam_sixteen_channels.toml"
 BENCH = ROOT / "scenarios" / "sixteen_channels.bench.toml"
+SAMPLE_RATE_HZ = 51_200
 EVERY_S = 2.0
+_AN_HOUR_S, MOST_MB_AN_HOUR = 3600.0, 1.0
 MIB = 1 << 20
 MOST_CPU = {16: 0.5}
 """Share of a core that the acquisition process may take, by channels; one core where nothing is said."""
@@ -35,7 +42,7 @@ _INPUTS = 4
 _STATIONS = range(5, 97)
 _ACCELEROMETER = """
 [[daq_card.channels]]
-name = "beam.acceleration_{station:02d}"
+name = "{location}.acceleration_{station:02d}"
 physical = "cDAQ1Mod{module}/ai{number}"
 kind = "acceleration_iepe"
 sensitivity = "10 mV/g"
@@ -46,8 +53,25 @@ valid_until = 2036-05-04
 """
 _STALL = """
 [emulation]
-faults = ["disk.stalls@3:for={seconds:g}"]
+faults = [{faults}]
 """
+CRANK = ROOT / "scenarios" / "planar_slider_crank.toml"
+_CRANK_BENCH = ROOT / "rig" / "rigs" / "planar_slider_crank.toml"
+_ON_CAN = """
+[encoder]
+driver = "canopen_cia406"
+interface = "socketcand"
+channel = "can0"
+node = 7
+period = "1 ms"
+emulated = true
+"""
+_READ_AT_20_HZ = 'rpm_per_hz = 5.0\npoll = "50 ms"'
+_STALLS_EVERY_S = 300.0
+_BUSY_S, _IDLE_S = 2.0, 18.0
+_RATES_HZ = {"encoder": 1000.0, "inverter": 20.0}
+_NOT_STEADY = 1 / 3
+"""Of the record, at its begin, in which memory is still taken into use."""
 
 
 @dataclass(slots=True)
@@ -61,15 +85,18 @@ class Watched:
 def main() -> int:
     arguments = _arguments()
     print(f"load before the run       {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, _neighbour() if arguments.neighbour else nullcontext():
         scenario = Path(folder) / "scenario.toml"
-        text = re.sub(r'duration = ".*"', f'duration = "{arguments.seconds:g} s"', SCENARIO.read_text())
-        scenario.write_text(text)
-        bench, of_bench = arguments.bench, arguments.bench.read_text()
-        if arguments.channels != 16 or arguments.stall:
-            bench = Path(folder) / "bench.toml"
-            of_bench = of_bench if arguments.channels == 16 else _bench_of(arguments.channels)
-            bench.write_text(of_bench + _STALL.format(seconds=arguments.stall))
+        text = (CRANK if arguments.crank else SCENARIO).read_text()
+        text = re.sub(r'sample_rate = ".*"', f'sample_rate = "{SAMPLE_RATE_HZ} Hz"', text)
+        scenario.write_text(re.sub(r'duration = ".*"', f'duration = "{arguments.seconds:g} s"', text))
+        bench = Path(folder) / "bench.toml"
+        times = (
+            np.arange(3.0, arguments.seconds - arguments.stall, _STALLS_EVERY_S) if arguments.stall else ()
+        )
+        faults = ", ".join(f'"disk.stalls@{at:g}:for={arguments.stall:g}"' for at in times)
+        of_bench = _crank_bench(arguments.channels) if arguments.crank else _beam_bench(arguments.channels)
+        bench.write_text(of_bench + _STALL.format(faults=faults))
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
         watched = _watch(command, arguments.seconds)
@@ -77,28 +104,62 @@ def main() -> int:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--channels", type=int, default=16)
-    parser.add_argument("--bench", type=Path, default=BENCH)
-    parser.add_argument("--stall", type=float, default=0.0, help="s for which the disk takes nothing")
+    parser.add_argument("--crank", action="store_true", help="the planar crank, with CAN and inverter")
+    parser.add_argument(
+        "--stall",
+        type=float,
+        default=0.0,
+        help=f"s for which the disk takes nothing, every {_STALLS_EVERY_S:g} s",
+    )
+    parser.add_argument(
+        "--neighbour", action="store_true", help=f"a process that takes a core for {_BUSY_S:g} s now and then"
+    )
     parser.add_argument("--no-live", action="store_true")
     return parser.parse_args()
 
 
-def _bench_of(channels: int) -> str:
+@contextmanager
+def _neighbour() -> Iterator[None]:
+    code = f"import time\nwhile True:\n end = time.monotonic() + {_BUSY_S}\n"
+    code += f" while time.monotonic() < end: pass\n time.sleep({_IDLE_S})\n"
+    with subprocess.Popen([sys.executable, "-c", code]) as busy:  # noqa: S603 - our own
+        try:
+            yield
+        finally:
+            busy.kill()
+
+
+def _beam_bench(channels: int) -> str:
     """The bench of sixteen channels with as many accelerometers as are asked for."""
+    if channels == 16:
+        return BENCH.read_text()
     head, *tables = BENCH.read_text().split("[[daq_card.channels]]")
     kept = [table for table in tables if "beam.acceleration" not in table]
     count = channels - len(kept)
     stations = [_STATIONS[number * len(_STATIONS) // count] for number in range(count)]
-    added = (
+    return "[[daq_card.channels]]".join([head, *kept]) + _accelerometers("beam", stations)
+
+
+def _crank_bench(channels: int) -> str:
+    """The bench of the planar crank with accelerometers that no twin predicts beside its own channels."""
+    bench = _CRANK_BENCH.read_text().replace("rpm_per_hz = 5.0", _READ_AT_20_HZ) + _ON_CAN
+    return bench + _accelerometers("bed", range(channels - bench.count("[[daq_card.channels]]")))
+
+
+def _accelerometers(location: str, places: Iterable[int]) -> str:
+    return "".join(
         _ACCELEROMETER.format(
-            station=station, module=3 + number // _INPUTS, number=number % _INPUTS, serial=200 + number
+            location=location,
+            station=place,
+            module=4 + number // _INPUTS,
+            number=number % _INPUTS,
+            serial=400 + number,
         )
-        for number, station in enumerate(stations)
+        for number, place in enumerate(places)
     )
-    return "[[daq_card.channels]]".join([head, *kept]) + "".join(added)
 
 
 def _watch(command: list[str], seconds: float) -> Watched:
@@ -153,30 +214,45 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     with LogReader(logs[0]) as log:
         told = {event.code: event.text for event in log.events() if event.source in ("rig", "derived")}
     counted = [topic for topic in report.topics if topic.topic.startswith(("/measured/", "/predicted/"))]
-    expected = round(seconds * 51200)
-    unaccounted = sum(abs(expected - topic.samples - topic.missing) for topic in counted)
     missing = sum(topic.missing for topic in counted)
+    short = {topic.topic: _short(topic.topic, topic.samples + topic.missing, seconds) for topic in counted}
+    unaccounted = sum(short.values())
+    measured = sum(topic.topic.startswith("/measured/") and not _beside(topic.topic) for topic in counted)
     derived = sum(topic.samples for topic in report.topics if topic.topic.startswith("/derived/"))
     means = {name: statistics.mean(shares) for name, shares in watched.cpu.items() if shares}
     busiest = max(means, key=lambda name: means[name])
-    third = max(1, len(watched.rss) // 3)
-    early, late = statistics.mean(watched.rss[:third]), statistics.mean(watched.rss[-third:])
+    steady = np.array(watched.rss[round(len(watched.rss) * _NOT_STEADY) :])
+    hours = np.arange(len(steady)) * EVERY_S / 3600.0
+    slope = float(np.polyfit(hours, steady * (MIB / 1e6), 1)[0]) if len(steady) > 1 else math.nan
     worst = max(watched.cpu["acquisition"])
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
-    print(f"channels                  {len(counted)} measured and predicted, {derived} derived values")
-    print(f"samples unaccounted       {unaccounted} (missing: {missing})")
+    print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
+    print(f"samples unaccounted       {unaccounted} (missing: {missing}); {derived} derived values")
     print(f"view                      {told.get('view.dropped', 'none')}")
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
         print(f"{name:<25} {share:.2f} of a core")
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
-    print(f"acquisition, RSS          {max(watched.rss):.0f} MiB; thirds {early:.0f} to {late:.0f}")
+    print(f"acquisition, RSS          {max(watched.rss):.0f} MiB; in the last two thirds {slope:+.2f} MB/h")
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
     print(f"all processes             {sum(means.values()):.2f} cores")
     print(f"load after the run        {os.getloadavg()[0]:.2f}")
-    kept = report.sound and not unaccounted and not missing and len(counted) == 2 * channels
+    kept = report.sound and not unaccounted and not missing and measured == channels
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
-    return 0 if kept and within and max(watched.rss) < MOST_MIB.get(channels, 1500) else 1
+    level = seconds < _AN_HOUR_S or slope < MOST_MB_AN_HOUR
+    return 0 if kept and within and level and max(watched.rss) < MOST_MIB.get(channels, 1500) else 1
+
+
+def _beside(topic: str) -> float:
+    """Samples a second of what is not the card's; 0 of what is."""
+    return next((hz for place, hz in _RATES_HZ.items() if topic.split("/")[-1].startswith(place)), 0.0)
+
+
+def _short(topic: str, samples: int, seconds: float) -> int:
+    """How many samples a record lacks; what has a clock of its own may lack the last tenth of a second."""
+    if rate_hz := _beside(topic):
+        return max(math.floor((seconds - 0.1) * rate_hz) - samples, 0)
+    return abs(round(seconds * SAMPLE_RATE_HZ) - samples)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from rig.files.bench import STOP_TABLE, Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
-from rig.rigs import RIGS
+from rig.rigs import RIGS, unit_of
 from rig.session.progress import FIRST_START
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def wiring_of(bench: Bench) -> CardWiring:
         else:
             fitting_v = (range_v for range_v in _RANGES_V if channel.full_scale_v <= range_v)
             wires[channel.physical] = Wire(
-                channel.name,
+                "" if unit_of(channel.name) is None else channel.name,
                 channel.volts_per_unit,
                 range_v=next(fitting_v, _RANGES_V[-1]),
                 charge=None

@@ -276,7 +276,7 @@ def _rad_per_pulse(channel: CardChannel) -> float:
 
 
 _OWN: Final = {
-    "voltage": SensorKind(AnalogSensor(FORCE | ACCELERATION, declare_voltage, takes=("filter",))),
+    "voltage": SensorKind(AnalogSensor(FORCE | ACCELERATION | VOLTAGE, declare_voltage, takes=("filter",))),
     "charge_amplifier": SensorKind(
         AnalogSensor(
             FORCE | ACCELERATION,

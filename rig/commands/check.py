@@ -65,6 +65,7 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
     from rig.files.bench import Bench, embedded_bench
     from rig.files.faults import raised_by
     from rig.files.pairing import check_bench
+    from rig.rigs import unit_of
 
     loaded = load_any(file)
     if isinstance(loaded, Bench):
@@ -72,6 +73,8 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
         line = loaded.stop_line
         read = "none is read" if line is None else f"{line.line} is read, {line.contact}"
         typer.echo(f"emergency stop: {read}")
+        if names := [each.name for each in loaded.daq_card.channels if unit_of(each.name) is None]:
+            typer.echo(f"recorded without a prediction: {', '.join(names)}")
         return loaded
     _check(loaded, None, str(file), today)
     # Another bench may well allow it: no fault of the scenario.

@@ -4,6 +4,7 @@ which input, with which chain behind it), and an encoder on a CAN bus with its i
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any, Final
@@ -18,11 +19,15 @@ from drivers.ni_daq.sensing import (
     keys_of,
     sort_of_input,
 )
-from drivers.ni_daq.sensors import known_sensor
+from drivers.ni_daq.sensors import SENSORS, AnalogSensor, known_sensor
 from drivers.protocols.instrument import misplaced
 from rig.files.faults import Faults, dotted
 from rig.files.table import read_table, sound_values, unknown_keys
 from rig.rigs import channel_names, declared, unit_of
+
+_ALIKE: Final = 0.75
+"""Names that agree so far may mean the same."""
+_VOLT: Final = "V"
 
 
 def read_card(table: object, key: str, faults: Faults) -> CardSettings | None:
@@ -70,9 +75,11 @@ def _channel(table: object, key: str, faults: Faults) -> CardChannel | None:
     more: dict[str, Any] = {}
     if known is not None:
         more = {"unit": known.unit, "quantity": known.quantity, "location": known.location}
+    elif name is not None and not _mistyped(name):
+        more = _not_modelled(name, table)
     before = len(faults)
     channel = read_table(CardChannel, table, key, faults, more)
-    if name is not None and known is None:
+    if name is not None and not more:
         faults.unknown(f"{key}.name", name, name, channel_names())
     if channel is None or len(faults) > before:
         return None
@@ -91,6 +98,25 @@ def _channel(table: object, key: str, faults: Faults) -> CardChannel | None:
         faults.add_from(dict(table), "sensitivity", key, arithmetic)  # type: ignore[call-overload]
         return None
     return channel if _held(channel, key, faults) else None
+
+
+def _mistyped(name: str) -> bool:
+    """Whether it looks like a channel that is modelled, at about the same place."""
+    near = difflib.get_close_matches(name, channel_names(), n=1, cutoff=_ALIKE)
+    places = [each.partition(".")[0] for each in near]
+    return bool(difflib.get_close_matches(name.partition(".")[0], places, cutoff=_ALIKE))
+
+
+def _not_modelled(name: str, table: object) -> dict[str, Any]:
+    """Of a channel that no rig's physics has, as its sensor tells; nothing where there is no such sensor."""
+    keys = ("kind", "physical")
+    said = sound_values({key: settings_of(CardChannel)[key] for key in keys}, table)
+    sensor = SENSORS[said["kind"]].on(sort_of_input(said["physical"])) if said.keys() >= {*keys} else None
+    if not isinstance(sensor, AnalogSensor):
+        return {}
+    location, _, quantity = name.rpartition(".")
+    unit = _VOLT if _VOLT in sensor.units else next(iter(sensor.units))
+    return {"unit": unit, "quantity": quantity, "location": location}
 
 
 def _held(channel: CardChannel, key: str, faults: Faults) -> bool:

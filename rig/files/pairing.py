@@ -18,7 +18,7 @@ from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.scenario import AcquisitionSection, Scenario
 from rig.instruments import actuator_of
-from rig.rigs import RIGS, shaft_channel
+from rig.rigs import RIGS, shaft_channel, unit_of
 
 SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
@@ -129,7 +129,7 @@ def _rpm(speed: float) -> str:
 def _channels(rig: str, bench: Bench) -> Iterator[Problem]:
     kind = RIGS[rig]
     for channel in bench.daq_card.channels:
-        if kind.channels.unit(channel.name) is None:
+        if kind.channels.unit(channel.name) is None and unit_of(channel.name) is not None:
             key = dotted("daq_card.channels", channel.name)
             yield Problem(key, "(here)", f"a channel of the {kind.name}: {', '.join(kind.channels.told)}")
 

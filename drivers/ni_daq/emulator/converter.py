@@ -30,7 +30,7 @@ class Converter:
         self._noise_v = wiring.idle_noise_v
         wires = [wiring.wires.get(item.physical) for item in inputs]
         live = [wire if wire is not None and wire.connected else None for wire in wires]
-        seen = [wire if wire is not None and not wire.shorted else None for wire in live]
+        seen = [None if wire is None or wire.shorted or not wire.plant_channel else wire for wire in live]
         self._idle = np.array([wire is None for wire in seen])
         self._rows = np.array(
             [0 if wire is None else plant_channels.index(wire.plant_channel) for wire in seen]

@@ -146,7 +146,7 @@ class CardServicer(DeviceCalls):
         self._plant, self._inbox, self._clock = plant, inbox, clock
         wired = {wire.plant_channel for wire in wiring.wires.values()}
         wired |= {wire.plant_channel for wire in wiring.counters.values()}
-        unknown = wired - set(plant.channels)
+        unknown = wired - {"", *plant.channels}
         if unknown:
             allowed = f"one of {', '.join(plant.channels)}"
             problems = [Problem("plant channel", name, allowed) for name in sorted(unknown)]

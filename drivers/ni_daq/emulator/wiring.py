@@ -65,7 +65,7 @@ class Wire:
 
     `volts_per_unit` is the true sensitivity in V per SI unit, amplifier included, whatever a bench file says;
     `range_v` is where the input clips, in V; `connected` is false for a cable that hangs loose, `shorted`
-    true for one whose conductors touch.
+    true for one whose conductors touch. Without a `plant_channel` the sensor is in order and shows nothing.
     """
 
     plant_channel: str

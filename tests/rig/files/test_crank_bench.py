@@ -11,8 +11,9 @@ import pytest
 
 from daq.errors import ConfigurationError
 from drivers.mitsubishi_fr.settings import InverterSettings
+from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
-from rig.files.pairing import check_pair
+from rig.files.pairing import check_bench, check_pair
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from tests.rig.files.faulty import only_problem, problems_of
@@ -213,6 +214,31 @@ def test_a_crank_of_the_other_kind_has_other_channels() -> None:
     bench = parse(RIGS["spatial_slider_crank"].bench)
     with pytest.raises(ConfigurationError, match=r"slider\.force_1.*a channel of the planar_slider_crank"):
         check_pair(scenario, bench, TODAY)
+
+
+MICROPHONE = """
+[[daq_card.channels]]
+name = "room.sound"
+physical = "cDAQ1Mod4/ai0"
+kind = "voltage"
+sensitivity = 1.0
+range = "5 V"
+"""
+
+
+def test_a_channel_that_no_rig_has_is_of_its_sensor() -> None:
+    bench = parse(TEXT + MICROPHONE)
+    check_bench(bench, TODAY)
+    channel = bench.daq_card.channels[-1]
+    assert (channel.unit, channel.location, channel.quantity) == ("V", "room", "sound")
+    assert wiring_of(bench).wires["cDAQ1Mod4/ai0"].plant_channel == ""
+
+
+@pytest.mark.parametrize("name", ["crank_frame.acceleration_z", "crank_frme.acceleration_x"])
+def test_a_name_that_is_nearly_one_of_a_rig_is_meant_to_be_it(name: str) -> None:
+    text = TEXT + MICROPHONE.replace("room.sound", name)
+    problem = only_problem(lambda: parse(text), f'daq_card.channels."{name}".name')
+    assert "did you mean crank_frame.acceleration" in problem.allowed
 
 
 @pytest.mark.parametrize(
