@@ -51,6 +51,8 @@ def test_an_error_that_tells_of_it_goes_to_another_process() -> None:
     again = pickle.loads(pickle.dumps(seen))  # noqa: S301 - our own
     assert (str(again), again.at_s) == (str(seen), 12.5)
     assert "that nobody is in danger" in str(seen)
+    unread = EmergencyStop.unread(LINE, "its line gives no reading", 1.5, "its cable")
+    assert str(pickle.loads(pickle.dumps(unread))) == str(unread)  # noqa: S301 - our own
 
 
 @pytest.mark.parametrize("contact", ["normally closed", "normally open"])
@@ -179,6 +181,7 @@ def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
         assert watch.look() is seen
     assert seen is not None
     assert seen.what == what
+    assert ("free it where it was pressed" in str(seen)) == (what == "its line is open")
 
 
 def test_a_reading_that_does_not_come_counts_as_open() -> None:
@@ -188,6 +191,9 @@ def test_a_reading_that_does_not_come_counts_as_open() -> None:
         seen = seen_within(watch, 1.5)
     assert seen is not None
     assert seen.what == "its line gives no reading"
+    assert "whether it was pressed: an unread line counts as open. If not, the card that reads it" in str(
+        seen
+    )
 
 
 def test_one_that_cannot_be_reached_counts_as_open() -> None:
@@ -196,6 +202,8 @@ def test_one_that_cannot_be_reached_counts_as_open() -> None:
         seen = watch.look()
     assert seen is not None
     assert "its line cannot be read: nobody answers" in seen.what
+    assert str(seen).startswith(f"emergency stop at {LINE} of 127.0.0.1:1: ")
+    assert "free it where it was pressed" not in str(seen)
     with pytest.raises(InstrumentAbsent, match="nobody answers"):
         refuse_open(lambda: CardLine(settings))
 
@@ -332,6 +340,9 @@ def test_a_line_that_falls_silent_counts_as_open() -> None:
         bench.line.mute = True
         seen = await latched(bench, 2.0)
         assert isinstance(seen, EmergencyStop)
-        assert "its line cannot be read" in seen.what
+        assert "its line cannot be read: no answer to" in seen.what
+        assert "whether it was pressed: an unread line counts as open. If not, that it is switched on" in str(
+            seen
+        )
 
     on_bench(silence, settings=WATCHED, faults=HEALTHY)
