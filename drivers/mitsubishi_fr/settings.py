@@ -83,7 +83,7 @@ class InverterSettings:
 
     rpm_per_hz: Annotated[float, Quantity("", 0, 10_000, above=True)]
     maximum_speed_rpm: Annotated[
-        float, Quantity("rpm", 0, 100_000, above=True, wants_unit=True, kept=True, key="maximum_speed")
+        float, Quantity("rpm", 0, 100_000, above=True, kept=True, key="maximum_speed")
     ]
     driver: Annotated[Literal["mitsubishi_fr"], Key()] = "mitsubishi_fr"
     port: Annotated[str, _PORT] = ""
