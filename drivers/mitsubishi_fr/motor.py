@@ -243,7 +243,7 @@ class Motor:
 
         Where that cannot be seen, hush, so that the drive's watchdog stops it, and raise InstrumentSilent.
         """
-        if not (self.state and self.state.fault):
+        if self.orders.run and not (self.state and self.state.fault):
             does = "coasts" if self.parameters.coasts else "goes on down its ramp, no faster"
             text = f"run is withdrawn at once; by Pr.250 the motor {does}"
             self._notices.note("warning", "inverter.cut", text)
