@@ -47,10 +47,14 @@ class StopLine:
         """Whether its input is on while nobody presses it."""
         return self.contact == "normally closed"
 
+    def at(self, address: str) -> str:
+        """Where it is, on the instrument at an address."""
+        return f"{self.line} of {address}"
+
     def heed(self, on: bool, address: str) -> None:
         """Raise EmergencyStop unless the input is as a healthy line has it."""
         if on != self.healthy:
-            raise EmergencyStop(f"{self.line} of {address}", "its line is open", time.monotonic())
+            raise EmergencyStop(self.at(address), "its line is open", time.monotonic())
 
 
 class LineReader(Protocol):
@@ -105,7 +109,8 @@ class LineWatch:
         if (now_s := time.monotonic()) - self._looked_s >= LOOK_S:
             self._looked_s, self._unread = now_s, self._unread + 1
         if self._unread > _UNREAD and self._seen is None:
-            self._seen = EmergencyStop(self._reader.address, "its line gives no reading", now_s)
+            what, check = "its line gives no reading", "the card that reads it, its driver or device server"
+            self._seen = EmergencyStop.unread(self._reader.address, what, now_s, check)
         return self._seen
 
     def _read(self) -> None:
@@ -118,5 +123,7 @@ class LineWatch:
             time.sleep(LOOK_S)
 
     def _see(self, error: InstrumentError) -> None:
-        lost = EmergencyStop(self._reader.address, f"its line cannot be read: {error.what}", time.monotonic())
-        self._seen = error if isinstance(error, EmergencyStop) else lost
+        if not isinstance(error, EmergencyStop):
+            what = f"its line cannot be read: {error.what}"
+            error = EmergencyStop.unread(self._reader.address, what, time.monotonic(), error.check)
+        self._seen = error

@@ -13,6 +13,7 @@ from typing import Final
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
 from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.rehearsal import rehearsed
 from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.faults import dotted
@@ -52,6 +53,14 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_byte
     ]
     if problems:
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
+
+
+def too_late(scenario: Scenario, bench: Bench) -> Iterator[str]:
+    """Say of each fault to rehearse that the record is over before it comes."""
+    end_s = scenario.acquisition.settle + scenario.acquisition.duration
+    for text in bench.emulation.faults:
+        if rehearsed(text).at_s >= end_s:
+            yield f"{text} is for when the record is over ({end_s:g} s): on the way to rest, or never"
 
 
 def check_scenario(scenario: Scenario, source: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
-from rig.files.pairing import check_pair
+from rig.files.pairing import check_pair, too_late
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from tests.rig.files.faulty import only_problem
@@ -48,6 +48,13 @@ def test_scenario_beyond_the_bench_is_refused(text: str, key: str, allowed: str)
     (problem,) = caught.value.problems
     assert key in problem.key
     assert allowed in problem.allowed
+
+
+def test_a_fault_that_comes_after_the_record_is_told() -> None:
+    faults = '"daq_card.stuck@5.9", "disk.full", "daq_card.unplugged@6"'
+    bench = parse_bench(f"[emulation]\nfaults = [{faults}]\n", "x", Path())
+    (told,) = too_late(parse_scenario(SOUND), bench)
+    assert told.startswith("daq_card.unplugged@6 is for when the record is over (6 s)")
 
 
 def unseen_bench() -> Bench:
