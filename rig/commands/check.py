@@ -72,6 +72,7 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
         line = loaded.stop_line
         read = "none is read" if line is None else f"{line.line} is read, {line.contact}"
         typer.echo(f"emergency stop: {read}")
+        _remark(loaded)
         return loaded
     _check(loaded, None, str(file), today)
     # Another bench may well allow it: no fault of the scenario.
@@ -94,12 +95,21 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
     bench = gathered.of(lambda: load_bench(bench_file, None if loaded is None else loaded.rig))
     if loaded is not None and bench is not None:
         _check(loaded, bench, str(file), today)
+        _remark(bench)
         return loaded
     if loaded is not None:
         gathered.of(lambda: _check(loaded, None, str(file), today))
     if bench is not None:
         gathered.of(lambda: check_bench(bench, today))
     raise gathered.error()
+
+
+def _remark(bench: Bench) -> None:
+    """Say what is no fault of a bench, and still to be known."""
+    from rig.files.pairing import unmeasured
+
+    if told := unmeasured(bench):
+        typer.echo(f"! {told}")
 
 
 def _check(wanted: Scenario | Sweep, bench: Bench | None, source: str, today: datetime.date) -> None:

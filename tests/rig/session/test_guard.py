@@ -368,7 +368,7 @@ def test_an_emergency_stop_switches_off_while_the_sequence_looks_at_nothing(
     bench = Bench(tmp_path, None)
     kept, seen = Kept(), list[EmergencyStop]()
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
-    devices = replace(bench.rig.devices, latch=Latch("the line"))
+    devices = replace(bench.rig.devices, latch=Latch("generator", "the line"))
     bench.rig.devices = replace(devices, emergency_stop=lambda: seen[0] if seen else None)
 
     def during(rig: DrivenRig) -> None:
@@ -390,7 +390,82 @@ def test_an_emergency_stop_switches_off_while_the_sequence_looks_at_nothing(
     assert told.time_ns == stopping.time_ns
     off_ns = RunClock(SystemClock()).unix_ns()
     assert off_ns - stopping.time_ns > 0.9 * PRESSED_S * 1e9
-    assert Latch("the line").told() == "emergency stop at port0/line0 of a card ended a run: its line is open"
+    assert (
+        Latch("generator", "the line").told()
+        == "emergency stop at port0/line0 of a card ended a run: its line is open"
+    )
+
+
+@pytest.mark.parametrize("how", ["refused", "hangs"])
+def test_a_latch_that_cannot_be_kept_or_hangs_is_told_and_delays_no_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    bench, kept, goes_on = Bench(tmp_path, None), Kept(), threading.Event()
+
+    class Broken(Latch):
+        def set(self, text: str) -> None:
+            if how == "hangs":
+                goes_on.wait()
+            raise InstrumentRefused("generator", "here", "no such folder")
+
+    bench.rig.devices = replace(bench.rig.devices, latch=Broken("generator", "here"))
+
+    def during(rig: DrivenRig) -> None:
+        rig.stream[:] = [kept]
+        monkeypatch.setattr(Beats, "emergency_stop", pressed())
+        since_s = time.monotonic()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        assert (bench.generator.off_s or 0.0) - since_s < SOON_S
+        rig.watch.check()
+
+    ended(bench, EmergencyStop, "its line is open", during)
+    goes_on.set()
+    (told,) = [event for event in kept.events if event.code == "emergency_stop.latch"]
+    assert "see to that yourself" in told.text
+    assert told.text in " ".join(bench.rig.screen.console.export_text().split())
+
+
+def test_a_latch_waits_for_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    motor, latch = RampingMotor(), Latch("inverter", "here")
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+    bench.rig.devices = replace(bench.rig.devices, latch=latch)
+
+    def during(rig: DrivenRig) -> None:
+        with rig._deciding:  # the guard hangs before its stop
+            monkeypatch.setattr(Beats, "emergency_stop", pressed())
+            await_true("latched", latch.told, 1.0)
+        rig.watch.check()
+
+    ended(bench, EmergencyStop, "its line is open", during)
+
+
+SERIAL_OFF_S = 0.4
+
+
+@pytest.mark.parametrize("off_s", [0.0, SERIAL_OFF_S])
+def test_signs_of_life_go_on_while_an_off_may_take_its_time(
+    tmp_path: Path, beats: list[float], off_s: float
+) -> None:
+    """On a serial line, where the supervisor's connection would garble it; over a network it may come."""
+    bench, goes_on = Bench(tmp_path, None), threading.Event()
+    bench.rig.motion = replace(bench.rig.motion, longest_stop_s=off_s)  # type: ignore[type-var]
+
+    def slow() -> None:
+        goes_on.wait()
+
+    bench.generator.off = slow  # type: ignore[method-assign]
+
+    def during(rig: DrivenRig) -> None:
+        bench.level = 60.0
+        await_true("tripped", lambda: rig.acquisition.trips)
+        tripped_s = time.monotonic()
+        time.sleep(2 * SERIAL_OFF_S)
+        goes_on.set()
+        assert off_s - 0.05 < max(beats) - tripped_s < off_s + 0.1
+        rig.watch.check()
+
+    ended(bench, InterlockTripped, "60 N", during)
 
 
 def test_an_emergency_stop_waits_for_no_ramp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
