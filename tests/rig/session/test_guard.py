@@ -15,12 +15,20 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import EmergencyStop, InstrumentRefused, InterlockTripped, RecorderFailed
+from daq.errors import (
+    DeviceLost,
+    EmergencyStop,
+    InstrumentRefused,
+    InstrumentSilent,
+    InterlockTripped,
+    RecorderFailed,
+)
 from daq.log.records import STOPPING
 from daq.log.writer import LogWriter
 from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
 from drivers.lock import Latch
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Limit, parse_scenario
 from rig.session import driven_rig
@@ -28,6 +36,8 @@ from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker
 from rig.session.driven_rig import DrivenRig, Hung
 from rig.session.signals import Stopped, StopRequest
+from tests.drivers.scripted import ScriptedInstrument
+from tests.drivers.test_scpi_bad_answers import Echo
 from tests.end_to_end.command import await_true
 from tests.rig.session.fakes import RATE, Kept, RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.test_driven_rig import SCENARIO
@@ -516,3 +526,55 @@ def test_a_disk_that_hangs_at_the_end_delays_no_off(tmp_path: Path) -> None:
         goes_on.set()
         running.join()
     assert was_off == [True]
+
+
+class SpareGenerator(RecordingGenerator):
+    """A second connection, which says when it was made."""
+
+    at_s: ClassVar[list[float]] = []
+
+    def open(self) -> None:
+        self.at_s.append(time.monotonic())
+
+
+@pytest.mark.parametrize("how", ["silent", "gone"])
+def test_a_generator_that_is_lost_is_noticed_in_a_second_and_commanded_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Its network is gone, or its process; what is commanded then may reach it or not."""
+    monkeypatch.setattr(SpareGenerator, "at_s", [])
+    echo, lost, off_s = Echo({}), threading.Event(), list[float]()
+
+    def answer(line: str) -> bytes | None:
+        answered = echo(line)
+        if not lost.is_set():
+            return answered
+        if line == "OUTP OFF":
+            off_s.append(time.monotonic())
+        return b"" if how == "silent" else None
+
+    bench = Bench(tmp_path, None)
+    with ScriptedInstrument(answer) as instrument:
+        generator = ScpiGenerator(GeneratorSettings(3.6, 12.0, resource=instrument.resource))
+        generator.open()
+        bench.rig.motion = replace(bench.rig.motion, generator=generator)  # type: ignore[type-var]
+        bench.rig.devices = replace(bench.rig.devices, spare=SpareGenerator)
+        bench.rig.motion.arm(soft=False)
+        times = list[float]()
+
+        def during(rig: DrivenRig) -> None:
+            rig.watch.wait(0.2)
+            times.append(time.monotonic())
+            lost.set()
+            try:
+                rig.watch.wait(5.0)
+            finally:
+                times.append(time.monotonic())
+
+        error, match = (InstrumentSilent, "no answer to") if how == "silent" else (DeviceLost, "connection")
+        ended(bench, error, match, during)
+        generator.close()
+    lost_s, noticed_s = times
+    assert noticed_s - lost_s < 1.0
+    commanded_s = min(off_s) if how == "silent" else SpareGenerator.at_s[0]
+    assert commanded_s - noticed_s < 0.2
