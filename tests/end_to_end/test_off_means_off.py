@@ -61,7 +61,7 @@ class Relay:
                     self._ways |= {near: far, far: near}
                     for each in (near, far):
                         self._selector.register(each, selectors.EVENT_READ)
-                else:
+                elif key.fileobj in self._ways:  # else its other end has hung up at the same time
                     self._pass_on(key.fileobj)  # type: ignore[arg-type]
         for each in self._ways:
             each.close()
