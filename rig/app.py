@@ -38,14 +38,13 @@ def connect(
     devices: Devices = resolve_name(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
     loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
-    card, latch = emulated.reached("daq_card", bench.daq_card), None
+    card = emulated.reached("daq_card", bench.daq_card)
     if card.stop_line is not None:
         from drivers.ni_daq.stop_line import CardLine
 
         devices = replace(devices, line=partial(CardLine, card))
-    for settings, device in ((bench.daq_card, devices.card), (bench.actuator, devices.actuator)):
-        if (line := getattr(settings, "stop_line", None)) is not None and not settings.emulated:
-            latch = Latch(f"{line.line} of {device.address}")
+    moves = devices.actuator
+    latch = None if bench.actuator.emulated else Latch(moves.name, moves.address)
     return replace(devices, loggers=loggers, latch=latch), notes
 
 
@@ -56,11 +55,11 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     generator = bench.the(GeneratorSettings)
     settings = emulated.reached("signal_generator", generator)
     make_generator = partial(INSTRUMENTS["signal_generator"].driver_of(settings), settings)
-    driver = make_generator()
+    driver, off_s = make_generator(), settings.longest_off_s
     return Devices(
         driver,
         partial(make_generator, off_first=True),
-        lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
+        lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait, longest_stop_s=off_s),
         card_of(scenario, bench, emulated),
     )
 

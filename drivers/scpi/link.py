@@ -69,7 +69,6 @@ class ScpiLink:
                     self._visa.write(f"\n{first}")
                 self._drain(self._visa)
                 self._visa.write("")  # ends a command that an earlier client left without its line end
-                self._visa.write("*CLS")
                 self._drain(self._visa)
         except (OSError, ValueError, pyvisa.Error) as error:
             self.close()

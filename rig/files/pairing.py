@@ -77,6 +77,21 @@ def check_bench(bench: Bench, today: datetime.date) -> None:
         raise ConfigurationError(bench.source, problems)
 
 
+def unmeasured(bench: Bench) -> str:
+    """What nobody sees of a real shaker on this bench; empty where it is measured, or none is there.
+
+    No fault: what moves there is emulated for the twin's sake, or a lab has no such sensor.
+    """
+    shown, channels = RIGS[bench.rig].channels.drive, [each.name for each in bench.daq_card.channels]
+    if not shown or bench.actuator.emulated or not (bench.unseen or shown not in channels):
+        return ""
+    why = "the card is emulated" if bench.unseen else f"no channel is {shown}"
+    return (
+        f"nothing measures what the real shaker does ({why}): maximum_amplitude bounds what is ordered, and "
+        "no measured force is held to it or to the order; is force_per_volt right?"
+    )
+
+
 def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:
     """The most that logs of these take."""
     samples = sum(each.sample_rate * each.duration for each in records)

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -179,7 +180,7 @@ def seen_within(watch: LineWatch, seconds: float) -> EmergencyStop | None:
 )
 def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
     line = ScriptedLine()
-    with LineWatch(lambda: line) as watch:
+    with LineWatch(lambda: line, SystemClock()) as watch:
         assert seen_within(watch, 0.7) is None
         line.error = error
         seen = seen_within(watch, 1.0)
@@ -193,7 +194,7 @@ def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
 
 def test_a_reading_that_does_not_come_counts_as_open() -> None:
     line = ScriptedLine()
-    with LineWatch(lambda: line) as watch:
+    with LineWatch(lambda: line, SystemClock()) as watch:
         line.goes_on.clear()
         seen = seen_within(watch, 1.5)
     assert seen is not None
@@ -205,7 +206,7 @@ def test_a_reading_that_does_not_come_counts_as_open() -> None:
 
 def test_one_that_cannot_be_reached_counts_as_open() -> None:
     settings = CardSettings(grpc="127.0.0.1:1", stop_line=StopLine(LINE))
-    with LineWatch(lambda: CardLine(settings)) as watch:
+    with LineWatch(lambda: CardLine(settings), SystemClock()) as watch:
         seen = watch.look()
     assert seen is not None
     assert "its line cannot be read: nobody answers" in seen.what
@@ -219,11 +220,61 @@ def test_a_latch_outlives_its_program_until_it_is_lifted(
     tmp_path: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
-    assert Latch("here").told() == ""
-    Latch("here").set("pressed")
-    assert (Latch("here").told(), Latch("there").told()) == ("pressed", "")
-    Latch("here").set("")
-    assert Latch("here").told() == ""
+    assert Latch("generator", "here").told() == ""
+    Latch("generator", "here").set("pressed")
+    assert (Latch("generator", "here").told(), Latch("generator", "there").told()) == ("pressed", "")
+    Latch("generator", "here").set("")
+    assert Latch("generator", "here").told() == ""
+
+
+def test_a_latch_that_cannot_be_kept_or_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    latch = Latch("generator", "here")
+    latch.set("")
+    (file,) = tmp_path.iterdir()
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(InstrumentRefused, match="the latch of its emergency stop cannot be set"):
+        latch.set("pressed")
+    with pytest.raises(InstrumentRefused, match=r"generator at here: .* cannot be read"):
+        latch.told()
+
+
+def test_nobody_reads_a_line_any_more_once_it_is_left() -> None:
+    line = ScriptedLine()
+    with LineWatch(lambda: line, SystemClock()):
+        pass
+    assert "emergency stop" not in [thread.name for thread in threading.enumerate()]
+
+
+class SteppedClock:
+    """Shows what the test sets; whoever sleeps by it waits for the test."""
+
+    def __init__(self) -> None:
+        self.now_s, self.goes_on = 0.0, threading.Event()
+
+    def unix_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.goes_on.wait()
+
+
+def test_looks_count_and_not_seconds() -> None:
+    """Where the whole machine stood still, nobody could read the line."""
+    clock = SteppedClock()
+    with LineWatch(ScriptedLine, clock) as watch:
+        clock.now_s = 60.0
+        assert watch.look() is None
+        looks = 1
+        while (seen := watch.look()) is None:
+            clock.now_s, looks = clock.now_s + LOOK_S, looks + 1
+        clock.goes_on.set()
+    assert 0.5 <= looks * LOOK_S < 0.6
+    assert seen.at_s == clock.now_s
 
 
 WATCHED = replace(SETTINGS, stop_line=StopLine("inverter/RH"))
