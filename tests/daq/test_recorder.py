@@ -12,9 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from daq import recorder as recorder_module
+from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import RecorderFailed
@@ -23,7 +25,7 @@ from daq.log.records import Event
 from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from tests.daq.log.logs import BLOCK, START_NS, block
+from tests.daq.log.logs import BLOCK, RATE, START_NS, block
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
@@ -174,6 +176,20 @@ def test_nothing_comes_behind_what_a_full_queue_refused(
         recorder.close()
     with LogReader(tmp_path / "log.mcap") as log:
         assert len(log.events()) == 11
+
+
+def test_a_disk_that_stalls_ten_seconds_under_64_channels_costs_nothing(tmp_path: Path) -> None:
+    """Measured and predicted, each with two figures of its cycles: what comes while nothing is written."""
+    go, path = threading.Event(), tmp_path / "log.mcap"
+    with Recorder(StuckWriter(path, go), SystemClock()) as recorder:
+        recorder.declare("measured", Channel("a", "N"))
+        recorder.event(Event(START_NS, "info", "rig", "x", "the writer sticks"))
+        for number in range(10 * 10 * 64 * 2 * 3):
+            recorder.block("measured", SampleBlock("a", number, START_NS, RATE, np.zeros(1, np.float32)))
+        go.set()
+    assert recorder.refused == 0
+    (topic,) = (each for each in verify_log(path).topics if each.topic == "/measured/a")
+    assert (topic.samples, topic.missing) == (recorder.blocks, 0)
 
 
 class DiskOfItsOwnPace(LogWriter):
