@@ -133,7 +133,7 @@ def library_of(descriptor: int) -> str:
     opcode, header = _record_at(descriptor, len(MCAP0_MAGIC), os.fstat(descriptor).st_size)
     if opcode != Opcode.HEADER:
         raise ValueError("it does not begin as an MCAP file does")
-    return Header.read(_content(header)).library
+    return str(Header.read(_content(header)).library)
 
 
 def read_summary(descriptor: int) -> Summary:

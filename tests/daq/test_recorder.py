@@ -277,6 +277,28 @@ def test_a_fault_of_ours_while_writing_is_reported_as_a_lost_log(tmp_path: Path)
         recorder.close()
 
 
+class WriterWithoutMemory(LogWriter):
+    """Gets none for its third block."""
+
+    def add_encoded_block(self, origin: str, block: SampleBlock, *rest: Any, **options: Any) -> int:
+        if block.first_sample == 2 * BLOCK:
+            raise MemoryError
+        return super().add_encoded_block(origin, block, *rest, **options)
+
+
+def test_want_of_memory_stops_the_caller_and_leaves_what_came_before(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    recorder = Recorder(WriterWithoutMemory(path), SystemClock())
+    recorder.__enter__()
+    with pytest.raises(RecorderFailed, match="MemoryError"):
+        hand_over_until_it_fails(recorder)
+    with pytest.raises(RecorderFailed, match="MemoryError"):
+        recorder.close()
+    assert recorder.refused
+    with LogReader(path) as log:
+        assert log.series("measured", "a").end_sample == 2 * BLOCK
+
+
 def test_a_slow_stream_is_in_the_file_while_the_run_goes_on(tmp_path: Path) -> None:
     """Without another block: the recorder's own idling ends the chunk."""
     path = tmp_path / "log.mcap"
