@@ -40,6 +40,7 @@ from daq.log.reader import LogReader
 from daq.log.records import STOPPING
 from drivers.emulator_process import EmulatedInstrument
 from drivers.emulator_truth import TRUTH_FOLDER
+from rig.session.driven_rig import STOPPED
 from tests.accounting import discrepancies, sent_in
 from tests.drivers.plants import SinePlant
 from tests.end_to_end.files import write_bench, write_scenario
@@ -54,7 +55,6 @@ _PATIENCE_S = 60.0
 _TOO_LONG_S = 5.0
 _PTRACE_SEIZE, _PTRACE_INTERRUPT = 0x4206, 0x4207
 _ACTUATORS = ("generator", "inverter")
-_STOPPED = "stopped before its time"
 _LIMIT = '[limits."{channel}"]\nabort = "{level}"\n'
 
 
@@ -261,7 +261,7 @@ def _viewer(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
     if wrong := discrepancies(log, sent_in(folder)):
         raise RuntimeError("; ".join(wrong))
     with LogReader(log) as reader:
-        gaps = [gap for gap in reader.gaps() if gap.origin == "measured" and gap.cause != _STOPPED]
+        gaps = [gap for gap in reader.gaps() if gap.origin == "measured" and gap.cause != STOPPED]
     return {"viewer killed: samples lost": float(sum(gap.count for gap in gaps))}
 
 

@@ -6,6 +6,7 @@ import datetime
 import math
 import shutil
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Final
@@ -33,14 +34,24 @@ _NOTHING_SEEN: Final = (
 )
 
 
-def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_bytes: float = math.inf) -> None:
+def check_pair(
+    scenario: Scenario,
+    bench: Bench,
+    today: datetime.date,
+    free_bytes: float = math.inf,
+    recorded_s: float | None = None,
+) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
     the rig's, or none shows its crank turn; a limit names a channel that the bench lacks, lies beyond its
     range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
-    `today` (emulated sensors do not age); the log does not fit where `free_bytes` are left.
+    `today` (emulated sensors do not age); the log does not fit where `free_bytes` are left. It
+    is as long as the scenario says, or `recorded_s`.
     """
+    record = scenario.acquisition
+    if recorded_s is not None:
+        record = replace(record, duration=recorded_s)
     actuator = actuator_of(RIGS[scenario.rig].actuator)
     problems = [
         *resolve_name(actuator.beyond)(scenario, bench),
@@ -49,7 +60,7 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_byte
         *_shaft(bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
-        *no_room(bytes_of([scenario.acquisition], bench), free_bytes),
+        *no_room(bytes_of([record], bench), free_bytes),
     ]
     if problems:
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)

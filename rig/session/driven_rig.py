@@ -44,7 +44,8 @@ _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
-_UNLATCHED = "the file that has the next run ask whether anybody is in danger hangs: see to that yourself"
+_UNLATCHED = "that the emergency stop was seen could not be kept (the disk hangs): the next run will not ask for it"
+STOPPED = "stopped before its time"
 
 
 class Hung(RattleError, RuntimeError):
@@ -262,13 +263,21 @@ class DrivenRig:
         gc.collect()
         gc.freeze()  # no pause for what is there to stay
 
+        asked_s = math.inf
+
+        def ask() -> None:
+            """Before anything is closed, which may take long: nobody wants what comes then."""
+            nonlocal asked_s
+            asked_s = float(self.acquisition.base.card_s(self.acquisition.base.now_s()))
+
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
             running.callback(self._tell_of_latch)
-            running.callback(self._account)
+            running.callback(lambda: self._account(asked_s))
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
+            running.callback(ask)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
             try:
@@ -303,7 +312,7 @@ class DrivenRig:
         if until is None:
             return
         for logger in self.loggers:
-            logger.end()
+            logger.end(until / self.sample_rate)
         if (encoder := self.encoder) is not None:
             encoder.end(until / self.sample_rate)
             self.watch.until(self.acquisition, lambda: encoder.ended)
@@ -391,29 +400,32 @@ class DrivenRig:
         seen = self.emergency_stop
         return self.clock.unix_ns() if seen is None else self.clock.at_ns(seen.at_s)
 
-    def _account(self) -> None:
-        """What was due of the record by now and does not come is a gap."""
+    def _account(self, asked_s: float) -> None:
+        """What was due of the record by then, in s since the card's sample 0, and does not come is a gap."""
         acquisition, recorder = self.acquisition, self.recorder
         begin, until = acquisition.record_from, acquisition.record_until
         if begin is None or until is None:
             return
-        now = math.ceil(float(acquisition.base.card_s(acquisition.base.now_s())) * self.sample_rate)
         came = min(until, acquisition.acquired) - begin
-        due = came if self._rests else min(until, now) - begin
+        due = came if self._rests else min(until, math.ceil(asked_s * self.sample_rate)) - begin
 
-        def why(name: str, error: RattleError | None) -> str:
-            return "stopped before its time" if error is None else f"the {name} was lost"
+        def why(name: str, lost: bool) -> str:
+            if lost:
+                return f"the {name} was lost"
+            return "no answer in time" if self._rests else STOPPED
 
         with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
             for name in self.names:
-                recorder.due("measured", name, due, why(acquisition.name, acquisition.error))
+                lost = acquisition.error is not None
+                recorder.due("measured", name, due, why(acquisition.name, lost))
                 recorder.due("predicted", name, came, "not predicted")
-            if self.encoder is not None:
-                because = why("encoder", self.encoder.error)
-                recorder.due("measured", ENCODER_CHANNEL, self.encoder.due, because)
+            if (encoder := self.encoder) is not None:
+                because = why("encoder", encoder.error is not None)
+                recorder.due("measured", ENCODER_CHANNEL, encoder.due(asked_s), because)
             for logger, record in zip(self.devices.loggers.values(), self.loggers, strict=True):
                 for channel in logger.channels:
-                    recorder.due("measured", channel.name, record.due, f"the {logger.name} was lost")
+                    because = why(logger.name, record.lost)
+                    recorder.due("measured", channel.name, record.due(asked_s), because)
 
     def _hand_over(self) -> str:
         self.devices.actuator.close()

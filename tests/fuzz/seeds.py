@@ -71,7 +71,7 @@ def unsealed(path: Path, run: Path, chunked: bool) -> None:
             use_chunking=chunked,
             index_types=IndexType.ALL if chunked else IndexType.NONE,
         )
-        writer.start(library="rattle")
+        writer.start(library="others")
         numbers: dict[int, int] = {}
         for schema, channel, message in reader.iter_messages():
             if channel.id not in numbers:
