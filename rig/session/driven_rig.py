@@ -44,7 +44,7 @@ _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
-_UNLATCHED = "that the emergency stop was seen could not be kept (the disk hangs): the next run will not ask for it"
+_UNLATCHED = "that an emergency stop was seen could not be kept (the disk hangs): no run will ask for it"
 STOPPED = "stopped before its time"
 
 
