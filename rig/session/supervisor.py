@@ -32,8 +32,8 @@ _START_S = 30.0  # a new interpreter that loads a driver, on a busy machine
 _AGAIN_S, _ANSWER_S = 1.0, 2.0  # between two tries to switch off; what the run waits for `go_on`
 _SLEPT_S = 0.05
 """Later than so by itself, this process was not let run: nor was the one that it watches."""
-_UNANSWERED = 25
-"""Signs of life without an answer: half a second, of which a machine that stood still takes nothing."""
+_UNANSWERED = 250
+"""Signs of life without an answer: 5 s. A busy machine keeps it from answering for half a second."""
 _MOST_FILES = 1024  # the usual limit of open files of a process
 _READY, _HEARD, _DONE, _OFF, _TRIPPED = "ready", "heard", "done", "off", "tripped"
 _LET_GO = (
