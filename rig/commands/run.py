@@ -77,7 +77,7 @@ def emulate(
 
     if fault == ["list"]:
         for name, known in FAULTS.items():
-            typer.echo(f"{known.spelled(name):<52} {known.number:<4} {known.does}; {known.seen}")
+            typer.echo(f"{known.spelled(name):<52} {known.number:<4} {known.told}; {known.seen}")
         return
     if scenario_file is None:
         raise typer.BadParameter("SCENARIO.toml is missing: what to emulate")
