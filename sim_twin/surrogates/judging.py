@@ -1,0 +1,71 @@
+"""How well chaotic motion is predicted: by point and in distribution, against the rig's own scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import wasserstein_distance
+
+from sim_twin.surrogates.samples import Samples, mean_cycle
+
+Array = NDArray[np.float64]
+_LEAST_FLOOR = 1e-3
+"""Of a standard deviation: two halves of a run are never taken to be closer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Of one channel, in standard deviations of what was measured; the mean over runs.
+
+    `rmse` point by point, `rmse_floor` that of the run's own mean revolution, which nothing that knows only
+    angle and settings can pass. `distance` is Wasserstein's between the distributions of values (how far a
+    value has to be moved, on average), `distance_floor` that of the run's two halves from each other.
+    """
+
+    rmse: float
+    rmse_floor: float
+    distance: float
+    distance_floor: float
+
+    @property
+    def rmse_over_floor(self) -> float:
+        return self.rmse / max(self.rmse_floor, _LEAST_FLOOR)
+
+    @property
+    def distance_over_floor(self) -> float:
+        return self.distance / max(self.distance_floor, _LEAST_FLOOR)
+
+
+def scores(measured: Samples, predicted: Array) -> list[Score]:
+    """One for each channel of `measured`, shape of `predicted` (n, channels)."""
+    each = []
+    for run in np.unique(measured.runs):
+        here = measured.runs == run
+        each.append(_scores(measured[here], predicted[here]))
+    return [mean_of(rows) for rows in zip(*each, strict=True)]
+
+
+def _scores(measured: Samples, predicted: Array) -> list[Score]:
+    """Of one run."""
+    own, half = mean_cycle(measured, measured.column("angle")), len(measured) // 2
+    found = []
+    for shown, guess, mean in zip(measured.outputs.T, predicted.T, own.T, strict=True):
+        unit = float(shown.std()) or 1.0
+        found.append(
+            Score(
+                float(np.sqrt(np.mean((shown - guess) ** 2))) / unit,
+                float(np.sqrt(np.mean((shown - mean) ** 2))) / unit,
+                float(wasserstein_distance(shown, guess)) / unit,
+                float(wasserstein_distance(shown[:half], shown[half:])) / unit,
+            )
+        )
+    return found
+
+
+def mean_of(each: Sequence[Score]) -> Score:
+    """Their mean, figure by figure."""
+    rows = np.array([(one.rmse, one.rmse_floor, one.distance, one.distance_floor) for one in each])
+    return Score(*(float(value) for value in rows.mean(axis=0)))
