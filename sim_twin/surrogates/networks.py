@@ -23,7 +23,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 Array = NDArray[np.float64]
 _AT_ONCE = 2048
 """Rows that are predicted together: what they take stays in the processor's cache."""
-_TRIED, _LOOKED_AT = 300, 2000
+_TRIED, _LOOKED_AT = 200, 1000
 """Samples that may become a centre, and those by which it is chosen."""
 _SINGULAR = 1e-12
 """Of the largest singular value: below it, units are not told apart by the samples."""
@@ -171,7 +171,12 @@ class GRNN(_Network):
             self.prototypes_, self.outputs_, self.counts_ = X, Y, np.ones(len(X))
             return
         clusters = MiniBatchKMeans(
-            self.max_prototypes, random_state=self.random_state, n_init=1, max_iter=20, batch_size=8192
+            self.max_prototypes,
+            random_state=self.random_state,
+            n_init=1,
+            init="random",
+            max_iter=5,
+            batch_size=4096,
         ).fit_predict(X)
         counts = np.bincount(clusters, minlength=self.max_prototypes)
         used = counts > 0

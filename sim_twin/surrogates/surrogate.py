@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,46 @@ from sim_twin.surrogates.samples import COLUMNS, SETTINGS, Over, Samples
 Array = NDArray[np.float64]
 Kind = Literal["rbf", "grnn"]
 _WIDTHS: Final[Mapping[str, Sequence[float]]] = {
-    "rbf": (0.5, 1.0, 2.0, 4.0),
+    "rbf": (0.5, 1.0, 2.0),
     "grnn": (0.01, 0.03, 0.1, 0.3, 1.0),
 }
 """That are tried: of a unit's distance to its neighbours, and of the inputs' standard deviations."""
-_FOLDS, _TRIED_ON = 3, 6000
+_FOLDS, _TRIED_ON = 3, 3000
 _TESTED_SHARE = 0.2
 _EDGE = 1e-6
 """Of a range: as far outside of it an input may lie by rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What a network takes of inputs in these `ranges`: no input that was constant while it learnt."""
+
+    over: Over
+    ranges: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of_samples(cls, samples: Samples, over: Over) -> Self:
+        names = [*([over] if over == "time" else []), *SETTINGS]
+        columns = {name: samples.column(name) for name in names}
+        return cls(over, {name: (float(each.min()), float(each.max())) for name, each in columns.items()})
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """Inputs that were the same in all samples."""
+        return tuple(
+            name
+            for name, (low, high) in self.ranges.items()
+            if high - low <= _EDGE * max(abs(low), abs(high))
+        )
+
+    def of(self, inputs: Array) -> Array:
+        """Shape (n, features), of inputs of shape (n, 6); an angle as its cosine and sine."""
+        names = list(COLUMNS)
+        columns = [inputs[:, names.index(name)] for name in self.ranges if name not in self.constants]
+        if self.over == "angle":
+            angle = inputs[:, names.index("angle")]
+            columns = [np.cos(angle), np.sin(angle), *columns]
+        return np.column_stack(columns) if columns else np.empty((len(inputs), 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +81,12 @@ class Surrogate:
     tested: Mapping[str, Score] = field(default_factory=dict)
 
     @property
-    def constants(self) -> tuple[str, ...]:
-        """Inputs that were the same in all that it learnt from."""
-        return _constant(self.ranges)
+    def features(self) -> Features:
+        return Features(self.over, self.ranges)
 
     def predict(self, inputs: Array) -> Array:
         """What the channels show, shape (n, channels), for `inputs` of shape (n, 6)."""
-        found: Array = self.network.predict(
-            (_features(inputs, self.over, self.ranges) - self.mean) / self.scale
-        )
+        found: Array = self.network.predict((self.features.of(inputs) - self.mean) / self.scale)
         return found
 
     def outside(self, inputs: Array) -> dict[str, tuple[float, float]]:
@@ -76,27 +105,6 @@ class Surrogate:
         return max((each.distance_over_floor for each in self.tested.values()), default=np.inf)
 
 
-def _constant(ranges: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    return tuple(
-        name for name, (low, high) in ranges.items() if high - low <= _EDGE * max(abs(low), abs(high))
-    )
-
-
-def _features(inputs: Array, over: Over, ranges: Mapping[str, tuple[float, float]]) -> Array:
-    """What a network takes: an angle as its cosine and sine, and no input that was constant."""
-    names = list(COLUMNS)
-    first = inputs[:, names.index(over)]
-    columns = (
-        [np.cos(first), np.sin(first)] if over == "angle" else [first] if over in _varying(ranges) else []
-    )
-    columns += [inputs[:, names.index(name)] for name in SETTINGS if name in _varying(ranges)]
-    return np.column_stack(columns) if columns else np.empty((len(inputs), 0))
-
-
-def _varying(ranges: Mapping[str, tuple[float, float]]) -> set[str]:
-    return set(ranges) - set(_constant(ranges))
-
-
 def learnt(
     samples: Samples,
     rig: str,
@@ -105,16 +113,17 @@ def learnt(
     kind: Kind,
     seed: int = 0,
     width: float | None = None,
+    by_points: bool = False,
     **given: Any,
 ) -> Surrogate:
-    """Learn from `samples`; without a `width`, the one that does best on revolutions that it did not see.
+    """Learn from `samples`; without a `width`, the one that does best on revolutions that it did not see;
+    `by_points`: on points that it did not see, as where it will be asked for points between those it learnt.
 
     `given` are parameters of the network. Raises LogError where there is too little to learn from.
     """
     check(samples, channels)
-    used = [over, *SETTINGS] if over == "time" else list(SETTINGS)
-    ranges = {name: (float(samples.column(name).min()), float(samples.column(name).max())) for name in used}
-    features = _features(samples.inputs, over, ranges)
+    taken = Features.of_samples(samples, over)
+    features = taken.of(samples.inputs)
     if not features.shape[1] or not np.ptp(features, axis=0).any():
         raise LogError("every input is the same in all samples: there is nothing to predict from")
     mean, scale = features.mean(axis=0), features.std(axis=0)
@@ -122,7 +131,7 @@ def learnt(
     network = NETWORKS[kind](random_state=seed, **given)
     scaled = (features - mean) / scale
     if width is None:
-        groups = _groups(samples)
+        groups = np.arange(len(samples)) if by_points else _groups(samples)
         rows = np.random.default_rng(seed).permutation(len(samples))[:_TRIED_ON]
         if len(np.unique(groups[rows])) < _FOLDS:
             raise LogError(f"fewer than {_FOLDS} revolutions: too few to find a width by cross-validation")
@@ -138,7 +147,7 @@ def learnt(
             search.fit(scaled[rows], samples.outputs[rows], groups=groups[rows]).best_params_["width"]
         )
     network.set_params(width=width).fit(scaled, samples.outputs)
-    return Surrogate(rig, channels, over, kind, network, ranges, mean, scale)
+    return Surrogate(rig, channels, over, kind, network, taken.ranges, mean, scale)
 
 
 def learnt_and_tested(samples: Samples, *args: Any, **given: Any) -> Surrogate:
@@ -168,6 +177,3 @@ _LEAST = 50
 def _groups(samples: Samples) -> NDArray[np.int64]:
     """A number for each revolution of each run, shape (n,)."""
     return np.asarray(samples.runs * (int(np.ptp(samples.turns)) + 1) + samples.turns - samples.turns.min())
-
-
-KINDS: Final[tuple[Kind, ...]] = get_args(Kind)

@@ -45,7 +45,7 @@ def test_a_clearance_between_those_it_learnt_is_predicted(kind, given) -> None:
 
 def test_an_input_that_was_constant_is_dropped_and_said() -> None:
     found = learnt(three_clearances(), "rig", CHANNELS, "angle", "grnn", width=0.1)
-    assert found.constants == ("speed", "clearance_2", "density")
+    assert found.features.constants == ("speed", "clearance_2", "density")
     assert len(found.mean) == 3  # cosine and sine of the angle, the first clearance
     assert found.ranges["clearance_1"] == (1.0, 2.0)
 
