@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from daq.errors import RattleError
-from rig.commands.arguments import RunFile, RunFiles
+from rig.commands.arguments import RUNS, RunFile, RunFiles
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -87,3 +87,55 @@ def predict(
     with screen.busy("predicting"):
         overlay_run(run, target, warn=screen.warn, surrogate=model)
     report_and_name(read_run(target), screen)
+
+
+@surrogate.command(
+    help="Judge both networks on recorded runs; without runs, record them on the emulated bench."
+)
+def report(
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="[RUN.mcap...]", help="Runs of several settings.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Where logs, table and page go; what is there stays.")
+    ] = RUNS / "surrogates",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Short runs: a minute or two, and wide scatter.")
+    ] = False,
+) -> None:
+    from daq.clock import SystemClock
+    from rig.app import connect
+    from rig.ensembles import cores, worker_processes
+    from rig.pages.content import page
+    from rig.surrogates import judgement
+    from rig.surrogates.recordings import ALL, QUICK_SECONDS, SECONDS, recorded
+
+    screen = Screen(Terminal())
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RattleError(f"cannot make {out}: {error.strerror}") from error
+    if not runs:
+        seconds = QUICK_SECONDS if quick else SECONDS
+        runs = list(recorded(ALL, out / "logs", seconds, connect, screen, SystemClock()).values())
+    with (
+        worker_processes(min(cores(), 2)) as workers,
+        screen.bar("judging", judgement.PIECES, "comparisons") as bar,
+    ):
+        rows = judgement.judged(runs, out, workers.executor, bar)
+    table = Table(*judgement.HEADINGS, box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*judgement.cells(row))
+    screen.console.print(table)
+    for claim, holds, found in judgement.claims(rows):
+        screen.say(f"{'holds' if holds else 'does not hold'}: {claim} ({found})")
+    files = {"surrogates.json": judgement.document(rows, runs)}
+    subtitle = [f"{len(runs)} runs"]
+    files["surrogates.html"] = page("Surrogates", subtitle, [("What holds", judgement.parts(rows))])
+    for name, text in files.items():
+        try:
+            (out / name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise RattleError(f"cannot write {out / name}: {error.strerror}") from error
+    screen.say(f"numbers    {out / 'surrogates.json'}")
+    screen.say(f"page       {out / 'surrogates.html'}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,9 @@ from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE
 from sim_twin.rigs.planar_slider_crank.model import MATERIALS
 from sim_twin.surrogates.samples import COLUMNS, SETTINGS, Samples
-from sim_twin.surrogates.surrogate import Surrogate
+
+if TYPE_CHECKING:
+    from sim_twin.surrogates.surrogate import Surrogate
 
 Array = NDArray[np.float64]
 RIG = "planar_slider_crank"

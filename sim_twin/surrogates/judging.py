@@ -39,18 +39,21 @@ class Score:
         return self.distance / max(self.distance_floor, _LEAST_FLOOR)
 
 
-def scores(measured: Samples, predicted: Array) -> list[Score]:
-    """One for each channel of `measured`, shape of `predicted` (n, channels)."""
-    each = []
+def scores(measured: Samples, predicted: Array, all_measured: Samples | None = None) -> list[Score]:
+    """One for each channel of `measured`, shape of `predicted` (n, channels).
+
+    `all_measured`: what `measured` was thinned from, which tells the mean revolutions.
+    """
+    each, whole = [], measured if all_measured is None else all_measured
     for run in np.unique(measured.runs):
         here = measured.runs == run
-        each.append(_scores(measured[here], predicted[here]))
+        each.append(_scores(measured[here], predicted[here], whole[whole.runs == run]))
     return [mean_of(rows) for rows in zip(*each, strict=True)]
 
 
-def _scores(measured: Samples, predicted: Array) -> list[Score]:
+def _scores(measured: Samples, predicted: Array, whole: Samples) -> list[Score]:
     """Of one run."""
-    own, half = mean_cycle(measured, measured.column("angle")), len(measured) // 2
+    own, half = mean_cycle(whole, measured.column("angle")), len(measured) // 2
     found = []
     for shown, guess, mean in zip(measured.outputs.T, predicted.T, own.T, strict=True):
         unit = float(shown.std()) or 1.0

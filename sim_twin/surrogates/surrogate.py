@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Kind = Literal["rbf", "grnn"]
 _WIDTHS: Final[Mapping[str, Sequence[float]]] = {
     "rbf": (0.5, 1.0, 2.0),
-    "grnn": (0.01, 0.03, 0.1, 0.3, 1.0),
+    "grnn": (0.003, 0.01, 0.03, 0.1, 0.3, 1.0),
 }
 """That are tried: of a unit's distance to its neighbours, and of the inputs' standard deviations."""
 _FOLDS, _TRIED_ON = 3, 3000
@@ -132,7 +132,8 @@ def learnt(
     scaled = (features - mean) / scale
     if width is None:
         groups = np.arange(len(samples)) if by_points else _groups(samples)
-        rows = np.random.default_rng(seed).permutation(len(samples))[:_TRIED_ON]
+        most = len(samples) if by_points else _TRIED_ON  # by points, it is their density that counts
+        rows = np.random.default_rng(seed).permutation(len(samples))[:most]
         if len(np.unique(groups[rows])) < _FOLDS:
             raise LogError(f"fewer than {_FOLDS} revolutions: too few to find a width by cross-validation")
         search = GridSearchCV(

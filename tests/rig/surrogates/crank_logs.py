@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from daq.block import SampleBlock, sample_time_ns
+from daq.log.records import RECORD_END, Event
 from daq.log.writer import LogWriter
 from rig.surrogates.recordings import Setting
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE, CHANNELS
@@ -46,4 +48,14 @@ def write_log(
                 log.add_block(
                     "measured", SampleBlock(name, first, time_ns, RATE, row[first : first + BLOCK]), time_ns
                 )
+        log.add_event(Event(START_NS + round(seconds * 1e9), "info", "sequencer", RECORD_END, "recorded"))
     return path
+
+
+def write_recordings(folder: Path, settings: Iterable[Setting], seconds: float) -> list[Path]:
+    """As the emulated bench would have left them."""
+    paths = []
+    for each in settings:
+        (folder / each.name).mkdir(parents=True)
+        paths.append(write_log(folder / each.name / "run.mcap", each, seconds))
+    return paths
