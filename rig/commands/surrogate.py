@@ -65,6 +65,8 @@ def _tell(found: Surrogate, screen: Screen) -> None:
         figures = (score.rmse, score.rmse_floor, score.distance, score.distance_floor)
         table.add_row(name, *(f"{each:.3f}" for each in figures))
     screen.console.print(table)
+    words = "may" if found.stands_in else "may not"
+    screen.say(f"           it {words} stand in for simulations (rattle ensemble --surrogate)")
     screen.say(
         "           in standard deviations of the channel; the floor is what the rig's own chatter leaves"
     )

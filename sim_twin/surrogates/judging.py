@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 _LEAST_FLOOR = 1e-3
 """Of a standard deviation: two halves of a run are never taken to be closer."""
 
+_FLOORS, _HARDLY = 2.0, 0.05
+"""Of floors, and of standard deviations: up to where a distribution is right."""
+
 
 @dataclass(frozen=True, slots=True)
 class Score:
@@ -37,6 +40,11 @@ class Score:
     @property
     def distance_over_floor(self) -> float:
         return self.distance / max(self.distance_floor, _LEAST_FLOOR)
+
+    @property
+    def distribution_right(self) -> bool:
+        """Not farther off than twice what two halves of a run are, or than hardly anything."""
+        return self.distance <= max(_FLOORS * self.distance_floor, _HARDLY)
 
 
 def scores(measured: Samples, predicted: Array, all_measured: Samples | None = None) -> list[Score]:

@@ -100,9 +100,9 @@ class Surrogate:
         return found
 
     @property
-    def distance(self) -> float:
-        """Its own test error: the largest distance of distributions of a channel, over the floor."""
-        return max((each.distance_over_floor for each in self.tested.values()), default=np.inf)
+    def stands_in(self) -> bool:
+        """Whether it may stand for simulations, by its own test: every channel's distribution is right."""
+        return bool(self.tested) and all(each.distribution_right for each in self.tested.values())
 
 
 def learnt(

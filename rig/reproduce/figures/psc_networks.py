@@ -197,8 +197,16 @@ def _history(effort: paper.Effort) -> paper.Outcome:
 
 
 _INPUTS = ("time or crank angle", "speed", "material", "clearance c₁", "clearance c₂")
-_NODE = Style(BLUE, mode="markers+text", size=16)
+_NODE = Style(BLUE, mode="markers+text", size=10)
 _EDGE = Style(GREY, 0.5)
+
+
+def _labelled(chart: Plots, name: str, caption: str) -> Part:
+    """A drawing whose nodes have their names above them."""
+    drawing = chart.figure(name, caption)
+    for trace in drawing.traces:
+        trace["textposition"] = "top center"
+    return drawing
 
 
 def _structure(_: paper.Effort) -> paper.Outcome:
@@ -207,16 +215,18 @@ def _structure(_: paper.Effort) -> paper.Outcome:
 
     layers = [len(_INPUTS), _UNITS, len(_SHORT)]
     heights = [np.linspace(-1, 1, count) * (count - 1) / (_UNITS - 1) for count in layers]
-    chart = Plots(rows=1, columns=1, row_px=380)
+    chart = Plots(rows=1, columns=1, row_px=420, legend=True)
     bare = {"visible": False}
-    chart.axes(0, "RBF network", x_axis={**bare, "range": [-0.6, 2.6]}, y_axis=bare)
+    chart.axes(
+        0, "RBF network", x_axis={**bare, "range": [-0.6, 2.6]}, y_axis={**bare, "range": [-1.15, 1.2]}
+    )
     for left, (above, below) in enumerate(pairwise(heights)):
         ends = np.array([(one, other, np.nan) for one in above for other in below])
         across = np.tile([left, left + 1.0, np.nan], len(ends))
         chart.line(0, "weights", across, ends.ravel(), _EDGE)
     labels = (_INPUTS, [f"a{number}" for number in range(1, _UNITS + 1)], list(_SHORT.values()))
     for column, (height, texts) in enumerate(zip(heights, labels, strict=True)):
-        chart.line(0, "layer", np.full(len(height), column), height, _NODE, texts=texts)
+        chart.line(0, "neurons", np.full(len(height), column), height, _NODE, texts=texts)
     said = "five linear neurons, ten nonlinear neurons, three linear neurons"
     return paper.Outcome(
         [
@@ -225,14 +235,14 @@ def _structure(_: paper.Effort) -> paper.Outcome:
             paper.Statement("outputs", paper.about(3, said, "4.1"), len(_SHORT)),
         ],
         [
-            chart.figure(
-                "psc-structure", "Each aⱼ is a Gaussian of the distance to its centre (eq. 15 to 17)."
+            _labelled(
+                chart, "psc-structure", "Each a is a Gaussian of the distance to its centre (eq. 15 to 17)."
             )
         ],
     )
 
 
-_STEPS = ("emulated bench", "log", "points:\ntime, speed, material, c₁, c₂", "500 to learn", "259 to test",
+_STEPS = ("emulated bench", "log", "time, speed, material, c₁, c₂", "500 to learn", "259 to test",
           "network", "error")  # fmt: skip
 
 
@@ -240,11 +250,16 @@ def _flow(effort: paper.Effort) -> paper.Outcome:
     """Figure 4: from the bench to the error, as it is implemented."""
     places = {0: (0, 0), 1: (1, 0), 2: (2, 0), 3: (3, 0.6), 4: (3, -0.6), 5: (4, 0.6), 6: (5, 0)}
     ways = ((0, 1), (1, 2), (2, 3), (2, 4), (3, 5), (5, 6), (4, 6))
-    chart = Plots(rows=1, columns=1, row_px=220)
+    chart = Plots(rows=1, columns=1, row_px=240, legend=True)
     bare = {"visible": False}
-    chart.axes(0, "From the bench to the error", x_axis={**bare, "range": [-0.6, 5.6]}, y_axis=bare)
+    chart.axes(
+        0,
+        "From the bench to the error",
+        x_axis={**bare, "range": [-0.6, 5.6]},
+        y_axis={**bare, "range": [-1, 1]},
+    )
     ends = np.array([[places[one], places[other], (np.nan, np.nan)] for one, other in ways]).reshape(-1, 2)
-    chart.line(0, "way", ends[:, 0], ends[:, 1], _EDGE)
+    chart.line(0, "then", ends[:, 0], ends[:, 1], _EDGE)
     across, up = np.array(list(places.values())).T
     chart.line(0, "step", across, up, _NODE, texts=_STEPS)
     said = "500 and 259 data are used in training and testing stages"
@@ -253,7 +268,7 @@ def _flow(effort: paper.Effort) -> paper.Outcome:
             paper.Statement("points to learn from", paper.about(500, said, "5"), _LEARNT),
             paper.Statement("points to test on", paper.about(259, said, "5"), _TESTED),
         ],
-        [chart.figure("psc-flow", "An error over the goal adds a unit to the network.")],
+        [_labelled(chart, "psc-flow", "An error over the goal adds a unit to the network.")],
     )
 
 
