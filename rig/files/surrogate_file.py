@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -26,8 +27,9 @@ from sim_twin.surrogates.surrogate import Kind, Surrogate
 
 SCHEMA: Final = "rattle.surrogate/1"
 _ABOUT = "surrogate.json"
-_MOST_BYTES = 256 << 20
-_FOREIGN = (zipfile.BadZipFile, zlib.error, *DAMAGED)
+_MOST_BYTES = 64 << 20
+_FOREIGN = (zipfile.BadZipFile, zlib.error, struct.error, TypeError, *DAMAGED)
+"""What NumPy and its zip file raise on damaged input, and arrays that do not fit each other."""
 Finite = Annotated[float, Ge(-1e18), Le(1e18)]
 
 
@@ -135,6 +137,8 @@ def _built(about: _About, arrays: Mapping[str, NDArray[Any]]) -> Surrogate:
     if not set(SETTINGS) <= set(surrogate.ranges) <= set(COLUMNS):
         raise ValueError("ranges of other inputs")
     middle = np.zeros((2, len(COLUMNS)))
-    if surrogate.predict(middle).shape != (2, len(surrogate.channels)):
+    with np.errstate(all="ignore"):
+        said = surrogate.predict(middle)
+    if said.shape != (2, len(surrogate.channels)) or not np.isfinite(said).all():
         raise ValueError("arrays that do not fit each other")
     return surrogate

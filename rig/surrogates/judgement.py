@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,9 @@ def judged(
     for path in logs:
         with LogReader(path) as log:
             digests.append(digest_of(log))
-    key = hashlib.sha256(json.dumps([digests, list(METHODS), list(SPLITS)]).encode()).hexdigest()[:16]
+    key = hashlib.sha256(
+        json.dumps([digests, list(METHODS), list(SPLITS), version("rattle")]).encode()
+    ).hexdigest()[:16]
     pieces = [(split, over) for split in SPLITS for over in OVERS]
     files = {piece: folder / f"rows-{key}-{number}.json" for number, piece in enumerate(pieces)}
     found = {piece: rows for piece, file in files.items() if (rows := _kept(file)) is not None}

@@ -23,9 +23,10 @@ _FLOORS, _HARDLY = 2.0, 0.05
 class Score:
     """Of one channel, in standard deviations of what was measured; the mean over runs.
 
-    `rmse` point by point, `rmse_floor` that of the run's own mean revolution, which nothing that knows only
-    angle and settings can pass. `distance` is Wasserstein's between the distributions of values (how far a
-    value has to be moved, on average), `distance_floor` that of the run's two halves from each other.
+    `rmse` point by point, `rmse_floor` what the run's mean revolution leaves, were it known without error:
+    nothing that knows only angle and settings passes it. `distance` is Wasserstein's between the
+    distributions of values (how far a value has to be moved, on average), `distance_floor` that of the run's
+    two halves from each other.
     """
 
     rmse: float
@@ -62,13 +63,15 @@ def scores(measured: Samples, predicted: Array, all_measured: Samples | None = N
 def _scores(measured: Samples, predicted: Array, whole: Samples) -> list[Score]:
     """Of one run."""
     own, half = mean_cycle(whole, measured.column("angle")), len(measured) // 2
+    turns = max(len(np.unique(whole.turns)), 2)
+    unbiased = np.sqrt(turns / (turns - 1))  # each revolution is in the mean that it is held against
     found = []
     for shown, guess, mean in zip(measured.outputs.T, predicted.T, own.T, strict=True):
         unit = float(shown.std()) or 1.0
         found.append(
             Score(
                 float(np.sqrt(np.mean((shown - guess) ** 2))) / unit,
-                float(np.sqrt(np.mean((shown - mean) ** 2))) / unit,
+                float(unbiased * np.sqrt(np.mean((shown - mean) ** 2))) / unit,
                 float(wasserstein_distance(shown, guess)) / unit,
                 float(wasserstein_distance(shown[:half], shown[half:])) / unit,
             )

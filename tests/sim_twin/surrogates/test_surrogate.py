@@ -120,3 +120,18 @@ def test_scores_tell_a_right_distribution_from_a_right_mean() -> None:
     for each in flat:
         assert each.rmse == pytest.approx(1.0, abs=0.01)
         assert each.distance_over_floor > 10
+
+
+def test_the_floor_of_few_revolutions_is_that_of_many() -> None:
+    """Nothing but scatter from turn to turn, of which a mean revolution tells nothing."""
+    floors = []
+    for turns in (4, 80):
+        run, random = turning(turns=turns), np.random.default_rng(turns)
+        scatter = random.normal(size=(turns, 3))[run.turns]
+        floors += [
+            score.rmse_floor
+            for score in scores(Samples(run.inputs, scatter, run.runs, run.turns), 0 * scatter)
+        ]
+    # in standard deviations about the mean of so many turns: n / (n - 1) in all
+    assert floors[:3] == pytest.approx([math.sqrt(4 / 3)] * 3, rel=0.02)
+    assert floors[3:] == pytest.approx([1.0] * 3, rel=0.02)
