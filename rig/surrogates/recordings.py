@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from daq.clock import Clock
 from daq.errors import LogError
@@ -13,10 +13,12 @@ from daq.log.reader import LogReader
 from daq.log.records import RECORD_END
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
-from rig.session.devices import Connect
-from rig.session.progress import Screen
-from rig.session.run import RunRequest, run_scenario
 from rig.twin.recorded_samples import RIG
+
+if TYPE_CHECKING:
+    from rig.session.devices import Connect
+    from rig.session.progress import Screen
+    from rig.session.run import RunRequest
 
 SEED: Final = 2012
 """Of the rig that all are recorded on."""
@@ -87,9 +89,11 @@ def recorded(
     connect: Connect,
     screen: Screen,
     clock: Clock,
-    run: Callable[[RunRequest, Screen, Clock], Path] = run_scenario,
+    run: Callable[[RunRequest, Screen, Clock], Path] | None = None,
 ) -> dict[Setting, Path]:
     """The log of each setting; those that are not in `folder` yet are recorded, on one and the same rig."""
+    from rig.session.run import RunRequest, run_scenario  # whoever only reads them drives no bench
+
     bench = embedded_bench(RIG)
     bench = replace(bench, emulation=replace(bench.emulation, seed=SEED))
     found = {}
@@ -98,6 +102,8 @@ def recorded(
         if log is None:
             screen.say(f"recording {number} of {len(settings)}  {setting.name}")
             scenario = parse_scenario(setting.scenario(seconds), setting.name)
-            log = run(RunRequest(scenario, bench, connect, folder / setting.name), screen, clock)
+            log = (run or run_scenario)(
+                RunRequest(scenario, bench, connect, folder / setting.name), screen, clock
+            )
         found[setting] = log
     return found
