@@ -91,10 +91,11 @@ def beside(log: LogReader, surrogate: Surrogate) -> tuple[Iterator[SampleBlock],
 
     Not a number where the angle is not known.
     """
+    scenario = learnable(log)
     angle = log.series("measured", ANGLE, end_s=log.until_stop_s)
     rate, known = angle.sample_rate, np.flatnonzero(np.isfinite(angle.values))
     times = (angle.first_sample + known) / rate
-    inputs = asked(learnable(log), times, np.asarray(angle.values, np.float64)[known])
+    inputs = asked(scenario, times, np.asarray(angle.values, np.float64)[known])
     told = {
         name: f"{name} {low:g}"
         + (f" to {high:g}" if high > low else "")

@@ -58,6 +58,7 @@ SPLITS: Final[Mapping[str, Callable[[Samples, np.random.Generator], Rows]]] = {
     "held-out clearance": _clearances,
 }
 """Which samples are held back, by what that is called. The paper does one of the first two."""
+OTHER_SETTINGS: Final = ("held-out speed", "held-out clearance")
 
 Predict = Callable[[Array], Array]
 Method = Callable[[Samples, Over, int, bool], Predict]

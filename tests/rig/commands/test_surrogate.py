@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 import zipfile
 from pathlib import Path
 
@@ -41,7 +42,8 @@ def test_it_learns_and_says_from_what_and_how_well(call: Call, logs: list[Path],
     with zipfile.ZipFile(tmp_path / "crank.npz") as packed:
         about = json.loads(packed.read("surrogate.json"))
     assert about["logs"] == {log.name: hashlib.sha256(log.read_bytes()).hexdigest() for log in logs}
-    assert all(0.9 < each["rmse"] / each["rmse_floor"] < 2.5 for each in about["tested"].values())
+    # noise of 0.05 about what repeats; a mean of but two revolutions is taken to lack a share of sqrt(2)
+    assert all(0.6 < each["rmse"] / each["rmse_floor"] < 2.5 for each in about["tested"].values())
 
 
 def test_it_speaks_beside_measurement_and_twin(call: Call, logs: list[Path], tmp_path: Path) -> None:
@@ -131,3 +133,41 @@ def test_a_file_in_the_way_and_a_damaged_one_are_said(call: Call, logs: list[Pat
     assert answer.code == 1
     assert "damaged, or no surrogate" in answer.err
     assert not (tmp_path / "beside.mcap").exists()
+
+
+def test_a_run_of_another_rig_or_without_a_channel_is_refused(
+    call: Call, logs: list[Path], tmp_path: Path
+) -> None:
+    assert train(call, logs, tmp_path / "crank.npz").code == 0
+    beam = write_beam_log(tmp_path / "beam.mcap", 0.2, scenario=BEAM)
+    answer = call("surrogate", "predict", beam, tmp_path / "crank.npz")
+    assert answer.code == 2
+    assert 'rig = planar_slider_crank: "impact_beam", the rig that is asked for' in answer.err
+    fewer = write_log(tmp_path / "fewer.mcap", SETTINGS[0], 0.5, leave_out=ACCELERATIONS[0])
+    answer = call("surrogate", "predict", fewer, tmp_path / "crank.npz")
+    assert answer.code == 2
+    assert f"channels = {ACCELERATIONS[0]}: only what the run has" in answer.err
+    no_angle = write_log(tmp_path / "no_angle.mcap", SETTINGS[0], 0.5, leave_out=ANGLE)
+    answer = call("surrogate", "predict", no_angle, tmp_path / "crank.npz")
+    assert answer.code == 1
+    assert f"{ANGLE} not measured, which a surrogate goes by" in answer.err
+    assert not list(tmp_path.glob("*.surrogate.mcap"))
+
+
+@pytest.mark.long
+def test_runs_are_judged_and_the_second_call_has_it_at_once(
+    call: Call, logs: list[Path], tmp_path: Path
+) -> None:
+    answer = call("surrogate", "report", *logs, "--out", tmp_path / "judged")
+    assert answer.code == 0, answer.err
+    assert "the RBF network is ahead of the GRNN (RBF explains" in answer.out
+    assert "other speeds" not in answer.out  # there are but two
+    table = json.loads((tmp_path / "judged" / "surrogates.json").read_text(encoding="utf-8"))
+    by = {(row["split"], row["over"], row["method"]): row["score"] for row in table["rows"]}
+    assert by["held-out cycles", "angle", "GRNN"]["rmse"] < 0.2  # noise of 0.05, and smooth
+    assert by["held-out cycles", "time", "GRNN"]["rmse"] > 0.5
+    first = (tmp_path / "judged" / "surrogates.html").read_text(encoding="utf-8")
+    begun = time.monotonic()
+    assert call("surrogate", "report", *logs, "--out", tmp_path / "judged").code == 0
+    assert time.monotonic() - begun < 30.0
+    assert (tmp_path / "judged" / "surrogates.html").read_text(encoding="utf-8") == first

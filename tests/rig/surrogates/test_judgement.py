@@ -41,6 +41,11 @@ def test_claims_hold_where_the_numbers_say_so() -> None:
     assert verdicts({("held-out speed", "GRNN"): 0.7}) == [False, False, True, False]
 
 
+def test_of_settings_that_were_not_there_nothing_is_claimed() -> None:
+    few = [row for row in rows({}) if row.split not in ("held-out speed", "held-out clearance")]
+    assert len(claims(few)) == 3
+
+
 def test_page_and_json_have_every_row() -> None:
     table = rows({(DENSE, "GRNN"): 0.64})
     text = page("Surrogates", [], [("What holds", parts(table))])
