@@ -21,7 +21,7 @@ def reproduce(
             "--only", metavar="FIGURE", help=f"May come again, or a list with commas: {', '.join(FIGURES)}."
         ),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Short runs: seconds, and wide scatter.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs, and wide scatter.")] = False,
 ) -> None:
     from rig.ensembles import cores, worker_processes
     from rig.reproduce.figure import Effort, tally
