@@ -21,8 +21,9 @@ BLUE: Final = "#1a6fb5"
 ORANGE: Final = "#d95f02"
 BLACK: Final = "#111111"
 GREY: Final = "#8a929c"
+GREEN: Final = "#5a8f29"
 """Blue is measured and orange predicted, apart for every kind of colour blindness and in a grey print; black
-is what was added, grey what was asked for."""
+is what was added, grey what was asked for, green what learnt from recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,7 @@ STYLES: Final[Mapping[str, Style]] = {
     "predicted": Style(ORANGE, 1.1),
     "nominal": Style(ORANGE, 1.1),
     "repaired": Style(BLACK, 1.1),
+    "surrogate": Style(GREEN, 1.1),
     "set": Style(GREY, 1.0),
 }
 """Predictions are drawn last and thin, so that what was measured shows on both sides of them."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock
-from daq.log.reader import Origin
+from daq.log.reader import SURROGATE, Origin
 from rig.derived.order_lines import OrderLines
 from rig.derived.settings import RECORD, from_record
 from rig.derived.turns import Turns, turns_from
@@ -34,7 +34,7 @@ def turns_of(run: RunRecord, origin: Origin) -> NDArray[np.float64] | None:
     if follower is None:
         return None
     channel = follower.channel
-    trace = run.traces[origin, channel]
+    trace = run.traces[_turning(run, origin), channel]
     turns = np.full(len(trace.values), np.nan)
     for first, end in _pieces(len(trace.values), trace.sample_rate):
         known = follower.known_until
@@ -58,7 +58,7 @@ def beside_turns(run: RunRecord, origin: Origin, channels: Sequence[str]) -> dic
     told_by = counted_by(run, origin)
     if told_by is None:
         return {}
-    rate = run.traces[origin, told_by].sample_rate
+    rate = run.traces[_turning(run, origin), told_by].sample_rate
     found = {name: run.traces[origin, name] for name in channels if (origin, name) in run.traces}
     return {name: trace for name, trace in found.items() if trace.sample_rate == rate}
 
@@ -86,7 +86,13 @@ def in_pieces(
         yield np.array([trace.values[first:end] for trace in traces]), turns[first:end]
 
 
+def _turning(run: RunRecord, origin: Origin) -> Origin:
+    """Whose angle is an origin's: a surrogate predicts over the measured one."""
+    return "measured" if any(whose == origin == SURROGATE for whose, _ in run.traces) else origin
+
+
 def _follower(run: RunRecord, origin: Origin) -> Turns | None:
+    origin = _turning(run, origin)
     names = tuple(name for whose, name in run.traces if whose == origin)
     return turns_from(names, run.roles.angle, run.roles.marker)
 

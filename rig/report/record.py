@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daq.block import Flag, SampleBlock, values_of
 from daq.channel import Channel
 from daq.errors import ConfigurationError
-from daq.log.reader import CRANK_SPEED, LogReader, Origin, derived_name
+from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
@@ -50,7 +50,9 @@ class Roles:
 
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
-"""In the order in which they are drawn, the last on top."""
+"""Those that have a shaft's angle, impacts and speeds, in the order in which they are drawn."""
+DRAWN: tuple[Origin, ...] = (*ORIGINS, SURROGATE)
+"""All, the last on top. A surrogate goes by the measured angle."""
 
 _KEPT_SAMPLES = 64_000_000
 """All traces together (256 MB). A longer run is drawn from its beginning; its numbers are of all of it."""
@@ -186,6 +188,8 @@ class RunRecord:
 
     def whose(self, origin: Origin) -> str:
         """The origin as a report names it: beside a nominal twin, the prediction is the repaired one."""
+        if origin == SURROGATE:
+            return "surrogate"
         return "repaired" if self.repaired and origin == "predicted" else origin
 
     @property
@@ -209,9 +213,9 @@ class RunCollector:
 
     def __init__(self, reader: LogReader) -> None:
         self._reader, self._stopped_ns = reader, reader.stopped_ns
-        self._declared = {origin: reader.channels(origin) for origin in ORIGINS}
+        self._declared = {origin: reader.channels(origin) for origin in DRAWN}
         keys: list[tuple[Origin, str]] = [
-            (origin, name) for origin in ORIGINS for name in self._declared[origin]
+            (origin, name) for origin in DRAWN for name in self._declared[origin]
         ]
         self._limits = {
             key: (_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
@@ -263,7 +267,7 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
     with LogReader(log) as reader:
         collector = RunCollector(reader)
         stream = Stream([collector, *consumers])
-        for origin, block in reader.blocks((*ORIGINS, "derived")):
+        for origin, block in reader.blocks((*DRAWN, "derived")):
             stream(Block(origin, block))
         for impact in reader.impacts():
             stream(impact)

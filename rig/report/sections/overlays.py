@@ -16,7 +16,7 @@ from daq.signals.impacts import find_impacts, largest_force
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import Plots, points_each
 from rig.report.crank_figures import beside_turns, cut, in_pieces, left_out, turns_of
-from rig.report.record import ORIGINS, RunRecord, Trace
+from rig.report.record import DRAWN, ORIGINS, RunRecord, Trace
 
 _CONTACTS_SHOWN = 4
 _BEFORE_S, _AFTER_S = 0.001, 0.002
@@ -95,7 +95,7 @@ def parts(run: RunRecord) -> list[Part]:
     for row, (name, channel) in enumerate(run.channels.items()):
         title, left = f"{name} [{channel.unit or '-'}]", _COLUMNS * row
         traces = {
-            run.whose(origin): run.traces[origin, name] for origin in ORIGINS if (origin, name) in run.traces
+            run.whose(origin): run.traces[origin, name] for origin in DRAWN if (origin, name) in run.traces
         }
         for column, window in enumerate(windows):
             time = f"ms after {window.start_s:.4f} s"
@@ -176,7 +176,7 @@ def revolution(run: RunRecord) -> list[Part]:
     if not run.roles.turns:
         return []
     channels = run.roles.vibration
-    every = {origin: turns_of(run, origin) for origin in ORIGINS}
+    every = {origin: turns_of(run, origin) for origin in DRAWN}
     turns = {origin: way for origin, way in every.items() if way is not None and _whole(way) is not None}
     if not turns:
         none = Sentence("No whole revolution with a known crank angle in this run.")

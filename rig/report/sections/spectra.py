@@ -14,7 +14,7 @@ from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
 from rig.pages.words import DASH, number
 from rig.report.crank_figures import beside_turns, counted_by, cut, left_out, order_lines
-from rig.report.record import ORIGINS, RunRecord
+from rig.report.record import DRAWN, ORIGINS, RunRecord
 
 _ROW_PX = 190
 _BANDS = 500
@@ -33,7 +33,7 @@ def parts(run: RunRecord) -> list[Part]:
         y = {"type": "log", "exponentformat": "power", "nticks": 6}
         x = {"type": "log", "dtick": 1}
         grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
-        for origin in ORIGINS:
+        for origin in DRAWN:
             trace = run.traces.get((origin, name))
             if trace is None:
                 continue
@@ -108,7 +108,7 @@ def orders(run: RunRecord) -> list[Part]:
 
 def _amplitudes(run: RunRecord, channels: Sequence[str]) -> dict[str, dict[str, Array]]:
     found: dict[str, dict[str, Array]] = {name: {} for name in channels}
-    for origin in ORIGINS:
+    for origin in DRAWN:
         names = list(beside_turns(run, origin, channels))
         lines = order_lines(run, origin, names)
         if lines is None or lines.amplitude is None:

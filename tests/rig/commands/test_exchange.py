@@ -11,7 +11,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log.reader import LogReader
+from daq.log.reader import SURROGATE, LogReader
 from daq.log.records import Event
 from daq.log.recover import verify_log
 from daq.log.writer import LogWriter
@@ -46,6 +46,7 @@ def run(tmp_path: Path) -> Path:
         for origin, channel, rate in (
             ("measured", FORCE, 51_200.0),
             ("predicted", FORCE, 51_200.0),
+            (SURROGATE, FORCE, 51_200.0),
             ("measured", BASE, 1000.0),
         ):
             log.declare(origin, channel)
@@ -77,7 +78,7 @@ def test_a_log_comes_back_from_every_format(
     with LogReader(run) as log, LogReader(tmp_path / "back.mcap") as back:
         assert back.scenario == RUN
         assert back.metadata["run"]["id"] == ("run" if name == "uff" else "run-7")
-        for origin in ("measured", "predicted"):
+        for origin in ("measured", "predicted", SURROGATE):
             assert back.channels(origin) == log.channels(origin)
             for channel, whole in log.table(origin).items():
                 found = back.series(origin, channel)
