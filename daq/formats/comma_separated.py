@@ -46,6 +46,11 @@ _LONGEST_LINE = 1 << 26
 _LONGEST_CELL = 1000
 _COMMENTS = ("#", '"#')
 _DELIMITERS = "\t;,"
+_WRONG_ROW = re.compile(
+    r"(In CSV column #(?P<column>\d+): )?Row #(?P<row>\d+): "
+    r"(Expected (?P<expected>\d+) columns, got (?P<got>\d+)|.*?invalid value '(?P<cell>.*)')",
+    re.DOTALL,
+)
 _NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
 
 
@@ -120,16 +125,30 @@ def _columns(
     types = {name: pa.float32() if name in narrow else pa.float64() for name in head.names}
     columns = TableColumns(head.names, scratch, may_be_empty=described is not None)
     file.seek(head.body)
-    with arrow.open_csv(
-        file,
-        arrow.ReadOptions(column_names=head.names),
-        arrow.ParseOptions(delimiter=head.delimiter),
-        arrow.ConvertOptions(column_types=types, null_values=[""], decimal_point=head.decimal_point),
-    ) as batches:
-        for batch in batches:
-            for name, cells in zip(head.names, batch.columns, strict=True):
-                columns.add(name, cells)
+    try:
+        with arrow.open_csv(
+            file,
+            arrow.ReadOptions(column_names=head.names, use_threads=False),  # else it does not say which row
+            arrow.ParseOptions(delimiter=head.delimiter),
+            arrow.ConvertOptions(column_types=types, null_values=[""], decimal_point=head.decimal_point),
+        ) as batches:
+            for batch in batches:
+                for name, cells in zip(head.names, batch.columns, strict=True):
+                    columns.add(name, cells)
+    except pa.ArrowInvalid as error:
+        raise LogError(f"cannot be read ({_wrong_row(str(error), head.names)})") from error
     return columns.samples()
+
+
+def _wrong_row(said: str, names: Sequence[str]) -> str:
+    """What pyarrow says of a row, by the file's own names."""
+    at = _WRONG_ROW.search(said)
+    if at is None:
+        return " ".join(said.split())[:_LONGEST_CELL]
+    column = "" if at["column"] is None else f", column {names[int(at['column'])]}"
+    found = " ".join(at["cell"].split())[:_LONGEST_CELL] if at["cell"] else ""
+    wrong = f"{found!r} is no number" if column else f"expected {at['expected']} columns, got {at['got']}"
+    return f"row {at['row']} of its numbers{column}: {wrong}"
 
 
 def _head(file: BinaryIO) -> _Head:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -50,6 +51,25 @@ Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while i
 
 RUNS = Path("runs")
 """Where logs go unless another folder is named."""
+
+
+def _to_write(folder: Path | None) -> Path | None:
+    """Refuse a folder that cannot be written, or made; it is made only where something goes into it."""
+    for there in () if folder is None else (folder.absolute(), *folder.absolute().parents):
+        try:
+            with TemporaryFile(dir=there):
+                return folder
+        except OSError as error:
+            if there.is_file():
+                raise typer.BadParameter(f"{there} is a file; name a folder") from error
+            if not isinstance(error, FileNotFoundError | NotADirectoryError) or there.exists():
+                raise typer.BadParameter(f"cannot write to {there}: {error.strerror}") from error
+    return folder
+
+
+def out_folder(told: str, option: str = "--out") -> Any:
+    """An option that names a folder for what a command makes, looked at before the command does anything."""
+    return typer.Option(option, metavar="DIR", help=told, callback=_to_write)
 
 
 def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | None) -> tuple[_Wanted, Bench]:

@@ -13,7 +13,17 @@ from typing import Annotated, Final
 import typer
 
 from daq.errors import ConfigurationError, Problem
-from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
+from rig.commands.arguments import (
+    RUNS,
+    BenchFile,
+    Json,
+    Live,
+    Model,
+    ScenarioFile,
+    load_pair,
+    out_folder,
+    print_json,
+)
 from rig.session.progress import Screen, Terminal
 from rig.session.signals import Stopped
 
@@ -21,7 +31,7 @@ from rig.session.signals import Stopped
 def run(
     scenario_file: ScenarioFile,
     bench_file: BenchFile = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = RUNS,
+    out: Annotated[Path, out_folder("Where logs go.")] = RUNS,
     live: Live = False,
     model: Model = None,
 ) -> None:

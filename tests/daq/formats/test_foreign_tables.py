@@ -63,6 +63,8 @@ def test_csv_of_several_programs(tmp_path: Path, scratch: Scratch, text: str) ->
         ("time,force\n0,1\n1,2\n2\n", "cannot be read .*[Ee]xpected 2 columns"),
         ("time,force\n0,1\n1,\n2,3\n", "column force has an empty cell in row 2"),
         ("time,force\n0,1\n1,two\n2,3\n", "cannot be read .*two"),
+        ("time,force\n0,1\n1,two\n2,3\n", "row 2 of its numbers, column force: 'two' is no number"),
+        ("time,force\n0,1\n1,2\n2\n", "row 3 of its numbers: expected 2 columns, got 1"),
         ("time,force\n0,1\n1,1\n3,1\n4,1\n", "time column is not even: row 2"),
         ("time,force\n0,1\nnan,1\n2,1\n", "time column is not even: row 2"),
         ("time,force\nnan,1\n1,1\n", "begins or ends with what is no number"),
@@ -74,8 +76,9 @@ def test_csv_of_several_programs(tmp_path: Path, scratch: Scratch, text: str) ->
 def test_a_table_that_makes_no_sense_is_refused(
     tmp_path: Path, scratch: Scratch, text: str, words: str
 ) -> None:
-    with pytest.raises(LogError, match=f"a.csv: .*{words}"):
+    with pytest.raises(LogError, match=f"a.csv: .*{words}") as raised:
         read(written(text, tmp_path / "a.csv"), scratch)
+    assert "Arrow" not in str(raised.value)
 
 
 def test_a_text_in_another_encoding_is_refused_with_what_to_do(tmp_path: Path, scratch: Scratch) -> None:

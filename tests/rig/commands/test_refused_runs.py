@@ -45,6 +45,25 @@ duration = "1 s"
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize("command", ["run", "sweep", "dwell"])
+@pytest.mark.parametrize("deep", ["", "deep/er"])
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_read(
+    call: Call, tmp_path: Path, command: str, deep: str
+) -> None:
+    (tmp_path / "runs").write_text("mine")
+    more = ["--speeds", "60 rpm"] if command == "dwell" else []
+    answer = call(command, "not read.toml", *more, "--out", tmp_path / "runs" / deep)
+    assert answer.code == 2
+    assert f"'--out': {tmp_path / 'runs'} is a file; name a folder" in answer.err
+    assert (tmp_path / "runs").read_text() == "mine"
+
+
+def test_a_folder_on_a_disk_that_takes_nothing_is_refused(call: Call) -> None:
+    answer = call("run", "not read.toml", "--out", "/proc/self")
+    assert answer.code == 2
+    assert "cannot write to /proc/self: " in answer.err
+
+
 def test_every_fault_of_a_bench_is_listed_at_once(call: Call, tmp_path: Path) -> None:
     bench = write_bench(tmp_path / "bench.toml")
     text = bench.read_text().replace('"3.6 N/V"', '"0 N/V"').replace('kind = "voltage"', 'kind = "sound"')
