@@ -226,3 +226,5 @@ class FileFormat:
     suffixes: tuple[str, ...]
     read: Callable[[Path, Scratch], Contents]
     write: Callable[[Recording, Path, Warn], tuple[Path, ...]] | None = None
+    one_rate: bool = False
+    """Whether a file of it is a table, which holds channels of one rate."""

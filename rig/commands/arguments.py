@@ -89,6 +89,19 @@ def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | No
     return wanted, bench
 
 
+def seconds(text: str, option: str) -> float:
+    """A time as an option has it, in s: "1.5" or "20 ms"."""
+    from rig.files.quantity import QuantityError, si_value
+
+    try:
+        found = float(text) if text.strip()[-1:].isdigit() else si_value(text, "s")
+    except (QuantityError, ValueError) as error:
+        raise typer.BadParameter(f"{option} {text}: a time such as 1.5 or '20 ms'") from error
+    if found < 0:
+        raise typer.BadParameter(f"{option} {text}: not before the start of recording")
+    return found
+
+
 def print_json(result: object) -> None:
     """Print a result for another program."""
     typer.echo(json.dumps(result, indent=2, allow_nan=False))
