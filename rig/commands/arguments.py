@@ -89,6 +89,23 @@ def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | No
     return wanted, bench
 
 
+def overrides(texts: list[str]) -> dict[str, object]:
+    """What --set says, by key: a value as TOML has it, or a text, for a shell takes its quotes away."""
+    import tomllib
+
+    found: dict[str, object] = {}
+    for text in texts:
+        key, mark, value = text.partition("=")
+        key, value = key.replace('"', "").strip(), value.strip()
+        if not mark or not key or not value:
+            raise typer.BadParameter(f'--set {text}: KEY=VALUE, such as drive.frequency="21 Hz"')
+        try:
+            found[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key] = value
+    return found
+
+
 def seconds(text: str, option: str) -> float:
     """A time as an option has it, in s: "1.5" or "20 ms"."""
     from rig.files.quantity import QuantityError, si_value

@@ -6,6 +6,7 @@ import datetime
 import math
 import shutil
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Final
@@ -72,6 +73,12 @@ def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:
     """The most that logs of these take."""
     samples = sum(each.sample_rate * each.duration for each in records)
     return samples * len(bench.daq_card.channels) * _BYTES_PER_SAMPLE
+
+
+def longest_s(wanted: AcquisitionSection, bench: Bench, free_bytes: float) -> float:
+    """How long a record may be: as long as its log fits on the disk, but a day at most."""
+    a_second = bytes_of([replace(wanted, duration=1.0)], bench)
+    return max(1.0, min(86_400.0, math.floor((free_bytes - LEAST_FREE_BYTES) / a_second)))
 
 
 def no_room(log_bytes: float, free_bytes: float) -> Iterator[Problem]:
