@@ -15,18 +15,16 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from daq.errors import ConfigurationError, Problem, RattleError
-from daq.log.reader import Origin
 from rig.commands.arguments import RunFile, seconds
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.formats.recording import Recording
-    from daq.log.reader import LogReader
+    from daq.log.reader import LogReader, Origin
     from rig.files.foreign import Answers
     from rig.files.scenario import Scenario
 
 Pairs = list[str] | None
-_ORIGINS = get_args(Origin)
 
 
 def export(
@@ -40,7 +38,9 @@ def export(
     ] = None,
     origin: Annotated[
         str | None,
-        typer.Option("--origin", metavar="|".join(_ORIGINS), help="Only these; a list with commas."),
+        typer.Option(
+            "--origin", metavar="measured|predicted|nominal|derived", help="Only these; a list with commas."
+        ),
     ] = None,
     start: Annotated[
         str, typer.Option("--from", metavar="TIME", help="In s since the start of recording.")
@@ -92,9 +92,10 @@ def _chosen(
     log: LogReader, channels: str | None, origin: str | None
 ) -> tuple[tuple[Origin, ...], frozenset[str] | None]:
     """What is asked for of a log; raises ConfigurationError with every name that is not there."""
+    from daq.log.reader import Origin
     from rig.files.faults import Faults
 
-    faults, there = Faults(str(log.path)), [each for each in _ORIGINS if log.channels(each)]
+    faults, there = Faults(str(log.path)), [each for each in get_args(Origin) if log.channels(each)]
     asked = there if origin is None else [name.strip() for name in origin.split(",")]
     for name in set(asked) - set(there):
         faults.unknown("--origin", name, name, there, "origin of this log")
