@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rig.files.scenario import Scenario
 
 Pairs = list[str] | None
+_NAMED = 3
 
 
 def export(
@@ -81,7 +82,9 @@ def export(
             table, left = main_table(recording)
             recording = table if channels is None else dataclasses.replace(recording, impacts=())
             if left and channels is None:
-                screen.say(f"left out   {', '.join(each.name for each in left)}: other rates (--all-rates)")
+                more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
+                named = ", ".join(each.name for each in left[:_NAMED])
+                screen.say(f"left out   {named}{more}: other rates (--all-rates)")
         with screen.busy("writing"):
             written = chosen.write(recording, target, screen.warn)
     for path in written:

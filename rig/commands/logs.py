@@ -117,11 +117,9 @@ def _verdict(report: LogReport, scenario: str) -> str:
         return f"{reaches}: NOT SOUND, {report.damage or 'samples are missing outside the ledger'}"
     if not report.recovered_from:
         return f"{reaches}: sound"
-    whole = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB"
-    read = f"; {whole} of it" if report.whole_bytes < report.size_bytes else ""
-    return (
-        f"{reaches}: sound as far as it goes, recovered from a log with this: {report.recovered_from}{read}"
-    )
+    part = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB of "
+    whose = f"{part if report.whole_bytes < report.size_bytes else ''}a log ({report.recovered_from})"
+    return f"{reaches}: sound as far as it goes, recovered from {whose}"
 
 
 def replay(

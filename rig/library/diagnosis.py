@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from daq.errors import RattleError
 from rig.diagnosis.diagnose_runs import diagnose_runs
 from rig.files.file_kind import refuse_other_than_log
-from rig.library.log import Folder, Log, table_of
+from rig.library.log import Folder, Log, needed, table_of
 from rig.library.run import unguarded_main
 from rig.session.progress import Screen, Terminal
 
@@ -52,9 +52,8 @@ class Diagnosis:
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each effect of the catalogue, most probable first."""
-        import pandas as pd
-
-        return pd.DataFrame(self.document["effects"]).set_index("name")
+        frame: pd.DataFrame = needed("pandas").DataFrame(self.document["effects"])
+        return frame.set_index("name")
 
     def plot(self) -> go.Figure:
         """The gap of each channel; 1 is a healthy rig's."""

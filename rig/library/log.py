@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import cached_property
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, Flag, SampleBlock, values_of
 from daq.channel import Channel
-from daq.errors import LogError
+from daq.errors import LogError, RattleError
 from daq.log.reader import LogReader, Origin
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
@@ -58,7 +59,7 @@ class Records(tuple[_Record, ...]):
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each; `time` in s since the start of recording, as that of the channels, and `utc`."""
-        import pandas as pd
+        pd = needed("pandas")
 
         frame = pd.DataFrame([astuple(each) for each in self], columns=self._names)
         stamps = frame.pop("time_ns").astype("int64")
@@ -122,11 +123,11 @@ class Series:
         return len(self.block)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype, copy=bool(copy))
+        return np.array(self.values, dtype, copy=copy)
 
     def to_pandas(self) -> pd.Series[Any]:
         """With the time in s as its index."""
-        import pandas as pd
+        pd = needed("pandas")
 
         found = pd.Series(self.values, pd.Index(self.time, name="time"), name=self.name)
         found.attrs["unit"] = self.unit
@@ -134,10 +135,12 @@ class Series:
 
     def to_xarray(self) -> xr.DataArray:
         """With the time in s as its coordinate, unit and sensor as attributes."""
-        import xarray as xr
 
         time = ("time", self.time, {"units": "s"})
-        return xr.DataArray(self.values, {"time": time}, ["time"], self.name, self._attributes())
+        array: xr.DataArray = needed("xarray").DataArray(
+            self.values, {"time": time}, ["time"], self.name, self._attributes()
+        )
+        return array
 
     def plot(self) -> go.Figure:
         """Against time; a long one by its extremes."""
@@ -194,8 +197,8 @@ class Channels:
                     f"did you mean {near[0]}?" if near else f"there are {', '.join(self._channels) or 'none'}"
                 )
                 raise LogError(f"{self._log.path}: no channel {name!r} was {self._origin}; {hint}")
+        wanted = self.filled(self._channels) if names is None else names
         with LogReader(self._log.path) as log:
-            wanted = self._filled(log) if names is None else names
             found = log.table(self._origin, wanted, start, end)
         zero = self._log.zero_ns
         return {
@@ -203,9 +206,15 @@ class Channels:
             for name, block in found.items()
         }
 
-    def _filled(self, log: LogReader) -> list[str]:
-        seen = {block.channel for _, block in log.blocks(self._origin) if len(block)}
-        return [name for name in self._channels if name in seen]
+    def filled(self, names: Collection[str]) -> list[str]:
+        """Those of `names` that it has with a sample at least."""
+        wanted, seen = {name for name in names if name in self._channels}, set[str]()
+        with LogReader(self._log.path) as log:
+            for _, block in log.blocks(self._origin, wanted):
+                seen |= {block.channel} if len(block) else set()
+                if seen == wanted:
+                    break
+        return [name for name in names if name in seen]
 
     def to_pandas(
         self, names: Collection[str] | None = None, start: float = 0.0, end: float | None = None
@@ -214,7 +223,7 @@ class Channels:
 
         Without names: those at the rate that most have. Raises RattleError for names of several rates.
         """
-        import pandas as pd
+        pd = needed("pandas")
 
         found = list(self.series(names, start, end).values())
         if not found:
@@ -239,7 +248,6 @@ class Channels:
         self, names: Collection[str] | None = None, start: float = 0.0, end: float | None = None
     ) -> xr.Dataset:
         """A variable for each channel; those that were not sampled as most were have a `time_2` and so on."""
-        import xarray as xr
 
         found = self.series(names, start, end)
         grids = {name: (each.sample_rate, each.time[:1].tobytes(), len(each)) for name, each in found.items()}
@@ -248,7 +256,10 @@ class Channels:
         for name, each in found.items():
             number = dimensions.index(grids[name])
             arrays[name] = each.to_xarray().rename(time=f"time_{number + 1}") if number else each.to_xarray()
-        return xr.Dataset(arrays, attrs={"log": str(self._log.path), "origin": self._origin})
+        dataset: xr.Dataset = needed("xarray").Dataset(
+            arrays, attrs={"log": str(self._log.path), "origin": self._origin}
+        )
+        return dataset
 
     def _repr_html_(self) -> str:
         rows = [[name, each.unit, each.quantity, each.location] for name, each in self._channels.items()]
@@ -347,11 +358,13 @@ class Log:
 
     def plot(self, *names: str, start: float = 0.0, end: float | None = None) -> go.Figure:
         """Channels (default: those measured, or predicted) below each other, measured over predicted."""
-        rows = []
-        for name in names or tuple(self._first):
-            held = [each for each in self.origins.values() if name in each] or [self.measured]
-            rows.append([each for channels in held for each in channels.series([name], start, end).values()])
-        return _figure(rows)
+        shown = names or tuple(self._first.filled(self._first))
+        for name in shown:
+            if name not in self:
+                self.measured.series([name])  # says what is meant
+        drawn = [each.series(each.filled(shown), start, end) for each in self.origins.values()]
+        rows = [[series[name] for series in drawn if name in series] for name in shown]
+        return _figure([row for row in rows if row])
 
     def __repr__(self) -> str:
         said = ", ".join(f"{len(channels)} {origin}" for origin, channels in self.origins.items())
@@ -366,6 +379,14 @@ class Log:
         ]
         cut = "" if self.complete else f" is cut short: {html.escape(self.damage)}"
         return f"<p><b>{html.escape(str(self.path))}</b>{cut}</p>" + table_of(["channel", "unit", "is"], rows)
+
+
+def needed(package: str) -> Any:
+    """A package that not everybody has; raises RattleError without it."""
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise RattleError(f"this takes {package}, which is not installed: pip install {package}") from error
 
 
 def _zero_s(block: SampleBlock, zero_ns: int) -> float:

@@ -134,6 +134,20 @@ def table(path: Path) -> pd.DataFrame:
     return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
 
 
+def test_what_is_left_out_is_named_and_counted(call: Call, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "run.mcap") as log:
+        for number in range(6):
+            channel = Channel(f"c{number}", "N")
+            log.declare("derived" if number else "measured", channel)
+            values, rate = np.ones(100, np.float32), 1000.0 if number == 0 else 20.0
+            block = SampleBlock(channel.name, 0, START_NS, rate, values)
+            log.add_block("derived" if number else "measured", block, START_NS)
+    answer = call("export", tmp_path / "run.mcap", "--to", "csv", "--channels", "c*")
+    assert "left out" not in answer.out
+    answer = call("export", tmp_path / "run.mcap", "--to", "parquet")
+    assert "left out   derived/c1, derived/c2, derived/c3 and 2 more: other rates (--all-rates)" in answer.out
+
+
 def test_channels_of_several_rates_lie_beside_the_first(call: Call, run: Path, tmp_path: Path) -> None:
     asked = ("--channels", "contact.force_upper, base.acceleration", "--origin", "measured")
     assert call("export", run, "--to", "csv", "-o", tmp_path / "p.csv", *asked).code == 0

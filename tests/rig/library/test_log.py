@@ -49,6 +49,8 @@ def test_a_channel_is_an_array_with_time_and_unit(path: Path) -> None:
     force = log["contact.force_upper"]
     assert (force.origin, force.unit, force.sample_rate, len(force)) == ("measured", "N", 51_200.0, 51_200)
     assert np.array_equal(np.asarray(force), whole.values, equal_nan=True)
+    assert np.asarray(force, np.float64).dtype == np.float64
+    assert np.array(force, copy=True).flags.owndata
     assert force.values.dtype == np.float32
     assert np.array_equal(force.time, np.arange(51_200) / 51_200.0)
     assert force.start == np.datetime64(runs.START_NS, "ns")
@@ -77,6 +79,14 @@ def test_a_log_to_a_frame_takes_three_lines(path: Path) -> None:
         rattle.RattleError, match=r"several: contact\.force_upper 51200 Hz, base\.acc.* 1000 Hz"
     ):
         log.to_pandas(["contact.force_upper", "base.acceleration"])
+
+
+def test_what_is_not_installed_is_named(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = rattle.open(path)
+    for package in ("pandas", "xarray"):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(rattle.RattleError, match=f"takes {package}, .* pip install {package}"):
+            getattr(log, f"to_{package}")(["base.acceleration"])
 
 
 def test_a_log_to_xarray_has_a_time_for_each_rate(path: Path) -> None:
@@ -184,3 +194,12 @@ def test_a_figure_has_measured_over_predicted_and_units(tmp_path: Path) -> None:
     assert len(log["yoke.force"].plot().data) == 1
     with pytest.raises(rattle.RattleError, match=r"did you mean yoke\.force"):
         log.plot("yoke.forc")
+
+
+def test_a_figure_leaves_out_what_has_no_sample(path: Path) -> None:
+    figure = rattle.open(path).plot()
+    assert [title.text for title in figure.layout.annotations] == [
+        "<b>contact.force_upper</b>",
+        "<b>base.acceleration</b>",
+        "<b>crank.angle</b>",
+    ]
