@@ -1,6 +1,6 @@
 """Channels side by side: a table for every time base, a row for every sample index.
 
-A table cannot hold two rates, so a run of several becomes several: `run.csv` has the most samples, and beside
+A table cannot hold two rates, so a run of several becomes several: `run.csv` has the most rows, and beside
 it lie `run.1000Hz.csv` and so on.
 """
 
@@ -128,7 +128,7 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
         filled = [track for track in group if track.stretches]
         first, end = min(each.first_sample for each in filled), max(each.end_sample for each in filled)
         tables.append(TrackTable(filled[0].stretches[0].base, tuple(group), first, end))
-    return sorted(tables, key=lambda table: -len(table.tracks) * (table.end - table.first))
+    return sorted(tables, key=lambda table: (table.first - table.end, -table.base.sample_rate))
 
 
 def main_table(recording: Recording) -> tuple[Recording, list[Track]]:

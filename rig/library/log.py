@@ -60,7 +60,6 @@ class Records(tuple[_Record, ...]):
     def to_pandas(self) -> pd.DataFrame:
         """A row for each; `time` in s since the start of recording, as that of the channels, and `utc`."""
         pd = needed("pandas")
-
         frame = pd.DataFrame([astuple(each) for each in self], columns=self._names)
         stamps = frame.pop("time_ns").astype("int64")
         frame.insert(0, "time", (stamps - self._zero_ns) / NS_PER_S)
@@ -128,14 +127,12 @@ class Series:
     def to_pandas(self) -> pd.Series[Any]:
         """With the time in s as its index."""
         pd = needed("pandas")
-
         found = pd.Series(self.values, pd.Index(self.time, name="time"), name=self.name)
         found.attrs["unit"] = self.unit
         return found
 
     def to_xarray(self) -> xr.DataArray:
         """With the time in s as its coordinate, unit and sensor as attributes."""
-
         time = ("time", self.time, {"units": "s"})
         array: xr.DataArray = needed("xarray").DataArray(
             self.values, {"time": time}, ["time"], self.name, self._attributes()
@@ -224,7 +221,6 @@ class Channels:
         Without names: those at the rate that most have. Raises RattleError for names of several rates.
         """
         pd = needed("pandas")
-
         found = list(self.series(names, start, end).values())
         if not found:
             return pd.DataFrame()
@@ -248,7 +244,6 @@ class Channels:
         self, names: Collection[str] | None = None, start: float = 0.0, end: float | None = None
     ) -> xr.Dataset:
         """A variable for each channel; those that were not sampled as most were have a `time_2` and so on."""
-
         found = self.series(names, start, end)
         grids = {name: (each.sample_rate, each.time[:1].tobytes(), len(each)) for name, each in found.items()}
         dimensions = [grid for grid, _ in Counter(grids.values()).most_common()]
