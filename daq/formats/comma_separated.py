@@ -1,7 +1,8 @@
 """CSV: a line of names with units, a row a sample; the description in the last column, beside the first rows.
 
 Decimal point and comma always, floats in the fewest digits that read back as the same float. Read by Excel,
-by `pandas.read_csv(file)` and by MATLAB's `readtable` as it is.
+by `pandas.read_csv(file)` and by MATLAB's `readtable` as it is: for them a comment line would be that of the
+names, and a file beside it would get lost.
 """
 
 from __future__ import annotations
@@ -226,11 +227,15 @@ def _point(row: str, delimiter: str) -> str:
 
 def _last_cells(file: BinaryIO, columns: int, delimiter: str) -> Iterator[str]:
     """Those of the rows that follow, up to the first that is empty; before it a row has numbers only."""
+    length = 0
     for line, _ in _lines(file):
         cells = line.split(delimiter, columns - 1)
         if len(cells) < columns or not cells[-1]:
             return
         cell = cells[-1]
+        length += len(cell)
+        if length > _LONGEST_LINE:
+            raise LogError("its description has no end")
         yield cell[1:-1].replace('""', '"') if cell.startswith('"') else cell
 
 

@@ -361,6 +361,18 @@ class Log:
         rows = [[series[name] for series in drawn if name in series] for name in shown]
         return _figure([row for row in rows if row])
 
+    def report(self, path: str | PathLike[str] | None = None) -> Path:
+        """Write the page that `rattle run` writes, by default beside the log; returns where."""
+        from rig.report.page import write_report
+        from rig.report.record import read_run
+
+        page = self.path.with_suffix(".html") if path is None else Path(path)
+        try:
+            write_report(read_run(self.path), page)
+        except OSError as error:
+            raise RattleError(f"cannot write {page}: {error.strerror}") from error
+        return page
+
     def __repr__(self) -> str:
         said = ", ".join(f"{len(channels)} {origin}" for origin, channels in self.origins.items())
         return f"<Log {self.path}: {said or 'no channels'}{'' if self.complete else '; cut short'}>"

@@ -196,6 +196,14 @@ def test_a_figure_has_measured_over_predicted_and_units(tmp_path: Path) -> None:
         log.plot("yoke.forc")
 
 
+def test_a_log_has_its_page(tmp_path: Path) -> None:
+    log = rattle.open(write_log(tmp_path / "run.mcap"))
+    assert log.report() == tmp_path / "run.html"
+    assert (tmp_path / "run.html").stat().st_size > 100_000
+    with pytest.raises(rattle.RattleError, match=r"cannot write .*gone.*No such file"):
+        log.report(tmp_path / "gone" / "run.html")
+
+
 def test_a_figure_leaves_out_what_has_no_sample(path: Path) -> None:
     figure = rattle.open(path).plot()
     assert [title.text for title in figure.layout.annotations] == [
