@@ -74,13 +74,14 @@ class LogReader:
     """A log opened for reading.
 
     `complete` is False where the writer never finished: then the file is read from its front, chunk by chunk,
-    also behind damage. `damage` says what was found wrong first.
+    also behind damage. `damage` says what was found wrong first, `damaged_at` from which byte on, if known.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.complete = False
         self.damage = ""
+        self.damaged_at: int | None = None
         self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
         self._topics: dict[str, dict[str, str]] = {}
@@ -343,9 +344,10 @@ class LogReader:
             what = f"{type(error).__name__}: {error}; rattle verify says where, rattle recover saves the rest"
             raise LogError(f"{self.path}: a chunk is damaged ({what})") from error
 
-    def _note(self, damage: str) -> None:
+    def _note(self, damage: str, at: int | None = None) -> None:
         """What was found first says where it begins."""
-        self.damage = self.damage or damage
+        if not self.damage:
+            self.damage, self.damaged_at = damage, at
 
 
 def _join(

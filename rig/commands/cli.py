@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pkgutil import resolve_name
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperCommand
@@ -97,9 +97,25 @@ def _app() -> typer.Typer:
     )
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"rattle {version('rattle')}")
+        raise typer.Exit
+
+
+def _top(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version.")
+    ] = False,
+) -> None: ...
+
+
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     app = _app()
+    app.callback()(_top)
     for name, _, told in COMMANDS:
         app.command(name, cls=_LoadedWhenCalled, help=told)(lambda: None)
     try:

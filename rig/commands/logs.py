@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 from pathlib import Path
 from statistics import mean
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from daq.errors import RattleError
+from daq.errors import ConfigurationError, RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
 from rig.session.progress import Screen, Terminal
 
@@ -70,8 +71,6 @@ def recover(
 
     report = recover_log(log, out)
     screen = Screen(Terminal())
-    if report.recovered_from:
-        screen.say(f"{log}: {report.recovered_from}")
     if not report.whole:
         screen.say(f"{report.lost} samples were lost, and what may have come after them")
     _show(report, as_json=False)
@@ -94,11 +93,33 @@ def _show(report: LogReport, as_json: bool) -> None:
             for gap in log.gaps():
                 whose = f"{gap.origin} {gap.channel}".strip()
                 screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
-        ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
-        verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
-        screen.say(f"{report.path}: {verdict if report.complete else ended}")
+            screen.say(f"{report.path}: {_verdict(report, log.scenario)}")
     if not report.sound:
         raise typer.Exit(_UNSOUND)
+
+
+def _verdict(report: LogReport, scenario: str) -> str:
+    """What a log is worth, in one line."""
+    from rig.files.scenario import parse_scenario
+
+    reaches = f"{report.seconds:.4g} s"
+    with suppress(ConfigurationError):
+        wanted = parse_scenario(scenario).acquisition.duration
+        if report.recovered_from or not report.complete:
+            reaches += f" of the {wanted:g} s asked for"
+    samples = sum(topic.samples for topic in report.topics)
+    reaches += f", {samples} samples"
+    if report.ledger_missing:
+        reaches += f", {report.ledger_missing} more missing by its ledger"
+    if not report.complete:
+        return f"{reaches}; cut short ({report.damage or 'no end'}): rattle recover"
+    if not report.sound:
+        return f"{reaches}: NOT SOUND, {report.damage or 'samples are missing outside the ledger'}"
+    if not report.recovered_from:
+        return f"{reaches}: sound"
+    part = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB of "
+    whose = f"{part if report.whole_bytes < report.size_bytes else ''}a log ({report.recovered_from})"
+    return f"{reaches}: sound as far as it goes, recovered from {whose}"
 
 
 def replay(
