@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.derived.settings import COUNTS_FROM
 from rig.pages.content import Figure, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
-from rig.pages.words import difference, number
+from rig.pages.words import as_written, difference, number
 from rig.report.crank_figures import GroupImpacts, impacts_by_group
 from rig.report.record import ORIGINS, RunRecord
 from rig.report.summary import half_cycles_of, mean_and_deviation
@@ -79,7 +79,10 @@ def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
     for row, (group, by_whose) in enumerate(found.items()):
         left, right = _COLUMNS * row, _COLUMNS * row + 1
         unit = next(iter(by_whose.values())).unit
-        titles = f"peak of each impact, {unit or '-'}", f"impacts a revolution in each {_BIN_DEG}°"
+        titles = (
+            f"peak of each impact, {as_written(unit)[1] or '-'}",
+            f"impacts a revolution in each {_BIN_DEG}°",
+        )
         for cell, title in zip((left, right), titles, strict=True):
             title = f"{group}: {title}"
             plots.axes(cell, title, "crank angle, °", x_axis=degrees, y_axis=FROM_ZERO, share_x_with=0)
