@@ -53,7 +53,7 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
             fitted = parse_model(model, f"model in {log}", run.scenario.rig)
             campaign = campaign_with_model(run.campaign, fitted, lambda _: None)
             run = AloneRun(run.scenario, campaign, run.measured)
-        band = _band_of(run, model, rigs, screen)
+        band = band_of(run, model, rigs, screen)
     except RattleError as error:
         return Verdict(None, (f"Not judged: {error}.",))
     except KeyboardInterrupt:
@@ -66,19 +66,18 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
 def _told(places: list[Place], rigs: int, log: Path) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
-    healthy = f"a typical healthy rig has 1 and the farthest of {rigs} {whole.farthest:.2f}"
-    known = f"gap {whole.gap:.2f}, where {healthy}"
+    known = f"Gap {whole.gap:.2f}: a typical healthy rig has 1, the farthest of {rigs} {whole.farthest:.2f}."
     if not beyond and not whole.beyond:
         first = channels[0]
-        most = f"farthest off is {first.channel}, {_size(first)}"
-        return Verdict(True, (f"Within what healthy rigs do: {known}; {most}.",))
+        most = f"Farthest off is {first.channel}, {_size(first)}."
+        return Verdict(True, ("Within what healthy rigs do.", f"{known} {most}"))
     named = [
         f"{place.channel}, {_size(place)}, {_spot(place.worst)}" for place in (beyond or channels)[:_NAMED]
     ]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
     next_step = f"What causes it: rattle diagnose {log} --out answer"
-    return Verdict(False, (f"Not what healthy rigs do: {known}.", where, next_step))
+    return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", next_step))
 
 
 def _size(place: Place) -> str:
@@ -94,8 +93,8 @@ def _spot(cell: Cell) -> str:
     return f"above all its {cell.what}"
 
 
-def _band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand | None:
-    """The band that is kept, or simulated now; None where too few rigs could be."""
+def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand | None:
+    """The band of the run's scenario that is kept, or simulated now; None where too few rigs could be."""
     file = _folder() / f"{_key(run, model, rigs)}.npz"
     layout = run.campaign.layout
     with suppress(OSError, ValueError, KeyError, BadZipFile), file.open("rb") as opened:
@@ -104,7 +103,7 @@ def _band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBan
         measure = GapMeasure(layout, numbers["twin"], numbers["floor"], float(numbers["unit"]))
         if len(measure.twin) == layout.size:
             ends = numbers["typical"], numbers["spread"], numbers["farthest"]
-            return HealthyBand(measure, *ends, float(numbers["limit"]), int(numbers["rigs"]))
+            return HealthyBand(measure, *ends, numbers["limits"], int(numbers["rigs"]))
     draws = [Draw((), seed, blocks=_BLOCKS) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     with worker_processes(cores()) as workers, screen.bar(what, len(draws), "rigs") as bar:
@@ -125,7 +124,7 @@ def _band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBan
             typical=band.typical,
             spread=band.spread,
             farthest=band.farthest,
-            limit=band.limit,
+            limits=band.limits,
             rigs=band.rigs,
         )
         new.replace(file)

@@ -13,6 +13,8 @@ from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 
 Array = NDArray[np.float64]
 _LEAST = 1e-3
+_ALONE = 4.5
+"""Deviations: the largest of hundreds of normal numbers lies nearer."""
 _LEAST_SPREAD = 0.02
 """Of logarithms of gaps: few rigs may not pretend less."""
 
@@ -37,15 +39,17 @@ class HealthyBand:
     """Gaps of `rigs` healthy rigs, each from the twin that the others make.
 
     `typical`, `spread` and `farthest`, shape (1 + channels,), are mean, deviation and largest of the
-    logarithm of the gap over all cells and over those of each channel. `limit` is the most that any of them
-    lies above its mean anywhere, in deviations: one healthy rig in so many lies beyond.
+    logarithm of the gap over all cells and over those of each channel. `limits`, so too, are in deviations
+    the most that any rig lies above the mean anywhere, so that one healthy rig in so many lies beyond. A
+    place where one rig is far from all others, such as a point that is hardly ever struck, has a limit of
+    its own.
     """
 
     measure: GapMeasure
     typical: Array
     spread: Array
     farthest: Array
-    limit: float
+    limits: Array
     rigs: int
 
     def places(self, blocks: NDArray[np.floating]) -> list[Place]:
@@ -56,7 +60,7 @@ class HealthyBand:
         for number, channel in enumerate(_places(self.measure.layout)):
             inside = [k for k, cell in enumerate(self.measure.layout.cells) if _belongs(cell, channel)]
             worst = self.measure.layout.cells[max(inside, key=lambda k: float(cells[k]))]
-            beyond = bool(off[number] > self.limit * self.spread[number])
+            beyond = bool(off[number] > self.limits[number] * self.spread[number])
             farthest = float(np.exp(self.farthest[number] - self.typical[number]))
             found.append(Place(channel, float(np.exp(off[number])), farthest, beyond, worst))
         whole, *channels = found
@@ -72,8 +76,10 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
         gaps.append(_gaps(others, others.cells(blocks)))
     logs = np.log(np.array(gaps))
     typical, spread = logs.mean(axis=0), np.maximum(logs.std(axis=0, ddof=1), _LEAST_SPREAD)
-    limit = float(np.max((logs - typical) / spread))
-    return HealthyBand(gap_measure(healthy, layout), typical, spread, logs.max(axis=0), limit, len(healthy))
+    above = np.max((logs - typical) / spread, axis=0)
+    alike = above < _ALONE
+    limits = np.where(alike, above[alike].max(initial=0.0), above)
+    return HealthyBand(gap_measure(healthy, layout), typical, spread, logs.max(axis=0), limits, len(healthy))
 
 
 def _places(layout: Layout) -> list[str]:
@@ -85,8 +91,9 @@ def _belongs(cell: Cell, channel: str) -> bool:
 
 
 def _gaps(measure: GapMeasure, cells: Array) -> Array:
+    """In floors: the measure's unit is of all cells, and one rig in it would count in every channel."""
     totals = (
-        measure.total(cells, lambda cell, channel=channel: _belongs(cell, channel))  # type: ignore[misc]
+        measure.unit * measure.total(cells, lambda cell, channel=channel: _belongs(cell, channel))  # type: ignore[misc]
         for channel in _places(measure.layout)
     )
     return np.array([max(total, _LEAST) for total in totals])

@@ -49,3 +49,15 @@ def test_what_is_off_is_named_with_its_channel_and_its_worst_cell(band: HealthyB
     assert not second.beyond
     assert first.worst == LAYOUT.cells[seventh] == whole.worst
     assert first.gap > whole.gap > first.farthest > 1.0
+
+
+def test_one_rig_that_is_alone_somewhere_hides_nothing_elsewhere() -> None:
+    """A point that one healthy rig in 48 touches, and all others never."""
+    rng = np.random.default_rng(4)
+    rigs = [rig(rng) for _ in range(RIGS)]
+    rigs[5][:, : 20 * SLICES] += 30.0
+    band = healthy_band(rigs, LAYOUT)
+    blocks = rig(rng)
+    blocks[:, 20 * SLICES :] += 1.5
+    _, *channels = band.places(blocks)
+    assert [place.channel for place in channels if place.beyond] == ["right"]
