@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from statistics import mean
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -37,16 +37,8 @@ def overlay(
     target = out or run.with_suffix(".overlay.mcap")
     with screen.busy("predicting"):
         overlay_run(run, target, effects, model, screen.warn)
-    overlaid = read_run(target)
-    peaks: dict[str, dict[str, list[float]]] = {}
-    for impact in overlaid.impacts:
-        peaks.setdefault(impact.channel, {}).setdefault(impact.origin, []).append(impact.peak)
-    for channel, by_origin in peaks.items():
-        each = (
-            f"{origin} {len(found)}, mean peak {mean(found):.4g} {overlaid.channels[channel].unit}"
-            for origin, found in by_origin.items()
-        )
-        screen.say(f"impacts    {channel}: {'; '.join(each)}")
+    overlaid = judged(read_run(target), screen)
+    show(overlaid, screen)
     if effects is not None and (channels := closeness(overlaid)):
         close = overall(channels)
         apart = f"the run's own halves lie {close.halves_db:.1f} dB apart"
@@ -138,13 +130,18 @@ def replay(
     with LogReader(run) as log:
         collector = RunCollector(log)
         replay_log(run, speed, live, screen, SystemClock(), (collector,))
-        show(collector.record(), screen)
+        show(judged(collector.record(), screen), screen)
+
+
+def judged(run: RunRecord, screen: Screen) -> RunRecord:
+    """The run with the verdict on it."""
+    from rig.diagnosis.health import verdict_on
+
+    return dataclasses.replace(run, verdict=verdict_on(run.path, screen))
 
 
 def show(run: RunRecord, screen: Screen) -> None:
     """Print what a run comes to."""
-    from rig.report.summary import half_cycle_statistics
-
     table = Table(box=None, pad_edge=False)
     table.add_column("channel", min_width=max(map(len, run.channels), default=0), no_wrap=True)
     for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
@@ -158,21 +155,45 @@ def show(run: RunRecord, screen: Screen) -> None:
         )
         table.add_row(name, *rms, *peaks, channel.unit)
     screen.console.print(table)
-    contacts = any(name.startswith("contact.") for name in run.channels)
-    for origin in origins:
-        if contacts and any(whose == origin for whose, _ in run.tallies):
-            found, text = half_cycle_statistics(run, origin), "no contact"
-            if found is not None:
-                first = f"first {found.first_mean_n:.1f} +- {found.first_sd_n:.1f} N"
-                largest = f"max {found.max_mean_n:.1f} +- {found.max_sd_n:.1f} N"
-                text = f"{first}, {largest} a half cycle ({found.count} half cycles)"
-            screen.say(f"{origin:<10} {text}")
+    for line in (*_half_cycle_lines(run), *_impact_lines(run)):
+        screen.say(line)
     if run.missing:
         screen.warn(f"{run.missing} measured samples are missing: rattle verify lists the gaps")
     for name, tally in run.measured.items():
         if tally.overloaded_blocks:
             screen.warn(f"{name}: overload in {tally.overloaded_blocks} blocks")
     screen.say(f"gaps       {len(run.gaps)}; overloaded blocks {run.overloaded_blocks}")
+    if run.verdict is not None:
+        first, *more = run.verdict.sentences
+        screen.say(f"verdict    {first}", "bold yellow" if run.verdict.well is False else None)
+        for sentence in more:
+            screen.say(f"           {sentence}")
+
+
+def _half_cycle_lines(run: RunRecord) -> Iterator[str]:
+    from rig.report.record import ORIGINS
+    from rig.report.summary import half_cycle_statistics
+
+    if not any(name.startswith("contact.") for name in run.channels):
+        return
+    for origin in ORIGINS:
+        if any(whose == origin for whose, _ in run.tallies):
+            found, text = half_cycle_statistics(run, origin), "no contact"
+            if found is not None:
+                first = f"first {found.first_mean_n:.1f} +- {found.first_sd_n:.1f} N"
+                largest = f"max {found.max_mean_n:.1f} +- {found.max_sd_n:.1f} N"
+                text = f"{first}, {largest} a half cycle ({found.count} half cycles)"
+            yield f"{run.whose(origin):<10} {text}"
+
+
+def _impact_lines(run: RunRecord) -> Iterator[str]:
+    from rig.report.crank_figures import impacts_by_group
+
+    for group, by_whose in impacts_by_group(run).items():
+        for whose, found in by_whose.items():
+            mean, deviation = found.spread
+            often = f"{len(found.peak)} impacts, {found.a_revolution:.2f} a revolution"
+            yield f"{whose:<10} {group}: {often}, mean peak {mean:.4g} +- {deviation:.2g} {found.unit}"
 
 
 def report_and_name(run: RunRecord, screen: Screen) -> None:

@@ -81,10 +81,10 @@ def run(
     log = run_scenario(request, screen, clock)
 
     # The rig stands: what its report takes, most of scipy, is loaded only now.
-    from rig.commands.logs import report_and_name, show
+    from rig.commands.logs import judged, report_and_name, show
     from rig.report.record import read_run
 
-    recorded = read_run(log)
+    recorded = judged(read_run(log), screen)
     show(recorded, screen)
     report_and_name(recorded, screen)
     if as_json:

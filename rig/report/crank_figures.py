@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock
 from daq.log.reader import SURROGATE, Origin
 from rig.derived.order_lines import OrderLines
-from rig.derived.settings import RECORD, from_record
+from rig.derived.settings import RECORD, Settings, from_record
 from rig.derived.turns import Turns, turns_from
 from rig.pages.content import Sentence
 from rig.report.record import ORIGINS, RunRecord, Trace
@@ -146,16 +146,12 @@ def set_rpm(run: RunRecord) -> float | None:
     return None if cycle_s is None else 60 / cycle_s
 
 
-_Levels = dict[tuple[str, str], float]
-"""By origin and channel, the peak from which an impact counts, in the channel's unit."""
-
-
 @dataclass(frozen=True, slots=True)
 class GroupImpacts:
     """Impacts on one group of channels: shaft angles in degrees where they begin, peaks in `unit`, channels.
 
     All of shape (n,). An angle is NaN where nothing told it. `revolutions` are those of the run, NaN where
-    they are not known. `counts_from` is the peak from which an impact counts, in `unit`, on the channel where
+    they are not known. `counts_from` is the rise from which an impact counts, in `unit`, on the channel where
     it is least and on the one where it is largest; NaN where the log does not tell.
     """
 
@@ -177,35 +173,14 @@ class GroupImpacts:
 
 
 def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:
-    """Impacts by group and by whose they are; only of groups and origins whose channels the run has.
-
-    All origins count from one level, the highest of those that each settled for itself: an origin whose
-    first second was softer would count more, and softer ones. Where nothing that was measured on a channel
-    reaches that, a twin that strikes far too hard must not hide it: there each origin counts from its own.
-    """
+    """Impacts by group and by whose they are; only of groups and origins whose channels the run has."""
     settings = from_record(run.metadata.get(RECORD, {}))
-    own = {
-        (origin, name): levels.counts_from_n
-        for origin, each in settings.items()
-        for name, levels in each.levels.items()
-    }
-    highest: dict[str, float] = {}
-    for (_, name), level in own.items():
-        highest[name] = max(highest.get(name, 0.0), level)
-    largest: dict[str, float] = {}
-    for each in run.impacts:
-        if each.origin == "measured":
-            largest[each.channel] = max(largest.get(each.channel, 0.0), each.peak)
-    levels = {
-        (origin, name): highest[name]
-        if ("measured", name) not in own or largest.get(name, -1.0) >= highest[name]
-        else level
-        for (origin, name), level in own.items()
-    }
     turned = {whose: speed_figures(speed).revolutions for whose, speed in speeds(run).items()}
     return {
         group: {
-            run.whose(origin): _of_group(run, origin, names, levels, turned.get(run.whose(origin), nan))
+            run.whose(origin): _of_group(
+                run, origin, names, settings.get(origin), turned.get(run.whose(origin), nan)
+            )
             for origin in ORIGINS
             if any((origin, name) in run.traces for name in names)
         }
@@ -214,17 +189,12 @@ def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:
 
 
 def _of_group(
-    run: RunRecord, origin: Origin, names: tuple[str, ...], levels: _Levels, revolutions: float
+    run: RunRecord, origin: Origin, names: tuple[str, ...], settled: Settings | None, revolutions: float
 ) -> GroupImpacts:
-    chosen = [
-        each
-        for each in run.impacts
-        if each.origin == origin
-        and each.channel in names
-        and each.peak >= levels.get((origin, each.channel), 0.0)
-    ]
+    chosen = [each for each in run.impacts if each.origin == origin and each.channel in names]
     turns = np.array([each.turns for each in chosen], dtype=np.float64)
-    known = [levels[origin, name] for name in names if (origin, name) in levels]
+    levels = {} if settled is None else settled.levels
+    known = [levels[name].counts_from_n for name in names if name in levels]
     return GroupImpacts(
         unit=run.channels[names[0]].unit,
         angle_deg=360.0 * (turns % 1.0),

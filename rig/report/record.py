@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock, values_of
+from daq.block import Flag, SampleBlock, sample_time_ns, values_of
 from daq.channel import Channel
 from daq.errors import ConfigurationError
 from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
@@ -24,6 +24,8 @@ from rig.stream import Block, Consumer, Record, Stream
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 _UNWRAPPED = ".angle"
+CALIBRATION = "calibrated."
+"""Of a sensor: so begins its key in the `run` record, before the channel's name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +122,22 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a run lies within what healthy rigs do, None where nobody can tell.
+
+    `sentences` say so, then where and by how much, and what to do next.
+    """
+
+    well: bool | None
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RunRecord:
     """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived.
 
-    Traces, numbers, impacts and speeds are of its first `until_stop_s` where it was stopped before its time.
+    `begins_ns` is the time of sample 0. Traces, numbers, impacts and speeds are of its first `until_stop_s`
+    where it was stopped before its time.
     """
 
     path: Path
@@ -140,6 +154,8 @@ class RunRecord:
     until_stop_s: float | None
     impacts: list[Impact]
     speeds: dict[Origin, Trace]
+    verdict: Verdict | None = None
+    begins_ns: int | None = None
 
     @property
     def facts(self) -> ScenarioFacts:
@@ -180,6 +196,15 @@ class RunRecord:
     def missing(self) -> int:
         """Measured samples that never came, over all channels."""
         return sum(tally.missing for tally in self.measured.values())
+
+    @property
+    def still(self) -> frozenset[str]:
+        """Channels of which every prediction is 0 throughout: what they show is noise, or not in the twin."""
+        predicted: dict[str, float] = {}
+        for (origin, name), tally in self.tallies.items():
+            if origin != "measured":
+                predicted[name] = max(predicted.get(name, 0.0), tally.largest)
+        return frozenset(name for name, largest in predicted.items() if largest == 0.0)
 
     @property
     def repaired(self) -> bool:
@@ -226,11 +251,16 @@ class RunCollector:
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
         self._speeds: dict[Origin, _Kept] = defaultdict(_Kept)
         self._impacts: list[Impact] = []
+        self._begins_ns: int | None = None
 
     def __call__(self, record: Record) -> None:
         match record:
             case Block(origin, whole) if len(samples := whole.before(self._stopped_ns)):
                 key = origin, samples.channel
+                if self._begins_ns is None and origin != "derived":
+                    self._begins_ns = sample_time_ns(
+                        samples.time_ns, -samples.first_sample, samples.sample_rate
+                    )
                 if origin == "derived" and samples.channel in self._whose_speed:
                     _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
                 elif key in self._limits:
@@ -256,6 +286,7 @@ class RunCollector:
             until_stop_s=reader.until_stop_s,
             impacts=list(self._impacts),
             speeds={origin: _joined(kept.blocks) for origin, kept in self._speeds.items() if kept.blocks},
+            begins_ns=self._begins_ns,
         )
 
 
