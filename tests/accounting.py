@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -48,6 +48,7 @@ _ENDINGS = (RECORD_END, "dwell.end", "drive.off")
 _STANDS = "inverter.off"
 """Where a motor's stop has its end; that of a generator ends as it begins."""
 _RUINED: set[Path] = set()
+_DISK_FAILED: set[Path] = set()
 
 
 def ruined(log: Path) -> Path:
@@ -56,16 +57,25 @@ def ruined(log: Path) -> Path:
     return log
 
 
+def disk_failed(log: Path) -> Path:
+    """A log whose disk took nothing more from some time on: it holds what was read by then."""
+    _DISK_FAILED.add(log)
+    return log
+
+
 @dataclass(slots=True)
 class SentByCard:
-    """A run of the card's sample clock: `made` samples of each input, some of which are `shown`, by index."""
+    """A run of the card's sample clock: `made` samples of each input, some of which are `shown`, by index.
+
+    Of these somebody has `read` so many, told with each block made: what came after the last is not counted.
+    """
 
     started_ns: int
     rate: float
     inputs: Sequence[str]
     made: int = 0
     shown: dict[int, list[float]] = field(default_factory=dict)
-    stopped_ns: int | None = None
+    read: int = 0
 
 
 @dataclass(slots=True)
@@ -88,10 +98,8 @@ def _told(path: Path, size: int) -> list[SentByCard | SentByEncoder]:
             found.append(SentByCard(told["started_ns"], told["rate"], told["inputs"]))
         elif "values" in told and isinstance(card := found[-1], SentByCard):
             assert told["first"] == card.made
-            card.made += told["count"]
+            card.made, card.read = card.made + told["count"], told["read"]
             card.shown |= {int(index): values for index, values in told["values"].items()}
-        elif "stopped_ns" in told and found and isinstance(card := found[-1], SentByCard):
-            card.stopped_ns = told["stopped_ns"]
         elif "counts_per_revolution" in told:
             counts_per_revolution = told["counts_per_revolution"]
         elif "frame" in told:
@@ -123,14 +131,15 @@ def discrepancies(log: Path, sent: Sequence[SentByCard | SentByEncoder]) -> list
         written_ns = log.stat().st_mtime_ns
         with TemporaryDirectory() as scratch:
             recover_log(log, Path(scratch) / "recovered.mcap")
-            return list(_compared(_Log.of(Path(scratch) / "recovered.mcap", of_a_run, written_ns), sent))
+            recovered = _Log.of(Path(scratch) / "recovered.mcap", of_a_run, written_ns)
+            return list(_compared(replace(recovered, disk_failed=log in _DISK_FAILED), sent))
     except LogError as error:
         return [f"it cannot be read: {error}"] if of_a_run else []
 
 
 @dataclass(frozen=True, slots=True)
 class _Log:
-    """What is in a log; `written_ns`: where a crash cut it, when it was last written."""
+    """What is in a log; `written_ns`: where a crash or a disk cut it, when it was last written."""
 
     of_a_run: bool
     written_ns: int | None
@@ -141,6 +150,7 @@ class _Log:
     channels: dict[str, Channel]
     scenario: str
     emulated: str
+    disk_failed: bool = False
 
     @classmethod
     def of(cls, path: Path, of_a_run: bool, written_ns: int | None) -> _Log:
@@ -240,7 +250,11 @@ def _ending(log: _Log, card: SentByCard | None) -> tuple[float | None, float]:
         stood = [event.time_ns for event in log.events if event.code == _STANDS]
         return max([log.codes[STOPPING].time_ns, *(at - _TIME_BASE_S * NS_PER_S for at in stood)]), planned
     if log.written_ns is not None:
-        return log.written_ns - (CRASH_S + log.late_s) * NS_PER_S, planned
+        # A crash came when the run had read its last, however long before that its writer wrote.
+        cut_ns = log.written_ns
+        if card is not None and not log.disk_failed:
+            cut_ns = sample_time_ns(card.started_ns, card.read, card.rate)
+        return cut_ns - (CRASH_S + log.late_s) * NS_PER_S, planned
     return None, planned
 
 

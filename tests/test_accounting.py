@@ -19,7 +19,7 @@ from daq.log.records import RECORD_END, STOPPING, Event, Gap
 from daq.log.writer import LogWriter
 from rig.session.driven_rig import STOPPED
 from rig.session.run import RECORDED
-from tests.accounting import discrepancies, ruined, sent_in
+from tests.accounting import discrepancies, disk_failed, ruined, sent_in
 
 RATE, START_NS = 1000.0, 1_800_000_000 * NS_PER_S
 BEGIN, BLOCK, MADE, LOST = 2000, 100, 5000, 500
@@ -44,7 +44,7 @@ def truth(tmp_path: Path) -> Path:
     folder.mkdir()
     card: list[dict[str, object]] = [{"started_ns": START_NS, "rate": RATE, "inputs": ["a/ai0"]}]
     card += [
-        {"first": at, "count": 50, "values": {str(at): [force(at)], str(at + 9): [force(at + 9)]}}
+        {"first": at, "count": 50, "values": {str(at): [force(at)], str(at + 9): [force(at + 9)]}, "read": at}
         for at in range(0, MADE, 50)
     ]
     unix_s = START_NS / NS_PER_S + 1.0
@@ -87,11 +87,11 @@ def found(
     *gaps: Gap,
     name: str = "log.mcap",
     ends: Event | Sequence[Event] | None = STOP,
-    cut: bool = False,
+    cut_ns: int | None = None,
 ) -> str:
     """What the checker says of a record from the card's sample 2000 on, stopped 2 s later.
 
-    `cut`: as a crash leaves it that came when the last was sent.
+    `cut_ns`: as a crash leaves it that was last written then; it came when the last was sent.
     """
     log_path = folder / name
     begin_ns = sample_time_ns(START_NS, BEGIN, RATE)
@@ -117,9 +117,9 @@ def found(
             log.add_event(event)
         log.flush_if_older(1 << 62)
         written = log_path.read_bytes()
-    if cut:
+    if cut_ns is not None:
         log_path.write_bytes(written)
-        os.utime(log_path, ns=(CRASH_NS, CRASH_NS))
+        os.utime(log_path, ns=(cut_ns, cut_ns))
     return "; ".join(discrepancies(log_path, sent_in(folder / "truth")))
 
 
@@ -233,13 +233,39 @@ def test_a_tail_that_is_nowhere_is_found_where_a_run_ended_well(
     assert "of which the last" in said
 
 
+@pytest.mark.parametrize("kept_s", [0.0, 2.0])
 @pytest.mark.parametrize(("first", "words"), [(2500, ""), (2300, "of which the last")])
-def test_a_crash_costs_half_a_second_and_what_samples_come_late(truth: Path, first: int, words: str) -> None:
+def test_a_crash_costs_half_a_second_of_what_was_read(
+    truth: Path, first: int, words: str, kept_s: float
+) -> None:
+    """Also where the file was last written long before, by a writer that kept the rest to itself."""
+
     def cut(block: SampleBlock) -> SampleBlock | None:
         return None if block.first_sample >= first else block
 
-    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut=True)
+    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS - round(kept_s * NS_PER_S))
     assert words in said if words else said == ""
+
+
+def test_a_crash_costs_nothing_of_what_the_card_made_and_nobody_read(truth: Path) -> None:
+    lines = [json.loads(line) for line in (truth / "daq_card-1.jsonl").read_text().splitlines()]
+    told = [line | {"read": min(line["read"], 4000)} if "read" in line else line for line in lines]
+    (truth / "daq_card-1.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in told))
+
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return None if block.first_sample >= 1500 else block
+
+    assert found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS) == ""
+
+
+def test_a_disk_that_failed_holds_what_was_sent_before(truth: Path) -> None:
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return None if block.first_sample >= 1500 else block
+
+    disk_failed(truth.parent / RUN_NAME)
+    assert found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=START_NS + 4 * NS_PER_S) == ""
+    (truth.parent / RUN_NAME).unlink()
+    assert "of which the last" in found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS)
 
 
 def test_a_run_says_how_it_ended(truth: Path) -> None:

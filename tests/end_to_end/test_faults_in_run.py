@@ -14,6 +14,7 @@ import pytest
 from daq.block import NS_PER_S
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
+from tests.accounting import disk_failed
 from tests.conftest import RESOURCE_TRACKER
 from tests.end_to_end.command import Command, Ended, await_gone, command
 from tests.end_to_end.conftest import SpiedBench
@@ -199,7 +200,7 @@ def test_a_disk_that_takes_no_more_stops_the_rig(bench: SpiedBench, tmp_path: Pa
         ended = failed_run(run, bench)
     assert "readable up to here" in ended.err
     assert "File too large" in ended.err
-    assert_readable(ended.log, complete=False)
+    assert_readable(disk_failed(ended.log), complete=False)
 
 
 def test_a_viewer_that_dies_is_not_noticed(bench: SpiedBench, tmp_path: Path) -> None:

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from daq.block import sample_time_ns
 from daq.log.reader import LogReader
 from daq.log.records import STOPPING
 from daq.log.recover import recover_log, verify_log
 from rig.session.driven_rig import STOPPED
+from tests.accounting import disk_failed
 from tests.end_to_end.command import Ended, rattle
-from tests.end_to_end.files import write_bench, write_scenario
+from tests.end_to_end.files import CHANNELS, write_bench, write_scenario
 
 
 def drilled(folder: Path, *faults: str) -> Ended:
@@ -50,7 +52,7 @@ def test_a_disk_that_is_full(tmp_path: Path) -> None:
     ended = drilled(tmp_path, "disk.full:bytes=1e6")
     assert ended.code == 1
     assert "No space left on device" in ended.err
-    assert recover_log(ended.log, tmp_path / "recovered.mcap").sound
+    assert recover_log(disk_failed(ended.log), tmp_path / "recovered.mcap").sound
 
 
 @pytest.mark.long
@@ -60,7 +62,13 @@ def test_a_generator_that_somebody_turns(tmp_path: Path) -> None:
     assert "which it was not told" in ended.err
     assert causes(ended.log) <= {STOPPED, "not predicted"}
     with LogReader(ended.log) as reader:
-        assert STOPPING in [event.code for event in reader.events()]
+        (stopping_ns,) = (event.time_ns for event in reader.events() if event.code == STOPPING)
+        last_ns = dict[str, int]()
+        for _, block in reader.blocks("measured"):
+            last_ns[block.channel] = sample_time_ns(block.time_ns, len(block), block.sample_rate)
+        stopped = {gap.channel for gap in reader.gaps() if gap.cause == STOPPED}
+    assert set(last_ns) == set(CHANNELS)
+    assert all(end_ns >= stopping_ns or name in stopped for name, end_ns in last_ns.items())
 
 
 def test_a_generator_of_another_make_moves_nothing(tmp_path: Path) -> None:

@@ -43,6 +43,11 @@ class SampleBuffer:
         return self._made
 
     @property
+    def read_so_far(self) -> int:
+        """Samples per channel that somebody has."""
+        return self._taken
+
+    @property
     def available(self) -> int:
         """Samples per channel that wait to be read."""
         return self._made - self._taken
@@ -191,7 +196,6 @@ class Acquisition:
         self.buffer.fail(DaqmxError(DAQmxErrors.SAMPLES_WILL_NEVER_BE_AVAILABLE, "the task was stopped"))
         if self.started:
             self._thread.join()
-        self._truth.tell(stopped_ns=self._clock.unix_ns())
         self._truth.close()
 
     def clipped_inputs(self) -> tuple[str, ...]:
@@ -219,7 +223,7 @@ class Acquisition:
                     first, count = self.buffer.made, values.shape[1]
                     shown = range(-first % SHOWN, count, SHOWN)
                     values_of = {first + at: values[:, at].tolist() for at in shown}
-                    self._truth.tell(first=first, count=count, values=values_of)
+                    self._truth.tell(first=first, count=count, values=values_of, read=self.buffer.read_so_far)
                 self.buffer.put(values)
         except Exception as error:  # the plant is not ours: whatever it raises ends the task, not the server
             fault = error if isinstance(error, DaqmxError) else None  # a rehearsed one
