@@ -32,12 +32,13 @@ _SECTION = "Odd inputs"
 _PROMISE = """\
 Whatever a file, a log, a frame or an answer holds: nothing but an error of rattle's own comes of it, and it
 takes at most 256 MiB more than was there before and 1 s of a core for each MiB begun. By `scripts/fuzz`;
-`MiB` is the most over all runs of a target, with what the fuzzer itself keeps, `s a MiB` the slowest input.
+`runs` and `s` are those of all its calls, each with inputs of its own, `failures` those of the last; `MiB` is
+the most over all runs of a target, with what the fuzzer itself keeps, `s a MiB` the slowest input.
 """
 _COLUMNS = f"    {'target':<10}{'runs':>10}{'s':>8}{'1/s':>7}{'MiB':>6}{'s a MiB':>9}{'failures':>10}"
 
 
-def fuzz(name: str, runs: int, seconds: int, told: Path) -> None:
+def fuzz(name: str, runs: int, seconds: int, seed: int, told: Path) -> None:
     """Fuzz one target in this process, which ends with it; what came out is written to `told`."""
     import atheris
 
@@ -66,20 +67,21 @@ def fuzz(name: str, runs: int, seconds: int, told: Path) -> None:
             told.write_text(json.dumps(figures))
 
     with tempfile.TemporaryDirectory() as found:
-        options = [f"-runs={runs}", f"-max_total_time={seconds}", f"-max_len={target.longest}", "-seed=1",
-                   f"-rss_limit_mb={_MOST_MB}", f"-timeout={_LONGEST_S}", f"-artifact_prefix={kept}/",
-                   "-report_slow_units=1000", "-verbosity=0", "-print_final_stats=1"]  # fmt: skip
+        options = [f"-runs={runs}", f"-max_total_time={seconds}", f"-max_len={target.longest}",
+                   f"-seed={seed}", f"-rss_limit_mb={_MOST_MB}", f"-timeout={_LONGEST_S}",
+                   f"-artifact_prefix={kept}/", "-report_slow_units=1000", "-verbosity=0",
+                   "-print_final_stats=1"]  # fmt: skip
         atheris.Setup([sys.argv[0], *options, found, str(kept)], one)
         atheris.Fuzz()
 
 
-def figures(name: str, runs: int, seconds: int) -> dict[str, Any]:
+def figures(name: str, runs: int, seconds: int, seed: int) -> dict[str, Any]:
     """What came out of a target, fuzzed in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         told = Path(folder) / "figures.json"
         command = [sys.executable, "-m", "benchmarks.fuzz", name, "--child", str(told)]
         ran = subprocess.run(  # noqa: S603
-            [*command, "--runs", str(runs), "--seconds", str(seconds)],
+            [*command, "--runs", str(runs), "--seconds", str(seconds), "--seed", str(seed)],
             capture_output=True,
             check=False,
             text=True,
@@ -99,11 +101,30 @@ def row(name: str, came: dict[str, Any]) -> str:
     )
 
 
-def write_rows(rows: dict[str, str]) -> None:
-    """Put these into the page; those of other targets stay."""
-    before = sections_of(PAGE).get(_SECTION.lower(), "").splitlines()
-    every = {line.split()[0]: line for line in before if line.startswith("    ") and line != _COLUMNS} | rows
-    held = all(line.split()[-2] == "0" for line in every.values())
+def rows_written() -> dict[str, str]:
+    """The page's line of each target."""
+    lines = sections_of(PAGE).get(_SECTION.lower(), "").splitlines()
+    return {line.split()[0]: line for line in lines if line.startswith("    ") and line != _COLUMNS}
+
+
+def added(came: dict[str, Any], line: str) -> dict[str, Any]:
+    """What came out of this call and of those before it, which the page's line tells."""
+    if not line:
+        return came
+    _, runs, seconds, _, mib, slowest, *_ = line.split()
+    return {
+        "runs": came["runs"] + int(runs),
+        "seconds": came["seconds"] + float(seconds),
+        "bytes": max(came["bytes"], int(mib) << 20),
+        "slowest": max(came["slowest"], float(slowest)),
+        "failures": came["failures"],
+    }
+
+
+def write_row(name: str, line: str) -> None:
+    """Put it into the page; those of other targets stay."""
+    every = rows_written() | {name: line}
+    held = all(each.split()[-2] == "0" for each in every.values())
     head = f"## {_SECTION}: {'held' if held else 'NOT HELD'}\n\n{_PROMISE}\n"
     write_page({_SECTION.lower(): "\n".join([head, _COLUMNS, *every.values(), ""])})
 
@@ -112,11 +133,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("targets", nargs="*", metavar="TARGET")
     parser.add_argument("--runs", type=int, default=_RUNS, help="of each target")
-    parser.add_argument("--seconds", type=int, default=0, help="of each target at most, and no page")
+    parser.add_argument("--seconds", type=int, default=0, help="of each target at most")
+    parser.add_argument("--seed", type=int, default=1, help=argparse.SUPPRESS)
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child:
-        fuzz(arguments.targets[0], arguments.runs, arguments.seconds, arguments.child)
+        fuzz(arguments.targets[0], arguments.runs, arguments.seconds, arguments.seed, arguments.child)
     from tests.fuzz.targets import TARGETS
 
     unknown = set(arguments.targets) - TARGETS.keys()
@@ -125,11 +147,12 @@ def main() -> int:
     print(_COLUMNS, flush=True)
     failed = 0
     for name in arguments.targets or TARGETS:
-        came = figures(name, arguments.runs, arguments.seconds)
+        before = rows_written().get(name, "")
+        seed = 1 + int(before.split()[1]) if before else 1
+        came = figures(name, arguments.runs, arguments.seconds, seed)
         failed += len(came["failures"])
         print(row(name, came), *came["failures"], sep="\n        ", flush=True)
-        if not arguments.seconds:
-            write_rows({name: row(name, came)})
+        write_row(name, row(name, added(came, before)))
     return int(failed > 0)
 
 

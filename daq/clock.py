@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 _LOOKS = 5
@@ -32,6 +33,17 @@ class SystemClock:
 
     def sleep(self, seconds: float) -> None:
         time.sleep(seconds)
+
+
+def wait_steadily(*modules: ModuleType) -> None:
+    """Have modules of libraries time their waits by the monotonic clock: the wall clock may be set back.
+
+    For those that ask `time.time`, or `time` by that name, for nothing else.
+    """
+    for module in modules:
+        whole = isinstance(module.time, ModuleType)
+        steady = SimpleNamespace(**vars(time) | {"time": time.monotonic}) if whole else time.monotonic
+        vars(module)["time"] = steady
 
 
 def wall_less_monotonic_ns(clock: Clock) -> int:

@@ -108,13 +108,21 @@ class InterlockTripped(RattleError, RuntimeError):
 class EmergencyStop(InstrumentRefused, InterlockTripped):
     """Its line is open, or cannot be read, since `at_s` (s of the monotonic clock)."""
 
-    def __init__(self, address: str, what: str, at_s: float) -> None:
+    def __init__(self, address: str, what: str, at_s: float, check: str = "") -> None:
         self.at_s = at_s
-        check = "that nobody is in danger, free it where it was pressed (a broken wire opens it too)"
+        check = check or "that nobody is in danger, free it where it was pressed (a broken wire opens it too)"
         super().__init__("emergency stop", address, what, check, "emergency_stop")
 
-    def __reduce__(self) -> tuple[type[EmergencyStop], tuple[str, str, float]]:
-        return type(self), (self.address, self.what, self.at_s)
+    def __reduce__(self) -> tuple[type[EmergencyStop], tuple[str, str, float, str]]:
+        return type(self), (self.address, self.what, self.at_s, self.check)
+
+    @classmethod
+    def unread(cls, address: str, what: str, at_s: float, check: str) -> EmergencyStop:
+        """One whose line cannot be read, which counts as open; `check` where nobody pressed it."""
+        pressed = (
+            "that nobody is in danger, and whether it was pressed: an unread line counts as open. If not,"
+        )
+        return cls(address, what, at_s, f"{pressed} {check or 'cable and power of what reads it'}")
 
 
 class LogError(RattleError, ValueError):

@@ -25,19 +25,23 @@ REQUIRED: Final = MISSING
 class Quantity:
     """What a person may ask for: a number from `low` to `high` in `unit`; `above` leaves `low` itself out.
 
-    The setting itself is in SI, or in `unit` where its name ends with it (`kept`). `wants_unit`: there are
-    two usual units, so that a bare number is an error. `key` is its name in a file, if that is another one;
-    `default` what a file that lacks it means, where the class has no default of its own.
+    The setting itself is in SI, or in `unit` where its name ends with it (`kept`). `key` is its name in a
+    file, if that is another one; `default` what a file that lacks it means, where the class has no default of
+    its own.
     """
 
     unit: str
     low: float
     high: float
     above: bool = False
-    wants_unit: bool = False
     kept: bool = False
     key: str = ""
     default: float | None = None
+
+    @property
+    def wants_unit(self) -> bool:
+        """Whether there are two usual units, rpm and rad/s, so that a bare number is an error."""
+        return "rpm" in self.unit or "rad/s" in self.unit
 
     def __str__(self) -> str:
         low, high = (f"{bound:g} {self.unit}".strip() for bound in (self.low, self.high))

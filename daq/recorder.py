@@ -16,8 +16,9 @@ from daq.errors import RecorderFailed
 from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
-_QUEUE_ITEMS = 1 << 15
-"""20 s of 64 channels, measured, predicted and derived, in blocks of 0.1 s: longer than a disk stalls."""
+_QUEUE_ITEMS = 1 << 16
+"""17 s of 64 channels, measured and predicted, with two figures of each, in blocks of 0.1 s: longer than a
+disk stalls. A second takes up to 26 MB."""
 SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
 _IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
 _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended

@@ -11,7 +11,8 @@ import hashlib
 import os
 import re
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.reduction import DupFd
 from typing import Any, Final
 
@@ -62,13 +63,16 @@ class InstrumentLock:
 
 
 class Latch:
-    """What it is set to outlives its program, until it is set to nothing. OSError as of files."""
+    """What the instrument at an address is set to outlives its program, until it is set to nothing.
 
-    def __init__(self, address: str) -> None:
-        self._path = _path(address, "latch")
+    Raises `InstrumentRefused` where it cannot be kept or read.
+    """
+
+    def __init__(self, instrument: str, address: str) -> None:
+        self._instrument, self._address, self._path = instrument, address, _path(address, "latch")
 
     def set(self, text: str) -> None:
-        with open(_opened(self._path), "r+", encoding="utf-8") as file:
+        with self._translated("set"), open(_opened(self._path), "r+", encoding="utf-8") as file:
             file.truncate()
             file.write(text[:_LONGEST])
 
@@ -76,8 +80,19 @@ class Latch:
         """What it is set to; empty where it is not."""
         if not os.path.lexists(self._path):
             return ""
-        with open(_opened(self._path), encoding="utf-8", errors="replace") as file:
+        with (
+            self._translated("read"),
+            open(_opened(self._path), encoding="utf-8", errors="replace") as file,
+        ):
             return "".join(filter(str.isprintable, file.read(_LONGEST)))
+
+    @contextmanager
+    def _translated(self, doing: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            what = f"the latch of its emergency stop cannot be {doing}: {error}"
+            raise InstrumentRefused(self._instrument, self._address, what, self._path) from error
 
 
 def lock(instrument: str, address: str) -> InstrumentLock:

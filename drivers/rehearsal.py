@@ -29,6 +29,11 @@ class Fault:
     seen: str
     values: Mapping[str, float | str] = field(default_factory=dict)
 
+    @property
+    def at_start(self) -> bool:
+        """Whether it is there before its instrument is used, or not at all."""
+        return self.does.endswith("(from the start)")
+
     def spelled(self, name: str) -> str:
         """Its name with its keys, as one types it."""
         shown = (f"{value:g}" if isinstance(value, float) else "..." for value in self.values.values())
@@ -177,6 +182,8 @@ def rehearsed(text: str) -> Rehearsed:
     name, at, time = place.partition("@")
     if name not in FAULTS:
         raise _wrong(text, f"one of {', '.join(FAULTS)}")
+    if at and FAULTS[name].at_start:
+        raise _wrong(text, f"no time: {name} is there from the start")
     known = FAULTS[name].values
     values: dict[str, float | str] = {}
     for setting in settings:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pkgutil import resolve_name
 
+from daq.errors import ConfigurationError, Problem
 from drivers.lock import Latch
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
@@ -38,15 +40,23 @@ def connect(
     devices: Devices = resolve_name(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
     loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
-    card, latch = emulated.reached("daq_card", bench.daq_card), None
+    card = emulated.reached("daq_card", bench.daq_card)
     if card.stop_line is not None:
         from drivers.ni_daq.stop_line import CardLine
 
         devices = replace(devices, line=partial(CardLine, card))
-    for settings, device in ((bench.daq_card, devices.card), (bench.actuator, devices.actuator)):
-        if (line := getattr(settings, "stop_line", None)) is not None and not settings.emulated:
-            latch = Latch(f"{line.line} of {device.address}")
-    return replace(devices, loggers=loggers, latch=latch), notes
+    moves = devices.actuator
+    latch = None if bench.actuator.emulated else Latch(moves.name, moves.address)
+    devices = replace(devices, loggers=loggers, latch=latch)
+    check_names(devices, bench.source)
+    return devices, notes
+
+
+def check_names(devices: Devices, source: str) -> None:
+    """Raise ConfigurationError where two instruments record one name."""
+    names = Counter(channel.name for channel in (*devices.card.channels, *devices.logged))
+    if twice := [Problem(name, "(twice)", "a name of its own") for name in names if names[name] > 1]:
+        raise ConfigurationError(source, twice)
 
 
 def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
@@ -56,11 +66,11 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     generator = bench.the(GeneratorSettings)
     settings = emulated.reached("signal_generator", generator)
     make_generator = partial(INSTRUMENTS["signal_generator"].driver_of(settings), settings)
-    driver = make_generator()
+    driver, off_s = make_generator(), settings.longest_off_s
     return Devices(
         driver,
         partial(make_generator, off_first=True),
-        lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait),
+        lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait, longest_stop_s=off_s),
         card_of(scenario, bench, emulated),
     )
 

@@ -15,8 +15,9 @@ from daq.errors import ConfigurationError, Problem
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.emulator_process import DriveLink, EmulatedInstrument
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
+from drivers.protocols.emergency_stop import STOP_TABLE
 from rig.emulated_rig import EmulatedRig, drawn_rig
-from rig.files.bench import STOP_TABLE, Bench, Emulation, tables_of
+from rig.files.bench import Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS

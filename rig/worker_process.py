@@ -158,6 +158,8 @@ class WorkerProcess:
                     self._ready.set()
                 else:
                     self._deliver(message)
+        except RattleError as error:  # of `deliver`, also where it is an OSError
+            self._end(str(error))
         except (EOFError, OSError):
             self._end(f"the {self._name}'s process died")
         except Exception as error:  # top of a thread: whoever waits for the end is to hear of it

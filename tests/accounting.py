@@ -1,13 +1,15 @@
 """The one checker: what emulated instruments sent against what a log holds.
 
 Every index that was sent is in the log once or in `/gap`; nothing is there twice, and nothing that was not
-sent; times rise, on one time base. Values tell that each index is the one that was sent.
+sent; times rise, on one time base. Values tell that each index is the one that was sent. A log with a run's
+name has to be readable, to say how it ended, and to hold its tail; a test that ruins one says so: `ruined`.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,22 +20,38 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import NS_PER_S, Flag, SampleBlock
+from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns
+from daq.channel import Channel
 from daq.errors import LogError, RattleError
+from daq.log.codec import decode_block
 from daq.log.reader import LogReader
-from daq.log.records import RECORD_END, STOPPING, Gap
+from daq.log.records import RECORD_END, STOPPING, Event, Gap
 from daq.log.recover import recover_log
 from rig.files.scenario import parse_scenario
-from rig.session.run import PRE_TRIGGER_S
+from rig.instruments import INSTRUMENTS
+from rig.session.driven_rig import STOPPED
+from rig.session.interlock import HUNG_S
+from rig.session.run import PRE_TRIGGER_S, RECORDED
 
-CRASH_S = 2.0
-"""What a crash may cost of each stream: half a second, and what a busy machine had not come to write."""
+CRASH_S = 0.5
+"""What a crash may cost of each stream, beyond what its samples came late by: that the log itself shows."""
 _SHIFTS = sorted(range(-30, 31), key=abs)
 """Places tried: clocks agree better than so many samples."""
 _ALIKE = 1e-5
 _TIME_BASE_S = 0.1
 _ANALOG = ("V", "")
 _ENCODER = "encoder.angle"
+_OF_A_RUN = re.compile(r"_\d{8}-\d{6}-\d{3}\.mcap")
+_ONLY_A_HEAD = 64
+"""Bytes: what a run that was killed as it opened its log leaves."""
+_ENDINGS = (RECORD_END, "dwell.end", "drive.off")
+_RUINED: set[Path] = set()
+
+
+def ruined(log: Path) -> Path:
+    """A log of a run that a test is about to spoil: from now on it is no run's."""
+    _RUINED.add(log)
+    return log
 
 
 @dataclass(slots=True)
@@ -92,70 +110,135 @@ def sent_in(folder: Path) -> list[SentByCard | SentByEncoder]:
 
 def discrepancies(log: Path, sent: Sequence[SentByCard | SentByEncoder]) -> list[str]:
     """What of a log is not as it was sent; also of one that a crash cut, by what is recovered of it."""
+    of_a_run = _OF_A_RUN.search(log.name) is not None
+    if log in _RUINED or (of_a_run and log.stat().st_size < _ONLY_A_HEAD):
+        return []
     try:
         with LogReader(log) as reader:
             complete = reader.complete
         if complete:
-            return list(_compared(log, sent, None))
+            return list(_compared(_Log.of(log, of_a_run, None), sent))
         written_ns = log.stat().st_mtime_ns
         with TemporaryDirectory() as scratch:
             recover_log(log, Path(scratch) / "recovered.mcap")
-            return list(_compared(Path(scratch) / "recovered.mcap", sent, written_ns))
-    except LogError:
-        return []  # it holds nothing yet, or is a test's own ruin of a log
+            return list(_compared(_Log.of(Path(scratch) / "recovered.mcap", of_a_run, written_ns), sent))
+    except LogError as error:
+        return [f"it cannot be read: {error}"] if of_a_run else []
 
 
-def _compared(
-    path: Path, sent: Sequence[SentByCard | SentByEncoder], written_ns: int | None
-) -> Iterator[str]:
-    with LogReader(path) as log:
-        gaps, codes = log.gaps(), {event.code: event.time_ns for event in reversed(log.events())}
-        series: dict[tuple[str, str], list[SampleBlock]] = {}
-        for whose_samples, block in log.blocks(("measured", "predicted", "nominal")):
-            series.setdefault((whose_samples, block.channel), []).append(block)
-        channels, text = log.channels("measured"), log.scenario
-    measured = {name: blocks for (origin, name), blocks in series.items() if origin == "measured"}
-    ended = min((codes[code] for code in (RECORD_END, "drive.off") if code in codes), default=None)
-    stopped_ns = codes.get(STOPPING) if ended is None else None
-    cards, encoder = _cards_of(measured, sent), _encoder_of(measured.get(_ENCODER, []), sent)
-    analog = [name for name in measured if channels[name].raw_unit in _ANALOG]
-    places = [
-        _place_on_card(
-            each,
-            {name: measured[name] for name in analog if measured[name][0].sample_rate == each.rate},
-        )
-        for each in cards
-    ]
+@dataclass(frozen=True, slots=True)
+class _Log:
+    """What is in a log; `written_ns`: where a crash cut it, when it was last written."""
+
+    of_a_run: bool
+    written_ns: int | None
+    gaps: list[Gap]
+    events: list[Event]
+    late_s: float
+    series: dict[tuple[str, str], list[SampleBlock]]
+    channels: dict[str, Channel]
+    scenario: str
+    emulated: str
+
+    @classmethod
+    def of(cls, path: Path, of_a_run: bool, written_ns: int | None) -> _Log:
+        with LogReader(path) as log:
+            series: dict[tuple[str, str], list[SampleBlock]] = {}
+            for whose_samples, block in log.blocks(("measured", "predicted", "nominal")):
+                series.setdefault((whose_samples, block.channel), []).append(block)
+            emulated = log.metadata.get("run", {}).get("emulated", "")
+            told = log.gaps(), log.events(), _late_s(log), series, log.channels("measured")
+            return cls(of_a_run, written_ns, *told, log.scenario, emulated)
+
+    @property
+    def measured(self) -> dict[str, list[SampleBlock]]:
+        return {name: blocks for (origin, name), blocks in self.series.items() if origin == "measured"}
+
+    @property
+    def codes(self) -> dict[str, Event]:
+        """The first event of each code; of the dwells the last."""
+        of_dwells = [event for event in self.events if event.code == "dwell.end"]
+        return {event.code: event for event in (*reversed(self.events), *of_dwells)}
+
+
+def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator[str]:
+    cards, encoder = _cards_of(log.measured, sent), _encoder_of(log.measured.get(_ENCODER, []), sent)
+    places = [_place_on_card(each, log) for each in cards]
     card, (offset, wrong) = min(
         zip(cards, places, strict=True), key=lambda each: len(each[1][1]), default=(None, (0, []))
     )
+    for table, came, found in (
+        ("daq_card", log.measured, card),
+        ("encoder", _ENCODER in log.measured, encoder),
+    ):
+        if came and found is None and INSTRUMENTS[table].word in log.emulated:
+            yield f"its emulated {INSTRUMENTS[table].word} sent nothing then"
     if card is None and encoder is None:
         return  # it is of no emulator
-    for (origin, name), blocks in series.items():
-        whose = [gap for gap in gaps if gap.channel == name and gap.origin == origin]
+    for (origin, name), blocks in log.series.items():
+        whose = [gap for gap in log.gaps if gap.channel == name and gap.origin == origin]
         yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, whose))
+    if any(code in log.codes for code in _ENDINGS):
+        made_up = {gap.channel for gap in log.gaps if gap.cause == STOPPED}
+        yield from (f"{name}: said to be stopped, but it had its end" for name in sorted(made_up))
+    until_ns, planned = _ending(log, card)
+    if log.of_a_run and until_ns is None:
+        yield "nothing says how it ended"
     if card is not None:
-        names = [
-            name
-            for name, blocks in measured.items()
-            if blocks[0].sample_rate == card.rate and name != _ENCODER
-        ]
-        planned = _planned(text, card.rate)
         yield from wrong
-        must = card.made - offset if _stopped_by_run(card, path) else math.inf
-        if written_ns is not None:
-            lost_s = (written_ns - card.started_ns) / NS_PER_S - CRASH_S
-            must = min(math.floor(lost_s * card.rate), card.made) - offset
-        elif stopped_ns is None:
-            must = 0
-        else:
-            by_stop = math.floor((stopped_ns - card.started_ns) * card.rate / NS_PER_S)
-            must = min(must, max(by_stop, 0) - offset if math.isinf(must) else must, card.made - offset)
-        for name in names:
-            yield from _complete(name, measured[name], gaps, card.made - offset, min(must, planned))
-    if encoder is not None and "encoder.numbering" not in codes:
-        scale = channels[_ENCODER].scale or 1.0
-        yield from _placed_on_encoder(encoder, measured[_ENCODER], scale, gaps, stopped_ns)
+        yield from _of_card(log, card, offset, until_ns, planned)
+        if until_ns == math.inf:
+            end_ns = sample_time_ns(card.started_ns, offset + round(planned), card.rate)
+            until_ns = end_ns - _TIME_BASE_S * NS_PER_S
+    if encoder is not None and "encoder.numbering" not in log.codes:
+        yield from _placed_on_encoder(encoder, log, until_ns or 0)
+
+
+def _of_card(
+    log: _Log, card: SentByCard, offset: int, until_ns: float | None, planned: float
+) -> Iterator[str]:
+    made, must = card.made - offset, planned
+    if until_ns != math.inf:
+        by_then = math.floor(((until_ns or 0) - card.started_ns) * card.rate / NS_PER_S) - offset
+        must = min(by_then, made, planned)
+    for (origin, name), blocks in log.series.items():
+        if blocks[0].sample_rate != card.rate or name == _ENCODER:
+            continue
+        if origin == "measured":
+            yield from _complete(name, blocks, log.gaps, made, must)
+        elif origin == "predicted" and log.of_a_run and log.written_ns is None and name in log.measured:
+            yield from _complete(name, blocks, log.gaps, math.inf, log.measured[name][-1].end_sample, origin)
+
+
+def _late_s(log: LogReader) -> float:
+    """By how much the samples of a log came later than they were taken, at most."""
+    late_ns = 0
+    for message in log.messages([f"/measured/{name}" for name in log.channels("measured")]):
+        block = decode_block("", message.data)
+        if not block.flags & Flag.CLOCK_NOT_LOCKED:
+            late_ns = max(
+                late_ns, message.log_ns - sample_time_ns(block.time_ns, len(block), block.sample_rate)
+            )
+    return late_ns / NS_PER_S
+
+
+def _ending(log: _Log, card: SentByCard | None) -> tuple[float | None, float]:
+    """Until when (ns, Unix epoch) all that was sent has to be there, and how many samples were planned.
+
+    Infinite: all that was planned. None where nothing tells.
+    """
+    planned = math.inf
+    if card is not None and not any(code.startswith(("dwell.", "centring.")) for code in log.codes):
+        planned = _planned(log.scenario, card.rate)
+    if (ended := next((log.codes[code] for code in _ENDINGS if code in log.codes), None)) is not None:
+        if ended.text == RECORDED and math.isfinite(planned):
+            return math.inf, planned
+        return ended.time_ns - (HUNG_S + log.late_s) * NS_PER_S, planned
+    if STOPPING in log.codes:
+        return log.codes[STOPPING].time_ns, planned
+    if log.written_ns is not None:
+        return log.written_ns - (CRASH_S + log.late_s) * NS_PER_S, planned
+    return None, planned
 
 
 def _tiled(blocks: Sequence[SampleBlock], gaps: Sequence[Gap]) -> Iterator[str]:
@@ -197,12 +280,13 @@ def _cards_of(
     return sorted(within, key=lambda each: -each.started_ns)
 
 
-def _stopped_by_run(card: SentByCard, log: Path) -> bool:
-    return card.stopped_ns is not None and card.stopped_ns <= log.stat().st_mtime_ns
-
-
-def _place_on_card(card: SentByCard, analog: Mapping[str, Sequence[SampleBlock]]) -> tuple[int, list[str]]:
+def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     """Which sample of the card is the record's first, by time and then by values."""
+    analog = {
+        name: blocks
+        for name, blocks in log.measured.items()
+        if log.channels[name].raw_unit in _ANALOG and blocks[0].sample_rate == card.rate
+    }
     if not analog:
         return 0, []
     first = next(iter(analog.values()))[0]
@@ -243,14 +327,19 @@ def _alike(card: SentByCard, row: int, logged: NDArray[np.float64], offset: int)
 
 
 def _complete(
-    name: str, blocks: Sequence[SampleBlock], gaps: Sequence[Gap], sent: float, must: float
+    name: str,
+    blocks: Sequence[SampleBlock],
+    gaps: Sequence[Gap],
+    sent: float,
+    must: float,
+    origin: str = "measured",
 ) -> Iterator[str]:
     if blocks[-1].end_sample > sent:
         yield f"{name}: {blocks[-1].end_sample} samples, but only {sent} were sent"
-    ends = [gap.first_sample + gap.count for gap in gaps if gap.channel == name and gap.origin == "measured"]
+    ends = [gap.first_sample + gap.count for gap in gaps if (gap.channel, gap.origin) == (name, origin)]
     accounted = max(blocks[-1].end_sample, *ends, 0)
     if accounted < must:
-        yield f"{name}: {must} samples were sent, of which the last {must - accounted} are nowhere"
+        yield f"{origin} {name}: {must} samples were sent, of which the last {must - accounted} are nowhere"
 
 
 def _encoder_of(
@@ -263,13 +352,8 @@ def _encoder_of(
     return next((each for each in encoders if each.unix_s[0] - 0.1 < begin_s < each.unix_s[-1] + 0.1), None)
 
 
-def _placed_on_encoder(
-    encoder: SentByEncoder,
-    blocks: Sequence[SampleBlock],
-    scale: float,
-    gaps: Sequence[Gap],
-    stopped_ns: int | None,
-) -> Iterator[str]:
+def _placed_on_encoder(encoder: SentByEncoder, log: _Log, until_ns: float) -> Iterator[str]:
+    blocks, scale = log.measured[_ENCODER], log.channels[_ENCODER].scale or 1.0
     turn = encoder.counts_per_revolution
     index = np.concatenate([np.arange(block.first_sample, block.end_sample) for block in blocks])
     counts = np.rint(np.concatenate([block.values for block in blocks]) / scale).astype(np.int64) % turn
@@ -293,6 +377,7 @@ def _placed_on_encoder(
         off_s = block.time_ns / NS_PER_S - unix_s[offset + block.first_sample]
         if abs(off_s) > _TIME_BASE_S and not block.flags & Flag.CLOCK_NOT_LOCKED:
             yield f"{_ENCODER}: index {block.first_sample} is {off_s:.3f} s off the time base"
-    if stopped_ns is not None:
-        must = int((sent & (unix_s < stopped_ns / NS_PER_S)).nonzero()[0][-1]) + 1 - offset
-        yield from _complete(_ENCODER, blocks, gaps, len(shown) - offset, must)
+    due = (sent & (unix_s < until_ns / NS_PER_S)).nonzero()[0]
+    if due.size:
+        must = int(due[-1]) + 1 - offset
+        yield from _complete(_ENCODER, blocks, log.gaps, len(shown) - offset, must)

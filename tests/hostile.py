@@ -17,9 +17,7 @@ def bounded(most_bytes: int = MOST_BYTES) -> Iterator[None]:
 
     Of what packages take by themselves, only what they use counts.
     """
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")  # the peak is what is used now
-    before = _most_used_bytes()
+    before = used_bytes()
     tracemalloc.start()
     try:
         yield
@@ -27,9 +25,16 @@ def bounded(most_bytes: int = MOST_BYTES) -> Iterator[None]:
     finally:
         tracemalloc.stop()
     assert peak < most_bytes, f"{peak >> 20} MiB"
-    assert (more := _most_used_bytes() - before) < most_bytes, f"{more >> 20} MiB used"
+    assert (more := most_used_bytes() - before) < most_bytes, f"{more >> 20} MiB used"
 
 
-def _most_used_bytes() -> int:
+def used_bytes() -> int:
+    """What this process uses now, from which on `most_used_bytes` is counted anew."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+    return most_used_bytes()
+
+
+def most_used_bytes() -> int:
     found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
     return int(found[1]) << 10 if found else 0

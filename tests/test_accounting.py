@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,15 +15,18 @@ import pytest
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.log.codec import encode_block
-from daq.log.records import STOPPING, Event, Gap
+from daq.log.records import RECORD_END, STOPPING, Event, Gap
 from daq.log.writer import LogWriter
-from tests.accounting import discrepancies, sent_in
+from rig.session.driven_rig import STOPPED
+from rig.session.run import RECORDED
+from tests.accounting import discrepancies, ruined, sent_in
 
 RATE, START_NS = 1000.0, 1_800_000_000 * NS_PER_S
 BEGIN, BLOCK, MADE, LOST = 2000, 100, 5000, 500
 """Where the record begins on the card; how many in a block and in all; one that the encoder left out."""
 TURN, SCALE = 4096, math.tau / 4096
-STOPPED_NS = START_NS + 4 * NS_PER_S
+STOP = Event(START_NS + 4 * NS_PER_S, "warning", "rig", STOPPING, "stopped")
+CRASH_NS = START_NS + 5 * NS_PER_S
 
 
 def force(index: int) -> float:
@@ -63,11 +67,37 @@ def truth(tmp_path: Path) -> Path:
 Spoil = Callable[[SampleBlock], SampleBlock | None]
 
 
-def found(folder: Path, spoil: Spoil, *gaps: Gap) -> str:
-    """What the checker says of a record from the card's sample 2000 on, stopped 2 s later."""
-    log_path = folder / "log.mcap"
+RUN_NAME = "beam_20270115-080000-000.mcap"
+ENDED = Event(START_NS + 5 * NS_PER_S, "info", "rig", RECORD_END, RECORDED)
+SCENARIO = """\
+rig = "impact_beam"
+[drive]
+frequency = "20 Hz"
+amplitude = "9 N"
+[acquisition]
+sample_rate = "1 kHz"
+settle = "1 s"
+duration = "3 s"
+"""
+
+
+def found(
+    folder: Path,
+    spoil: Spoil,
+    *gaps: Gap,
+    name: str = "log.mcap",
+    ends: Event | None = STOP,
+    cut: bool = False,
+) -> str:
+    """What the checker says of a record from the card's sample 2000 on, stopped 2 s later.
+
+    `cut`: as a crash leaves it that came when the last was sent.
+    """
+    log_path = folder / name
     begin_ns = sample_time_ns(START_NS, BEGIN, RATE)
     with LogWriter(log_path) as log:
+        log.add_metadata("scenario", {"toml": SCENARIO})
+        log.add_metadata("run", {"emulated": "card encoder"})
         log.declare("measured", Channel("force", "N", scale=2.0, raw_unit="V"))
         log.declare("measured", Channel("encoder.angle", "rad", scale=SCALE, raw_unit="count"))
         for gap in (Gap(begin_ns, "encoder.angle", LOST, 1, "frames missing"), *gaps):
@@ -81,8 +111,15 @@ def found(folder: Path, spoil: Spoil, *gaps: Gap) -> str:
                 index, time_ns, turned = index[1:], sample_time_ns(time_ns, 1, RATE), turned[1:]
             blocks.append(SampleBlock("encoder.angle", int(index[0]), time_ns, RATE, turned))
             for block in filter(None, map(spoil, blocks)):
-                log.add_encoded_block("measured", block, encode_block(block), time_ns, record_gap=False)
-        log.add_event(Event(STOPPED_NS, "warning", "rig", STOPPING, "stopped"))
+                host_ns = sample_time_ns(begin_ns, first + BLOCK, RATE)
+                log.add_encoded_block("measured", block, encode_block(block), host_ns, record_gap=False)
+        if ends is not None:
+            log.add_event(ends)
+        log.flush_if_older(1 << 62)
+        written = log_path.read_bytes()
+    if cut:
+        log_path.write_bytes(written)
+        os.utime(log_path, ns=(CRASH_NS, CRASH_NS))
     return "; ".join(discrepancies(log_path, sent_in(folder / "truth")))
 
 
@@ -162,3 +199,56 @@ def test_an_encoder_off_the_time_base_is_found(truth: Path) -> None:
         return replace(block, time_ns=block.time_ns + (NS_PER_S // 5 if block.first_sample > 0 else 0))
 
     assert "s off the time base" in found(truth.parent, changed("encoder.angle", late))
+
+
+@pytest.mark.parametrize(
+    "ends", [ENDED, replace(ENDED, text="recorded until it was enough"), replace(ENDED, code="drive.off")]
+)
+@pytest.mark.parametrize("channel", ["force", "encoder.angle"])
+def test_a_tail_that_is_nowhere_is_found_where_a_run_ended_well(
+    truth: Path, ends: Event, channel: str
+) -> None:
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return None if block.channel == channel and block.first_sample >= 2000 else block
+
+    assert found(truth.parent, lambda block: block, name=RUN_NAME, ends=ends) == ""
+    (truth.parent / RUN_NAME).unlink()
+    assert f"measured {channel}: " in (said := found(truth.parent, cut, name=RUN_NAME, ends=ends))
+    assert "of which the last" in said
+
+
+@pytest.mark.parametrize(("first", "words"), [(2500, ""), (2300, "of which the last")])
+def test_a_crash_costs_half_a_second_and_what_samples_come_late(truth: Path, first: int, words: str) -> None:
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return None if block.first_sample >= first else block
+
+    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut=True)
+    assert words in said if words else said == ""
+
+
+def test_a_run_says_how_it_ended(truth: Path) -> None:
+    assert found(truth.parent, lambda block: block, ends=None) == ""
+    assert found(truth.parent, lambda block: block, name=RUN_NAME, ends=None) == "nothing says how it ended"
+
+
+def test_a_record_that_had_its_end_was_not_stopped(truth: Path) -> None:
+    gap = Gap(START_NS, "force", MADE - BEGIN, 7, STOPPED)
+    said = found(truth.parent, lambda block: block, gap, name=RUN_NAME, ends=ENDED)
+    assert said == "force: said to be stopped, but it had its end"
+
+
+def test_a_log_of_emulators_that_sent_nothing_then_is_found(truth: Path) -> None:
+    text = (truth / "daq_card-1.jsonl").read_text()
+    (truth / "daq_card-1.jsonl").write_text(text.replace(f"{START_NS}", f"{START_NS + 60 * NS_PER_S}"))
+    assert "its emulated card sent nothing then" in found(truth.parent, lambda block: block)
+    (truth / "encoder-1.jsonl").write_text("")
+    (truth.parent / "log.mcap").unlink()
+    assert "its emulated encoder sent nothing then" in found(truth.parent, lambda block: block)
+
+
+def test_a_log_of_a_run_has_to_be_readable_unless_a_test_ruined_it(tmp_path: Path) -> None:
+    for name in (RUN_NAME, "log.mcap"):
+        (tmp_path / name).write_bytes(bytes(1000))
+    assert discrepancies(tmp_path / "log.mcap", []) == []
+    assert "it cannot be read" in discrepancies(tmp_path / RUN_NAME, [])[0]
+    assert discrepancies(ruined(tmp_path / RUN_NAME), []) == []

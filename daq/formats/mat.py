@@ -107,8 +107,8 @@ def read(path: Path, scratch: Scratch) -> Contents:
             if each.kind in ("number", "char"):
                 arrays.add(each.name, each.read())
             else:
-                shape = " x ".join(map(str, each.shape))
-                arrays.notes.append(f"left out: {each.name}, a {each.kind} of {shape}")
+                shape = f" of {' x '.join(map(str, each.shape))}" if each.shape else ""
+                arrays.notes.append(f"left out: {each.name}, a {each.kind}{shape}")
         return arrays.contents()
 
 

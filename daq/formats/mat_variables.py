@@ -32,9 +32,12 @@ _CODECS = {1: "latin1", 2: "latin1", 4: "utf-16-{}", 16: "utf-8", 17: "utf-16-{}
 _NUMBERS = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 _OTHERS = {1: "cell", 2: "struct", 4: "char", 5: "sparse array", 16: "function"}
 """Classes of MATLAB; any further one is an object."""
+_OPAQUE = 17
+"""The class of its tables, dates and strings, which has no shape: its name stands there."""
 _COMPLEX, _LOGICAL = 8, 2
 _NAMED_WITHIN = 4096
 """Bytes of a variable in which its class, shape and name stand."""
+_ALL = 1 << 62
 _PIECE = 1 << 20
 _STORED_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 _KINDS_4 = ("number", "char", "sparse array")
@@ -70,15 +73,16 @@ def variables(descriptor: int, allowance: Allowance) -> Iterator[Variable]:
         at += 8 + length
         if at > size:
             raise LogError("its last variable is cut short")
-        if kind in (_MATRIX, _COMPRESSED):
-            matrix = _Matrix.of(_whole(content(_NAMED_WITHIN), order, kind), order, allowance)
-            if matrix.name:  # one without is MATLAB's own
-                read = partial(_read_all, content, order, kind, allowance)
-                yield Variable(matrix.name, matrix.kind, matrix.shape, read)
+        if kind not in (_MATRIX, _COMPRESSED):
+            raise LogError(f"an element of kind {kind} where a variable should begin")
+        matrix = _Matrix.of(_whole(content(_NAMED_WITHIN), order, kind), order, allowance)
+        if matrix.name:  # one without is MATLAB's own
+            read = partial(_read_all, content, order, kind, allowance)
+            yield Variable(matrix.name, matrix.kind, matrix.shape, read)
 
 
 def _read_all(content: Callable[[int], bytes], order: str, kind: int, allowance: Allowance) -> Any:
-    return _Matrix.of(_whole(content(1 << 62), order, kind), order, allowance).value()
+    return _Matrix.of(_whole(content(_ALL), order, kind), order, allowance).value()
 
 
 def _whole(content: bytes, order: str, kind: int) -> memoryview:
@@ -103,6 +107,8 @@ def _content(descriptor: int, at: int, length: int, packed: bool, allowance: All
             allowance.spend(held=len(piece))
             found += piece
             data = unpacking.unconsumed_tail
+    if len(found) < most and not unpacking.eof:
+        raise LogError("a compressed variable is cut short")
     return bytes(found)
 
 
@@ -122,7 +128,8 @@ class _Matrix:
     def of(cls, content: memoryview, order: str, allowance: Allowance) -> _Matrix:
         parts = _elements(content, order)
         flags = int(_numbers(*_next(parts), order)[0])
-        shape = tuple(int(each) for each in _numbers(*_next(parts), order))
+        opaque = flags & 0xFF == _OPAQUE
+        shape = () if opaque else tuple(int(each) for each in _numbers(*_next(parts), order))
         if len(shape) > 32 or any(each < 0 for each in shape):
             raise LogError(f"a variable of {len(shape)} dimensions, {min(shape)} in one")
         name = bytes(_next(parts)[1]).decode("latin1")
@@ -132,7 +139,7 @@ class _Matrix:
     def kind(self) -> str:
         if self.number in _NUMBERS:
             return "complex array" if self.flags & _COMPLEX else "number"
-        return _OTHERS.get(self.number, "object")
+        return _OTHERS.get(self.number, "MATLAB object")
 
     def value(self) -> Any:
         """As `Variable.read`."""

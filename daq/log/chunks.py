@@ -62,9 +62,12 @@ class OpenedChunk:
                 yield *_MESSAGE.unpack_from(self.data, start), start + _MESSAGE.size, end
 
 
-def open_chunk(chunk: Chunk, allowance: Allowance) -> OpenedChunk:
-    """Decompress and verify a chunk; raises ValueError, struct.error or ZstdError if it is damaged."""
-    data = _content(chunk, allowance)
+def open_chunk(chunk: Chunk, allowance: Allowance, sealed: bool) -> OpenedChunk:
+    """Decompress and verify a chunk; raises ValueError, struct.error or ZstdError if it is damaged.
+
+    `sealed`: its writer gives each a checksum; elsewhere 0 means that there is none.
+    """
+    data = _content(chunk, allowance, sealed)
     declared: dict[bytes, None] = {}
     for opcode, start, end in records(data):
         allowance.spend(unpacked=_RECORD_READ)
@@ -91,7 +94,7 @@ def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
         position += length
 
 
-def _content(chunk: Chunk, allowance: Allowance) -> bytes:
+def _content(chunk: Chunk, allowance: Allowance, sealed: bool) -> bytes:
     size = chunk.uncompressed_size
     if size > MAXIMUM_CHUNK_BYTES:
         raise ValueError(f"it claims {size} bytes, more than {MAXIMUM_CHUNK_BYTES}")
@@ -107,7 +110,7 @@ def _content(chunk: Chunk, allowance: Allowance) -> bytes:
             data = stream.read(size + 1)  # one byte more, so that a longer content shows and takes no memory
     if len(data) != size:
         raise ValueError(f"it holds {len(data)} bytes or more and claims {size}")
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+    if (sealed or chunk.uncompressed_crc) and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("its checksum is wrong")
     return data
 
@@ -118,8 +121,8 @@ class IndexedChunks:
     Decompressing and verifying takes as long as what is done with the samples, and runs beside it.
     """
 
-    def __init__(self, descriptor: int, indexes: Sequence[IndexedChunk]) -> None:
-        self._descriptor = descriptor
+    def __init__(self, descriptor: int, indexes: Sequence[IndexedChunk], sealed: bool) -> None:
+        self._descriptor, self._sealed = descriptor, sealed
         self._indexes = sorted(indexes)
         self._opened: OrderedDict[int, tuple[int, Future[OpenedChunk]]] = OrderedDict()
         self._executor: ThreadPoolExecutor | None = None
@@ -167,14 +170,14 @@ class IndexedChunks:
             return self._opened[index.start][1]
         if self._executor is None:
             self._executor = ThreadPoolExecutor(1, thread_name_prefix="chunks of a log")
-        opening = self._executor.submit(_read, self._descriptor, index, allowance)
+        opening = self._executor.submit(_read, self._descriptor, index, allowance, self._sealed)
         self._opened[index.start] = index.size, opening
         while len(self._opened) > 1 and sum(size for size, _ in self._opened.values()) > _KEPT_BYTES:
             self._opened.popitem(last=False)
         return opening
 
 
-def _read(descriptor: int, index: IndexedChunk, allowance: Allowance) -> OpenedChunk:
+def _read(descriptor: int, index: IndexedChunk, allowance: Allowance, sealed: bool) -> OpenedChunk:
     if index.length > LONGEST_RECORD_BYTES:
         raise ValueError(f"its index says it is {index.length} bytes long")
     record = memoryview(os.pread(descriptor, index.length, index.start))
@@ -188,4 +191,4 @@ def _read(descriptor: int, index: IndexedChunk, allowance: Allowance) -> OpenedC
     (length,) = _LENGTH.unpack_from(record, at)
     data: Any = record[at + _LENGTH.size :][:length]
     compression = bytes(record[_HEAD.size : at]).decode()
-    return open_chunk(Chunk(compression, data, end_ns, start_ns, crc, size), allowance)
+    return open_chunk(Chunk(compression, data, end_ns, start_ns, crc, size), allowance, sealed)

@@ -52,7 +52,6 @@ Note = Callable[[str, int], None]
 class Summary(NamedTuple):
     """What a finished log says of itself; `declared` are the records of its channels."""
 
-    library: str
     declared: list[bytes]
     chunks: list[IndexedChunk]
     metadata: dict[str, dict[str, str]]
@@ -131,6 +130,14 @@ def _content(record: bytes) -> ReadDataStream:
     return ReadDataStream(stream)
 
 
+def library_of(descriptor: int) -> str:
+    """Who wrote a log, by its head; raises ValueError, struct.error or McapError where it has none."""
+    opcode, header = _record_at(descriptor, len(MCAP0_MAGIC), os.fstat(descriptor).st_size)
+    if opcode != Opcode.HEADER:
+        raise ValueError("it does not begin as an MCAP file does")
+    return str(Header.read(_content(header)).library)
+
+
 def read_summary(descriptor: int) -> Summary:
     """Raises ValueError, struct.error or McapError where there is no end, or no summary as it was written."""
     size = os.fstat(descriptor).st_size
@@ -138,10 +145,9 @@ def read_summary(descriptor: int) -> Summary:
     opcode, footer = _record_at(descriptor, max(position, 0), size)
     if opcode != Opcode.FOOTER:
         raise ValueError(CUT)
-    opcode, header = _record_at(descriptor, len(MCAP0_MAGIC), size)
-    if opcode != Opcode.HEADER or os.pread(descriptor, len(MCAP0_MAGIC), 0) != MCAP0_MAGIC:
+    if os.pread(descriptor, len(MCAP0_MAGIC), 0) != MCAP0_MAGIC:
         raise ValueError("it does not begin as an MCAP file does")
-    summary, places, empty = Summary(Header.read(_content(header)).library, [], [], {}), list[int](), False
+    summary, places, empty = Summary([], [], {}), list[int](), False
     for opcode, record in _summary_records(descriptor, position, size, footer):
         if opcode == Opcode.CHANNEL:
             summary.declared.append(record[_RECORD.size :])
@@ -237,9 +243,9 @@ def _chunk_at(descriptor: int, begin: int, size: int, allowance: Allowance) -> b
         content = os.pread(descriptor, fixed + _LENGTH + length - _RECORD.size, begin + _RECORD.size)
         record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
         chunk = Chunk.read(_content(record))
-        open_chunk(chunk, allowance)
+        open_chunk(chunk, allowance, sealed=True)
     except LogError:  # more than may come of the file
         raise
     except (*_NO_RECORD, zstandard.ZstdError):
         return b""
-    return record if chunk.uncompressed_crc else b""
+    return record

@@ -25,7 +25,7 @@ from daq.channel import Channel
 from daq.errors import DAMAGED, LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
-from daq.log.front import check_data, metadata_and_chunks, read_summary
+from daq.log.front import check_data, library_of, metadata_and_chunks, read_summary
 from daq.log.records import RECORD_END, STOPPING, ClockRecord, Event, Gap, Impact
 
 _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
@@ -97,6 +97,7 @@ class LogReader:
         except OSError as error:
             raise LogError(f"{self.path}: {error.strerror}") from error
         try:
+            self.library = library_of(self._file.fileno())
             self._read_summary()
         except _FOREIGN_ERRORS:
             self._indexed = None
@@ -264,9 +265,14 @@ class LogReader:
             channel = self._channel(record)
             self._topics[channel.topic] = channel.metadata
             self._channel_names[channel.id] = channel.topic
-        self.library, self.metadata = summary.library, summary.metadata
-        self._indexed = IndexedChunks(self._file.fileno(), summary.chunks)
+        self.metadata = summary.metadata
+        self._indexed = IndexedChunks(self._file.fileno(), summary.chunks, self._sealed)
         self.complete = True
+
+    @property
+    def _sealed(self) -> bool:
+        """Whether all its chunks were written with checksums."""
+        return self.library.startswith("rattle")
 
     def _channel(self, record: bytes) -> ChannelRecord:
         """As declared; chunk by chunk the same again."""
@@ -290,7 +296,7 @@ class LogReader:
                 self.metadata[record.name] = record.metadata
                 continue
             try:
-                _, channels = self._opened(partial(open_chunk, record, allowance))
+                _, channels = self._opened(partial(open_chunk, record, allowance, self._sealed))
             except LogError as error:
                 self._note(str(error).removeprefix(f"{self.path}: "))
                 continue
@@ -309,7 +315,7 @@ class LogReader:
             allowance = self.allowance()
             for record in metadata_and_chunks(self._file.fileno(), self.allowance(), self._note):
                 if isinstance(record, Chunk):
-                    yield partial(open_chunk, record, allowance)
+                    yield partial(open_chunk, record, allowance, self._sealed)
             return
         numbers = None
         if topics is not None:
@@ -325,7 +331,8 @@ class LogReader:
         except LogError:
             raise
         except _FOREIGN_ERRORS as error:
-            raise LogError(f"{self.path}: a chunk is damaged ({type(error).__name__}: {error})") from error
+            what = f"{type(error).__name__}: {error}; rattle verify says where, rattle recover saves the rest"
+            raise LogError(f"{self.path}: a chunk is damaged ({what})") from error
 
     def _note(self, damage: str, at: int | None = None) -> None:
         """What was found first says where it begins."""

@@ -46,8 +46,8 @@ class LogWriter:
         self._next_sample: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._topics: dict[str, int] = {}
-        self._told_gaps: dict[tuple[str, int], int] = {}  # their first sample, by topic and end
-        self._end_ns: dict[str, int] = {}
+        self._told_gaps: dict[str, list[tuple[int, int]]] = {}  # first sample and end, of what may come yet
+        self._placed: dict[str, tuple[int, int, float]] = {}
         self._due: dict[str, tuple[int, int, str]] = {}
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
@@ -112,23 +112,18 @@ class LogWriter:
         expected = self._next_sample.get(topic, 0)
         if block.first_sample < expected:
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
-        told_from = block.first_sample
-        while told_from > expected and (topic, told_from) in self._told_gaps:
-            told_from = self._told_gaps.pop((topic, told_from))
-        missing = max(told_from - expected, 0) if record_gap else 0
-        if missing:
-            start_ns = max(sample_time_ns(block.time_ns, expected - block.first_sample, block.sample_rate), 0)
-            if not cause and expected == 0:
-                cause = "start of stream"
-            elif not cause:
-                flagged = block.flags & Flag.SAMPLES_MISSING_BEFORE
-                cause = "samples missing" if flagged else "not flagged by the source"
-            gap = Gap(start_ns, block.channel, expected, missing, cause, origin)
-            self._record("/gap", "Gap", gap, host_ns)
+        self._placed[topic] = block.first_sample, block.time_ns, block.sample_rate
+        untold = self._untold(topic, block.first_sample) if record_gap else []
+        if not cause and expected == 0:
+            cause = "start of stream"
+        elif not cause:
+            flagged = block.flags & Flag.SAMPLES_MISSING_BEFORE
+            cause = "samples missing" if flagged else "not flagged by the source"
+        for first, end in untold:
+            self._gap(topic, first, end - first, cause, host_ns)
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
-        self._end_ns[topic] = min(sample_time_ns(block.time_ns, len(block), block.sample_rate), LATEST - 1)
-        return missing
+        return sum(end - first for first, end in untold)
 
     def add_event(self, event: Event) -> None:
         self._record("/event", "Event", event, event.time_ns)
@@ -136,7 +131,7 @@ class LogWriter:
     def add_gap(self, gap: Gap, host_ns: int) -> None:
         """Add an entry of the gap ledger; one that is added before the block after it gets no second."""
         topic = f"/{gap.origin or 'measured'}/{gap.channel}"
-        self._told_gaps[topic, gap.first_sample + gap.count] = gap.first_sample
+        self._told_gaps.setdefault(topic, []).append((gap.first_sample, gap.first_sample + gap.count))
         self._record("/gap", "Gap", gap, host_ns)
 
     def due(self, origin: str, channel: str, end_sample: int, time_ns: int, cause: str) -> None:
@@ -194,14 +189,26 @@ class LogWriter:
 
     def _close_tails(self) -> None:
         for topic, (end, time_ns, cause) in self._due.items():
-            first = self._next_sample.get(topic, 0)
-            told = {begin: until for (whose, until), begin in self._told_gaps.items() if whose == topic}
-            while first in told:
-                first = told.pop(first)
-            if first < end:
-                _, origin, channel = topic.split("/", 2)
-                gap = Gap(self._end_ns.get(topic, time_ns), channel, first, end - first, cause, origin)
-                self._record("/gap", "Gap", gap, time_ns)
+            for first, until in self._untold(topic, end):
+                self._gap(topic, first, until - first, cause, time_ns)
+
+    def _gap(self, topic: str, first: int, count: int, cause: str, host_ns: int) -> None:
+        _, origin, channel = topic.split("/", 2)
+        placed, time_ns, rate = self._placed.get(topic, (first, host_ns, 1.0))
+        time_ns = min(max(sample_time_ns(time_ns, first - placed, rate), 0), LATEST - 1)
+        self._record("/gap", "Gap", Gap(time_ns, channel, first, count, cause, origin), host_ns)
+
+    def _untold(self, topic: str, end: int) -> list[tuple[int, int]]:
+        """What of a topic's samples up to `end` has not come and stands in no gap: first and end of each."""
+        first, untold = self._next_sample.get(topic, 0), list[tuple[int, int]]()
+        told = self._told_gaps.pop(topic, [])
+        if later := [each for each in told if each[1] > end]:
+            self._told_gaps[topic] = later
+        for begin, until in sorted(told):
+            if first < min(begin, end):
+                untold.append((first, min(begin, end)))
+            first = max(first, until)
+        return [*untold, (first, end)] if first < end else untold
 
     def register(self, topic: str, schema: str, metadata: dict[str, str]) -> None:
         """Declare a topic of the format by the name of its schema (`SampleBlock`, `Event` ...)."""

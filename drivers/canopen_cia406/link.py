@@ -11,11 +11,12 @@ from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
 import can
+import can.bus
 import canopen
-from can.interfaces.socketcand.socketcand import SocketCanDaemonBus
+from can.interfaces.socketcand import socketcand
 from canopen.objectdictionary import import_od
 
-from daq.clock import Clock
+from daq.clock import Clock, wait_steadily
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.canopen_cia406 import frames
 from drivers.canopen_cia406.frames import NmtCommand
@@ -24,6 +25,8 @@ from drivers.canopen_cia406.settings import EncoderSettings
 
 SLICE_S = 0.05  # how long the thread waits for a frame before it looks whether it is to stop
 _JOIN_S = 2.0  # forty slices: a thread that has not ended by then hangs in an interface's driver
+
+wait_steadily(can.bus, socketcand)
 
 # Both libraries raise what they log: it need not go to standard error where nobody asked for it.
 for _library in ("can", "canopen"):
@@ -46,7 +49,7 @@ class Listener(Protocol):
 _LONGEST_GREETING = 80  # bytes; a server's answers have about ten
 
 
-class SocketcandBus(SocketCanDaemonBus):
+class SocketcandBus(socketcand.SocketCanDaemonBus):
     """A socketcand bus whose handshake has a deadline, and which notices when the server hangs up.
 
     As it is, the handshake waits for ever for a server that hangs and fails where a frame comes right behind

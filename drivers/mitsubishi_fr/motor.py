@@ -13,7 +13,7 @@ from daq.errors import InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.registers import Command, Status
-from drivers.mitsubishi_fr.settings import CHECKED, InverterSettings, Parameters
+from drivers.mitsubishi_fr.settings import InverterSettings, Parameters, checked
 from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import MotorState
 
@@ -129,7 +129,7 @@ class Motor:
         """Read what a start depends on."""
         patience_s = OPENING_STEP_S - STEP_S  # nothing turns yet
         found: dict[fr.Register, int] = {}
-        for block in CHECKED:
+        for block in checked(self._settings):
             answer = await self._talk.read(block, self._soon() + patience_s)
             found |= zip(block.registers, answer, strict=True)
         self.parameters = Parameters(found)
@@ -243,6 +243,10 @@ class Motor:
 
         Where that cannot be seen, hush, so that the drive's watchdog stops it, and raise InstrumentSilent.
         """
+        if self.orders.run and not (self.state and self.state.fault):
+            does = "coasts" if self.parameters.coasts else "goes on down its ramp, no faster"
+            text = f"run is withdrawn at once; by Pr.250 the motor {does}"
+            self._notices.note("warning", "inverter.cut", text)
         with Errand(self.orders, is_stop=True):
             await self._withdraw()
 

@@ -140,8 +140,10 @@ class Poller:
         """An emergency stop where its line is on a drive that is gone: the chain may have cut its power."""
         if (line := self._settings.stop_line) is None or not isinstance(error, _GONE):
             return error
-        at = f"{line.line} of {self._settings.port}"
-        return EmergencyStop(at, f"its line cannot be read: {error.what}", self._clock.monotonic_s())
+        what = f"its line cannot be read: {error.what}"
+        return EmergencyStop.unread(
+            line.at(self._settings.port), what, self._clock.monotonic_s(), error.check
+        )
 
     async def _look_after(self, now_s: float) -> None:
         # A process that was frozen (SIGSTOP, swap) for longer than the watchdog waits finds a drive that has

@@ -122,8 +122,10 @@ INPUT_TERMINALS = Register(40215, "input terminal status", page="p. 211 (M)")
 FAULTS = tuple(Register(40501 + n, f"fault history {n + 1}", page="p. 212 (D)") for n in range(8))
 
 
-def _parameter(number: int, name: str, scale: float = 1.0, unit: str = "") -> Register:
-    return Register(PARAMETERS + number, f"Pr.{number} {name}", scale, unit, writable=True)
+def _parameter(
+    number: int, name: str, scale: float = 1.0, unit: str = "", page: str = "p. 210 (D)"
+) -> Register:
+    return Register(PARAMETERS + number, f"Pr.{number} {name}", scale, unit, writable=True, page=page)
 
 
 MAXIMUM_FREQUENCY = _parameter(1, "maximum frequency", 0.01, "Hz")
@@ -136,12 +138,17 @@ BAUDRATE = _parameter(118, "PU communication speed", 100.0, "bit/s")
 STOP_BITS = _parameter(119, "PU communication stop bit length")
 PARITY = _parameter(120, "PU communication parity check")
 WATCHDOG = _parameter(122, "PU communication check time interval", 0.1, "s")
+STOP_SELECTION = _parameter(250, "stop selection", 0.1, "s", "M")
 START_MODE = _parameter(340, "communication start-up mode selection")
 ON_SILENCE = _parameter(502, "stop mode selection at communication error")
 PROTOCOL = _parameter(549, "protocol selection")
+TERMINAL_FUNCTIONS = {
+    terminal: _parameter(number, f"{terminal} terminal function selection", page="M")
+    for number, terminal in enumerate(("STF", "STR", "RL", "RM", "RH"), 178)
+}
 
 _DECLARED = [each for each in globals().values() if isinstance(each, Register)]
-REGISTERS = {register.number: register for register in (*_DECLARED, *FAULTS)}
+REGISTERS = {register.number: register for register in (*_DECLARED, *FAULTS, *TERMINAL_FUNCTIONS.values())}
 
 # Runs of consecutive numbers, only of what is in the table: a register that nobody declared ends a range.
 # 40002 cannot be read.

@@ -21,6 +21,12 @@ _STOP_LINE_POLL_S = 0.05
 PARITY_SETTINGS = {"N": 0, "O": 1, "E": 2}  # Pr.120
 _PROTOCOL_MODBUS = 1  # Pr.549
 _STOPS = {0: "coasts", 1: "ramps down"}  # Pr.502
+# Raw values of Pr.250 and of Pr.178 to 182 (M). A drive may write 9999 and 8888 as 65535 and 65520.
+RAMPS_WITHDRAWN = (9999, 8888, 65535, 65520)
+_COASTS_WITHDRAWN = (0, 10_000)
+_MOVES = {0: "low speed", 1: "middle speed", 2: "high speed", 5: "jog", 60: "run forward", 61: "run reverse"}
+NO_FUNCTION = 9999
+_CANNOT_MOVE = {NO_FUNCTION: "none", 65535: "none", 7: "OH", 10: "X10", 24: "MRS"}
 
 CHECKED = (
     fr.block(fr.MAXIMUM_FREQUENCY),
@@ -28,11 +34,18 @@ CHECKED = (
     fr.block(fr.RAMP_REFERENCE),
     fr.block(fr.STATION, fr.PARITY),
     fr.block(fr.WATCHDOG),
+    fr.block(fr.STOP_SELECTION),
     fr.block(fr.OPERATION_MODE_SELECTION),
     fr.block(fr.START_MODE),
     fr.block(fr.ON_SILENCE),
     fr.block(fr.PROTOCOL),
 )
+
+
+def checked(wanted: InverterSettings) -> tuple[fr.Block, ...]:
+    """Return what a start depends on."""
+    line = wanted.stop_line
+    return CHECKED if line is None else (*CHECKED, fr.block(fr.TERMINAL_FUNCTIONS[line.terminal]))
 
 
 _PORT = Text(
@@ -70,7 +83,7 @@ class InverterSettings:
 
     rpm_per_hz: Annotated[float, Quantity("", 0, 10_000, above=True)]
     maximum_speed_rpm: Annotated[
-        float, Quantity("rpm", 0, 100_000, above=True, wants_unit=True, kept=True, key="maximum_speed")
+        float, Quantity("rpm", 0, 100_000, above=True, kept=True, key="maximum_speed")
     ]
     driver: Annotated[Literal["mitsubishi_fr"], Key()] = "mitsubishi_fr"
     port: Annotated[str, _PORT] = ""
@@ -156,6 +169,11 @@ class Parameters:
         """Silence after which the drive trips."""
         return self.value(fr.WATCHDOG)
 
+    @property
+    def coasts(self) -> bool:
+        """Whether the motor coasts once run is withdrawn."""
+        return self.raw[fr.STOP_SELECTION] not in RAMPS_WITHDRAWN
+
     def ramp_s(self, from_hz: float, to_hz: float) -> float:
         """Return the time of a ramp; Pr.7 and Pr.8 are the times from 0 to Pr.20 and back."""
         time = fr.ACCELERATION_TIME if to_hz > from_hz else fr.DECELERATION_TIME
@@ -184,6 +202,17 @@ def problems(found: Parameters, wanted: InverterSettings) -> tuple[Problem, ...]
     for register in (fr.ACCELERATION_TIME, fr.DECELERATION_TIME):
         if found.raw[register] == 0:
             wrong.append(_problem(register, found, "above 0 s: a ramp, no step"))
+    if found.raw[fr.STOP_SELECTION] not in (*RAMPS_WITHDRAWN, *_COASTS_WITHDRAWN):
+        allowed = "9999 (ramps down) or 0 s (coasts): it would turn on for so long once run is withdrawn"
+        wrong.append(_problem(fr.STOP_SELECTION, found, allowed))
+    if (line := wanted.stop_line) is not None:
+        terminal = fr.TERMINAL_FUNCTIONS[line.terminal]
+        if (function := found.raw[terminal]) not in _CANNOT_MOVE:
+            has = f"{function} ({_MOVES[function]})" if function in _MOVES else str(function)
+            allowed = (
+                "9999 (none), 7 (OH), 10 (X10) or 24 (MRS), none of which moves it: the emergency stop's line"
+            )
+            wrong.append(Problem(terminal.name, has, allowed))
     return (*wrong, *_watchdog_problems(found))
 
 
@@ -203,6 +232,7 @@ def described(found: Parameters, station: int) -> str:
     stops = _STOPS[found.raw[fr.ON_SILENCE]]
     return (
         f"Mitsubishi FR, station {station}, {stops} after {found.watchdog_s:g} s of silence, "
+        f"{'coasts' if found.coasts else 'ramps down'} once run is withdrawn, "
         f"ramps {found.value(fr.ACCELERATION_TIME):g} s up and {found.value(fr.DECELERATION_TIME):g} s down "
         f"to {found.value(fr.RAMP_REFERENCE):g} Hz"
     )

@@ -18,7 +18,8 @@ class CardLine:
     def __init__(self, card: CardSettings) -> None:
         assert card.stop_line is not None  # noqa: S101 - who has none makes no reader
         self._card, self._line = card, card.stop_line
-        self.address = card.grpc or "the NI driver of this machine"
+        self._card_address = card.grpc or "the NI driver of this machine"
+        self.address = self._line.at(self._card_address)
         self._channel: Any = None
         self._task: Any = None
         self._reader: Any = None
@@ -38,7 +39,7 @@ class CardLine:
         """Read it; see `LineReader.heed`."""
         with session.translated("emergency stop", self.address, f"reading {self._line.line}"):
             on = self._reader.read_one_sample_one_line(0.0)  # as it is now: nothing to wait for
-        self._line.heed(on, self.address)
+        self._line.heed(on, self._card_address)
 
     def close(self) -> None:
         if self._task is not None:

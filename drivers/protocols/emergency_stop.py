@@ -11,12 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, Protocol
 
+from daq.clock import Clock
 from daq.errors import EmergencyStop, InstrumentError
 from daq.quantity import Key, Text
 
+STOP_TABLE: Final = "emergency_stop"
 LOOK_S: Final = 0.02  # as the guard of a run looks
 _UNREAD: Final = 25
 """Looks without a reading: half a second, of which a machine that stands still takes nothing."""
+_LEFT_S: Final = 0.5
+"""How long a reading that is under way is waited for at the end; one that hangs is left behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +34,9 @@ class StopLine:
     line: Annotated[
         str,
         Text(
-            'a digital input of the card, such as "cDAQ1Mod4/port0/line0", or a terminal of the inverter: '
-            '"inverter/STF", STR, RL, RM or RH',
-            r"inverter/(STF|STR|RL|RM|RH)|(?!inverter/)[A-Za-z0-9_.-]+/port\d{1,3}/line\d{1,3}",
+            'a digital input of the card, such as "cDAQ1Mod4/port0/line0", or a terminal of the inverter, '
+            'such as "inverter/RH"',
+            r"inverter/[A-Z]{1,4}|(?!inverter/)[A-Za-z0-9_.-]+/port\d{1,3}/line\d{1,3}",
         ),
     ]
     contact: Annotated[Literal["normally closed", "normally open"], Key()] = "normally closed"
@@ -47,10 +51,14 @@ class StopLine:
         """Whether its input is on while nobody presses it."""
         return self.contact == "normally closed"
 
+    def at(self, address: str) -> str:
+        """Where it is, on the instrument at an address."""
+        return f"{self.line} of {address}"
+
     def heed(self, on: bool, address: str) -> None:
         """Raise EmergencyStop unless the input is as a healthy line has it."""
         if on != self.healthy:
-            raise EmergencyStop(f"{self.line} of {address}", "its line is open", time.monotonic())
+            raise EmergencyStop(self.at(address), "its line is open", time.monotonic())
 
 
 class LineReader(Protocol):
@@ -83,10 +91,12 @@ def refuse_open(make: Callable[[], LineReader]) -> None:
 class LineWatch:
     """Reads a line every 20 ms, in a thread of its own, for a driver may hang. What it sees stays seen."""
 
-    def __init__(self, make: Callable[[], LineReader]) -> None:
-        self._reader = make()
+    def __init__(self, make: Callable[[], LineReader], clock: Clock) -> None:
+        self._reader, self._clock = make(), clock
+        self._thread = threading.Thread(target=self._read, name="emergency stop", daemon=True)
         self._seen: EmergencyStop | None = None
-        self._unread, self._looked_s = 0, time.monotonic()  # looks since the last reading; when the last was
+        self._ended = False
+        self._unread, self._looked_s = 0, clock.monotonic_s()  # looks since the last reading; the last one
 
     def __enter__(self) -> LineWatch:
         try:
@@ -94,29 +104,34 @@ class LineWatch:
             self._reader.heed()
         except InstrumentError as error:
             self._see(error)
-        threading.Thread(target=self._read, name="emergency stop", daemon=True).start()
+        self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._ended = True
+        self._thread.join(_LEFT_S)
         self._reader.close()
 
     def look(self) -> EmergencyStop | None:
         """What was seen; to be called every 20 ms. A line of which no reading comes counts as open."""
-        if (now_s := time.monotonic()) - self._looked_s >= LOOK_S:
+        if (now_s := self._clock.monotonic_s()) - self._looked_s >= LOOK_S:
             self._looked_s, self._unread = now_s, self._unread + 1
         if self._unread > _UNREAD and self._seen is None:
-            self._seen = EmergencyStop(self._reader.address, "its line gives no reading", now_s)
+            what, check = "its line gives no reading", "the card that reads it, its driver or device server"
+            self._seen = EmergencyStop.unread(self._reader.address, what, now_s, check)
         return self._seen
 
     def _read(self) -> None:
-        while self._seen is None:
+        while self._seen is None and not self._ended:
             try:
                 self._reader.heed()
             except InstrumentError as error:
                 self._see(error)
             self._unread = 0  # no lock: at worst one of these is lost, and the next counts
-            time.sleep(LOOK_S)
+            self._clock.sleep(LOOK_S)
 
     def _see(self, error: InstrumentError) -> None:
-        lost = EmergencyStop(self._reader.address, f"its line cannot be read: {error.what}", time.monotonic())
-        self._seen = error if isinstance(error, EmergencyStop) else lost
+        if not isinstance(error, EmergencyStop):
+            what, now_s = f"its line cannot be read: {error.what}", self._clock.monotonic_s()
+            error = EmergencyStop.unread(self._reader.address, what, now_s, error.check)
+        self._seen = error

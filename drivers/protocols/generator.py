@@ -28,7 +28,8 @@ class DriveSettings:
 class DriveGenerator(Actuator, Protocol):
     """A function generator that drives the shaker with a sine; its safe state is output off.
 
-    `close` leaves the output as it is.
+    `close` leaves the output as it is. One whose output is on already is refused by `open` and `arm_sine`,
+    and left as it is, also by `off`.
     """
 
     def arm_sine(self, frequency_hz: float, amplitude_v: float, offset_v: float, *, triggered: bool) -> None:

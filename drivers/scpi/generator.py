@@ -14,7 +14,6 @@ from drivers.scpi.settings import Choice, GeneratorSettings, Number, error_in, m
 
 KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
-MOVING_S = 0.5  # while it drives, a longer silence is a lost link
 _WATCHED = (settings.OUTPUT_ON, settings.SINE, settings.FREQUENCY, settings.AMPLITUDE, settings.OFFSET)
 
 
@@ -40,7 +39,7 @@ class ScpiGenerator:
         self._watched = cycle(each.command for each in _WATCHED)  # one a call: the guard may be waiting
 
     def open(self) -> None:
-        """Connect, discard stale answers and errors, and check the model."""
+        """Connect, check the model, and discard errors; one that drives is refused as it is."""
         self._link.open(
             f"{settings.OUTPUT_OFF.command} {settings.OUTPUT_OFF.word}" if self._off_first else ""
         )
@@ -55,6 +54,8 @@ class ScpiGenerator:
                     f"{self.identity[:200]!r} answers, which is no 33210A, 33220A, 33500 or 33600",
                     "the resource string in the bench file",
                 )
+            self._refuse_driving()
+            self._link.write("*CLS")
             self._errors()
         except BaseException:
             self.close()
@@ -68,6 +69,7 @@ class ScpiGenerator:
         """Reset the generator and prepare a sine; see `DriveGenerator.arm_sine`."""
         self._check_limits(amplitude_v, offset_v)
         self._check_range(settings.FREQUENCY, frequency_hz)
+        self._refuse_driving()
         self._kept.clear()
         self._stopped = False
         self._link.write("*RST")
@@ -84,7 +86,7 @@ class ScpiGenerator:
                 self._choose(choice)
 
     def start(self) -> None:
-        self._link.hurry(MOVING_S)  # before anything moves
+        self._link.hurry(settings.MOVING_S)  # before anything moves
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
         if not self._stopped and self._triggered:
@@ -135,6 +137,16 @@ class ScpiGenerator:
         answer = self._link.query(f"{choice.command}?")
         if not choice.agrees(answer):
             raise self._refused(f"the output does not go off, it answers {answer!r}")
+
+    def _refuse_driving(self) -> None:
+        """Leave one that somebody else has drive as it is: nobody knows what hangs on it."""
+        if not settings.OUTPUT_OFF.agrees(answer := self._link.query(f"{settings.OUTPUT_OFF.command}?")):
+            self.close()
+            raise self._refused(
+                f"its output is on already (it answers {answer!r}); nothing was changed",
+                "who drives with it, its panel or another program; switch it off there, by hand",
+                "in use",
+            )
 
     def _set(self, quantity: Number, value: float) -> None:
         self._check_range(quantity, value)

@@ -11,15 +11,20 @@ from contextlib import contextmanager, suppress
 from typing import cast
 
 import pyvisa
-import pyvisa_py  # noqa: F401 - what "@py" stands for, loaded with this module and not when a drive is to stop
+import pyvisa_py.sessions  # what "@py" stands for, loaded with this module and not when a drive is to stop
+import pyvisa_py.tcpip
 from pyvisa.constants import StatusCode
 from pyvisa.resources import MessageBasedResource
+from pyvisa_py.protocols import rpc
 
+from daq.clock import wait_steadily
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 
 LONGEST_ANSWER = 4096  # bytes
 QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
 DRAIN_S = 2.0
+
+wait_steadily(pyvisa_py.sessions, pyvisa_py.tcpip, rpc)
 
 
 class ScpiLink:
@@ -64,7 +69,6 @@ class ScpiLink:
                     self._visa.write(f"\n{first}")
                 self._drain(self._visa)
                 self._visa.write("")  # ends a command that an earlier client left without its line end
-                self._visa.write("*CLS")
                 self._drain(self._visa)
         except (OSError, ValueError, pyvisa.Error) as error:
             self.close()

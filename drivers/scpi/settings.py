@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from daq.quantity import Check, Key, Quantity, Text
 
 _LOOPBACK = ("TCPIP::127.0.0.1::", "TCPIP0::127.0.0.1::", "TCPIP::localhost::", "ASRL")
+MOVING_S = 0.5  # while it drives, a longer silence is a lost link
 INFINITY = 9.9e37  # SCPI-1999 volume 1, 7.2.1.4: how infinity is written
 _NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})?")
 _ERROR = re.compile(r'([+-]?\d{1,6})\s*(?:,\s*"?([^"]{0,300}).*)?', re.DOTALL)
@@ -57,6 +58,15 @@ class GeneratorSettings:
 
     def at(self, address: str) -> GeneratorSettings:
         return replace(self, resource=address)
+
+    @property
+    def longest_off_s(self) -> float:
+        """How long an off may take before another connection helps, s; nothing over a network.
+
+        Any other line has one user at a time: a second one would garble the off of the first, which may wait
+        for an exchange and is one itself.
+        """
+        return 0.0 if self.resource.startswith("TCPIP") else 2 * MOVING_S
 
     @property
     def maximum_amplitude_v(self) -> float:

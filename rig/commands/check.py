@@ -75,6 +75,7 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
         typer.echo(f"emergency stop: {read}")
         if names := [each.name for each in loaded.daq_card.channels if unit_of(each.name) is None]:
             typer.echo(f"recorded without a prediction: {', '.join(names)}")
+        _remark(loaded)
         return loaded
     _check(loaded, None, str(file), today)
     # Another bench may well allow it: no fault of the scenario.
@@ -97,12 +98,21 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
     bench = gathered.of(lambda: load_bench(bench_file, None if loaded is None else loaded.rig))
     if loaded is not None and bench is not None:
         _check(loaded, bench, str(file), today)
+        _remark(bench)
         return loaded
     if loaded is not None:
         gathered.of(lambda: _check(loaded, None, str(file), today))
     if bench is not None:
         gathered.of(lambda: check_bench(bench, today))
     raise gathered.error()
+
+
+def _remark(bench: Bench) -> None:
+    """Say what is no fault of a bench, and still to be known."""
+    from rig.files.pairing import unmeasured
+
+    if told := unmeasured(bench):
+        typer.echo(f"! {told}")
 
 
 def _check(wanted: Scenario | Sweep, bench: Bench | None, source: str, today: datetime.date) -> None:

@@ -40,7 +40,7 @@ def dwell(
     from daq.clock import SystemClock
     from daq.quantity import Quantity
     from rig.app import connect
-    from rig.files.pairing import check_pair
+    from rig.files.pairing import check_pair, free_bytes
     from rig.files.scenario import edited, load_scenario
     from rig.files.table import FieldError, quantity_field
     from rig.session.dwells import DwellRequest, record_dwells
@@ -52,14 +52,14 @@ def dwell(
         allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'
         raise ConfigurationError("rattle dwell", [Problem("--speeds", speeds, allowed)])
     scenarios = [edited(scenario, {"drive.speed": speed}, f"--speeds {speed}") for speed in named]
-    today = datetime.datetime.now(datetime.UTC).date()
-    for one in scenarios:
-        check_pair(one, bench, today)
     time = quantity_field(Quantity("s", 1.0, 600.0))
     try:
         dwell_s = float(time.read(each))
     except FieldError as error:
         raise ConfigurationError("rattle dwell", [Problem("--each", each, time.allowed)]) from error
+    today = datetime.datetime.now(datetime.UTC).date()
+    for one in scenarios:
+        check_pair(one, bench, today, free_bytes(out), recorded_s=dwell_s * len(scenarios))
     request = DwellRequest(scenarios, bench, dwell_s, connect, out)
     screen.say(f"dwells     {request.what}")
     # where the encoder sends too rarely for a mark to be looked up in its positions

@@ -52,7 +52,7 @@ def run(
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
-    from rig.files.pairing import check_pair, free_bytes, longest_s
+    from rig.files.pairing import check_pair, free_bytes, longest_s, too_late
     from rig.files.scenario import load_scenario
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
@@ -73,6 +73,8 @@ def run(
     clock = SystemClock()
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(out))
     check_twin(scenario)
+    for told in too_late(scenario, bench):
+        screen.warn(told)
     request = RunRequest(scenario, bench, connect, out, live, fitted)
     if until_stopped:
         request = replace(request, enough=screen.entered)

@@ -45,7 +45,7 @@ def centre(
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.faults import read_toml, toml_of
-    from rig.files.pairing import check_pair
+    from rig.files.pairing import check_pair, free_bytes
     from rig.files.scenario import load_scenario, with_values
     from rig.session.centring import plan_of
     from rig.session.centring_run import find_centre
@@ -56,7 +56,8 @@ def centre(
     written = scenario_file.with_suffix(".centred.toml") if out is None else out
     if written.exists():
         raise RattleError(f"{written} is there already; name another file with -o")
-    check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date())
+    # how long it takes nobody knows; it may begin where there is room at all
+    check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(runs), recorded_s=0.0)
     check_twin(scenario)
     plan = plan_of(scenario, bench)
     screen.say(f"sine       {plan.sine.amplitude:.3g} N at {plan.frequency:.3g} Hz, offsets up to "

@@ -12,8 +12,10 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from daq.errors import ConfigurationError
 from daq.quantity import Key, Quantity, Text, Whole
 from drivers.canopen_cia406.settings import EncoderSettings
+from drivers.mitsubishi_fr.registers import Terminal
+from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.channels import CardSettings
-from drivers.protocols.emergency_stop import StopLine
+from drivers.protocols.emergency_stop import STOP_TABLE, StopLine
 from drivers.rehearsal import Rehearsed, rehearsed
 from rig.files.effects_file import load_effects
 from rig.files.faults import Faults, raised_by, read_toml
@@ -37,8 +39,6 @@ _BESIDE: Final = {
     "speed guard would end every run. Or leave [{name}] out",
 }
 """By whether the actuator is emulated: what else looks at its shaft has to be, and why."""
-
-STOP_TABLE: Final = "emergency_stop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,9 @@ class Bench:
     @property
     def stop_line(self) -> StopLine | None:
         """The emergency stop's line, which one of them reads."""
-        return self.daq_card.stop_line or getattr(self.actuator, "stop_line", None)
+        if isinstance(self.actuator, InverterSettings) and self.actuator.stop_line is not None:
+            return self.actuator.stop_line
+        return self.daq_card.stop_line
 
     @property
     def loggers(self) -> tuple[str, ...]:
@@ -180,6 +182,8 @@ def watch_line(given: Mapping[str, Any], kind: RigKind, instruments: dict[str, A
     table = "inverter" if line.terminal else _CARD
     if table not in instruments:
         faults.add(f"{STOP_TABLE}.line", line.line, f"one of the card: the {kind.name} has no [{table}]")
+    elif line.terminal and line.terminal not in Terminal.__members__:
+        faults.add(f"{STOP_TABLE}.line", line.line, f"inverter/ and one of {', '.join(Terminal.__members__)}")
     elif instruments[table].emulated and not instruments[kind.actuator].emulated:
         allowed = f"a line of a real instrument: an emulated one knows of nobody who stops [{kind.actuator}]"
         faults.add(f"{STOP_TABLE}.line", line.line, allowed)

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 from daq.errors import ConfigurationError, Problem
 from daq.log.reader import begins_as_log
+from drivers.protocols.emergency_stop import STOP_TABLE
 from rig.files.faults import read_text, read_toml
 from rig.instruments import INSTRUMENTS
 
@@ -20,7 +21,7 @@ def _keys() -> Mapping[FileKind, frozenset[str]]:
     """The tables and keys at the top of each; `name` could be anybody's."""
     return {
         "scenario": frozenset({"rig", "model", "drive", "acquisition", "limits"}),
-        "bench": frozenset({*INSTRUMENTS, "emulation", "emergency_stop"}),
+        "bench": frozenset({*INSTRUMENTS, "emulation", STOP_TABLE}),
         "sweep": frozenset({"sweep", "scenario", "axes", "acquisition"}),
         "model": frozenset({"rig", "runs", "scenarios", "tolerances"}),
     }

@@ -14,6 +14,7 @@ from typing import Final
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
 from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.rehearsal import rehearsed
 from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.faults import dotted
@@ -33,14 +34,24 @@ _NOTHING_SEEN: Final = (
 )
 
 
-def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_bytes: float = math.inf) -> None:
+def check_pair(
+    scenario: Scenario,
+    bench: Bench,
+    today: datetime.date,
+    free_bytes: float = math.inf,
+    recorded_s: float | None = None,
+) -> None:
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
     the rig's, or none shows its crank turn; a limit names a channel that the bench lacks, lies beyond its
     range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
-    `today` (emulated sensors do not age); the log does not fit where `free_bytes` are left.
+    `today` (emulated sensors do not age); the log does not fit where `free_bytes` are left. It
+    is as long as the scenario says, or `recorded_s`.
     """
+    record = scenario.acquisition
+    if recorded_s is not None:
+        record = replace(record, duration=recorded_s)
     actuator = actuator_of(RIGS[scenario.rig].actuator)
     problems = [
         *resolve_name(actuator.beyond)(scenario, bench),
@@ -49,10 +60,18 @@ def check_pair(scenario: Scenario, bench: Bench, today: datetime.date, free_byte
         *_shaft(bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
-        *no_room(bytes_of([scenario.acquisition], bench), free_bytes),
+        *no_room(bytes_of([record], bench), free_bytes),
     ]
     if problems:
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
+
+
+def too_late(scenario: Scenario, bench: Bench) -> Iterator[str]:
+    """Say of each fault to rehearse that the record is over before it comes."""
+    end_s = scenario.acquisition.settle + scenario.acquisition.duration
+    for text in bench.emulation.faults:
+        if rehearsed(text).at_s >= end_s:
+            yield f"{text} is for when the record is over ({end_s:g} s): on the way to rest, or never"
 
 
 def check_scenario(scenario: Scenario, source: str) -> None:
@@ -67,6 +86,21 @@ def check_bench(bench: Bench, today: datetime.date) -> None:
     problems = [*_channels(bench.rig, bench), *_shaft(bench), *_calibrations(bench, today)]
     if problems:
         raise ConfigurationError(bench.source, problems)
+
+
+def unmeasured(bench: Bench) -> str:
+    """What nobody sees of a real shaker on this bench; empty where it is measured, or none is there.
+
+    No fault: what moves there is emulated for the twin's sake, or a lab has no such sensor.
+    """
+    shown, channels = RIGS[bench.rig].channels.drive, [each.name for each in bench.daq_card.channels]
+    if not shown or bench.actuator.emulated or not (bench.unseen or shown not in channels):
+        return ""
+    why = "the card is emulated" if bench.unseen else f"no channel is {shown}"
+    return (
+        f"nothing measures what the real shaker does ({why}): maximum_amplitude bounds what is ordered, and "
+        "no measured force is held to it or to the order; is force_per_volt right?"
+    )
 
 
 def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:

@@ -149,7 +149,7 @@ class Acquisition:
         with self.changed:
             self.changed.notify_all()
         if isinstance(self.error, AcquisitionFault):
-            with suppress(OSError):  # words after deeds: the terminal may be gone
+            with suppress(OSError, ValueError):  # words after deeds: the terminal may be gone
                 traceback.print_exception(self.error.__cause__, file=sys.stderr)
 
     def _watch_limits(self, reading: CardReading) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -19,6 +20,9 @@ from rig.files.scenario import Scenario
 from rig.session.drive import Motion, drive_off_after
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
+
+_CLOSE_S = 5.0
+"""For each, at the end of a run: a driver may have no deadline of its own."""
 
 
 class InstrumentsMissing(InstrumentError):
@@ -67,10 +71,16 @@ class Devices:
         self._each(filter(None, [self.line]), refuse_open)
 
     def close(self) -> None:
-        """Close all; never raises. First what moves the rig, for its closing is a way to stop it."""
-        for device in (self.actuator, *self.loggers.values(), self.encoder, self.card):
+        """Close all; never raises, and leaves behind what only measures and hangs.
+
+        First what moves the rig, for its closing is a way to stop it, with deadlines of its own.
+        """
+        self.actuator.close()
+        for device in (*self.loggers.values(), self.encoder, self.card):
             if device is not None:
-                device.close()
+                closing = threading.Thread(target=device.close, name=f"{device.name} close", daemon=True)
+                closing.start()
+                closing.join(_CLOSE_S)
         while self.locks:
             self.locks.pop().close()
 

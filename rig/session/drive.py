@@ -126,6 +126,8 @@ class Shaker:
     force_per_volt: float
     wait: Callable[[float], None]
     prove: Callable[[float], None] = lambda newtons: None
+    longest_stop_s: float = 0.0
+    """Of `off`, which is one command; `ramp_down` waits by `wait`."""
 
     @property
     def what(self) -> str:
@@ -134,11 +136,6 @@ class Shaker:
     @property
     def speed_rad_s(self) -> float | None:
         return None
-
-    @property
-    def longest_stop_s(self) -> float:
-        """Nothing: `ramp_down` waits by `wait`, and `off` is one command."""
-        return 0.0
 
     @property
     def longest_order_s(self) -> float:

@@ -20,6 +20,7 @@ from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
 from rig.files.bench import Bench
+from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
@@ -35,13 +36,16 @@ from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.spoilt_disk import disk_of
-from rig.session.supervisor import Supervisor
+from rig.session.supervisor import Supervisor, kept
 from rig.stream import Stream
 
 _LOOK_S = 0.02  # of guard and sequence; 25 of these fit into what the supervisor bears (0011)
 _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
+
+_UNLATCHED = "that an emergency stop was seen could not be kept (the disk hangs): no run will ask for it"
+STOPPED = "stopped before its time"
 
 
 class Hung(RattleError, RuntimeError):
@@ -124,7 +128,14 @@ class DrivenRig:
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
-        self._supervisor = Supervisor(devices.spare, devices.locks, bench.actuator.emulated, devices.line)
+        self._supervisor = Supervisor(
+            devices.spare,
+            devices.locks,
+            bench.actuator.emulated,
+            devices.line,
+            devices.latch,
+            self.motion.longest_stop_s,
+        )
         self.stream = Stream()
         self.logbook = Logbook(clock, self.stream, screen)
         self.recorder: Recorder
@@ -136,6 +147,9 @@ class DrivenRig:
         self._rests = self._moves = self._stops = False  # ramped down; was started; is being stopped
         self._deciding = threading.Lock()  # of guard and sequence: over `_met`, `_stops`, `_unsafe`
         self._met = self._unsafe = 0  # dangers answered with a stop; stops not yet done
+        self._unsafe_until_s = math.inf  # by when the first of these has to be done, monotonic s
+        self._latching: threading.Thread | None = None
+        self._unlatched = _UNLATCHED  # what went wrong with it
         self._hung = ""  # who hung, said once: what comes back to life later must not go on
         self._force: ForceWatch | None = None
         self._stopped_ns = 0
@@ -145,6 +159,9 @@ class DrivenRig:
         """Start the supervisor's process, which takes seconds."""
         self._supervisor.launch()
         stack.callback(self._supervisor.close)
+        if (spare := self.devices.spare) is not None:  # whoever arms it may fail to switch it off
+            actuator = self.devices.actuator
+            stack.enter_context(drive_off_after(actuator, spare, self.screen, self._hand_over))
 
     def open_log(self, stack: ExitStack, folder: Path, name: str) -> Path:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
@@ -237,6 +254,8 @@ class DrivenRig:
             self.recorder.declare("measured", channel)
         for warning in self.devices.card.warnings:
             self.warn("card.warning", warning)
+        if unseen := unmeasured(self._bench):
+            self.warn("drive.unmeasured", unseen)
 
     @contextmanager
     def moving(self) -> Iterator[None]:
@@ -244,18 +263,21 @@ class DrivenRig:
         gc.collect()
         gc.freeze()  # no pause for what is there to stay
 
-        def latch() -> None:
-            if (seen := self.emergency_stop) is not None and self.devices.latch is not None:
-                with suppress(OSError):
-                    self.devices.latch.set(f"{seen.instrument} at {seen.address} ended a run: {seen.what}")
+        asked_s = math.inf
+
+        def ask() -> None:
+            """Before anything is closed, which may take long: nobody wants what comes then."""
+            nonlocal asked_s
+            asked_s = float(self.acquisition.base.card_s(self.acquisition.base.now_s()))
 
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
-            running.callback(latch)
-            running.callback(self._account)
+            running.callback(self._tell_of_latch)
+            running.callback(lambda: self._account(asked_s))
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
                 if each is not None:
                     running.enter_context(each)
+            running.callback(ask)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
             try:
@@ -290,7 +312,7 @@ class DrivenRig:
         if until is None:
             return
         for logger in self.loggers:
-            logger.end()
+            logger.end(until / self.sample_rate)
         if (encoder := self.encoder) is not None:
             encoder.end(until / self.sample_rate)
             self.watch.until(self.acquisition, lambda: encoder.ended)
@@ -299,6 +321,28 @@ class DrivenRig:
     def emergency_stop(self) -> EmergencyStop | None:
         """What was seen of its line, for good."""
         return self._supervisor.emergency_stop or self.devices.emergency_stop()
+
+    def _latch(self) -> None:
+        """Have the next run ask a person, in a thread that keeps nobody from switching off."""
+        latch, seen = self.devices.latch, self.emergency_stop
+        if latch is None or seen is None or self._latching is not None:
+            return
+
+        def keep() -> None:
+            self._unlatched = kept(latch, seen)
+
+        self._latching = threading.Thread(target=keep, name="latch", daemon=True)
+        self._latching.start()
+
+    def _tell_of_latch(self) -> None:
+        self._latch()  # where it was seen after the guard had ended
+        if self._latching is not None:
+            self._latching.join(HUNG_S)
+            if wrong := self._unlatched:
+                with suppress(RecorderFailed):
+                    self.logbook.tell("error", "emergency_stop.latch", wrong)
+                with suppress(OSError):
+                    self.screen.warn(wrong)
 
     def heed_emergency_stop(self) -> None:
         if (seen := self.emergency_stop) is not None:
@@ -356,29 +400,32 @@ class DrivenRig:
         seen = self.emergency_stop
         return self.clock.unix_ns() if seen is None else self.clock.at_ns(seen.at_s)
 
-    def _account(self) -> None:
-        """What was due of the record by now and does not come is a gap."""
+    def _account(self, asked_s: float) -> None:
+        """What was due of the record by then, in s since the card's sample 0, and does not come is a gap."""
         acquisition, recorder = self.acquisition, self.recorder
         begin, until = acquisition.record_from, acquisition.record_until
         if begin is None or until is None:
             return
-        now = math.ceil(float(acquisition.base.card_s(acquisition.base.now_s())) * self.sample_rate)
         came = min(until, acquisition.acquired) - begin
-        due = came if self._rests else min(until, now) - begin
+        due = came if self._rests else min(until, math.ceil(asked_s * self.sample_rate)) - begin
 
-        def why(name: str, error: RattleError | None) -> str:
-            return "stopped before its time" if error is None else f"the {name} was lost"
+        def why(name: str, lost: bool) -> str:
+            if lost:
+                return f"the {name} was lost"
+            return "no answer in time" if self._rests else STOPPED
 
         with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
             for name in self.names:
-                recorder.due("measured", name, due, why(acquisition.name, acquisition.error))
+                lost = acquisition.error is not None
+                recorder.due("measured", name, due, why(acquisition.name, lost))
                 recorder.due("predicted", name, came, "not predicted")
-            if self.encoder is not None:
-                because = why("encoder", self.encoder.error)
-                recorder.due("measured", ENCODER_CHANNEL, self.encoder.due, because)
+            if (encoder := self.encoder) is not None:
+                because = why("encoder", encoder.error is not None)
+                recorder.due("measured", ENCODER_CHANNEL, encoder.due(asked_s), because)
             for logger, record in zip(self.devices.loggers.values(), self.loggers, strict=True):
                 for channel in logger.channels:
-                    recorder.due("measured", channel.name, record.due, f"the {logger.name} was lost")
+                    because = why(logger.name, record.lost)
+                    recorder.due("measured", channel.name, record.due(asked_s), because)
 
     def _hand_over(self) -> str:
         self.devices.actuator.close()
@@ -405,10 +452,13 @@ class DrivenRig:
             self.acquisition.alarm.wait(_LOOK_S)
             self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
+            self._latch()
             with self._deciding:
                 if (found := self._dangers()) > self._met:
                     # what comes while it stops already, a person who asks twice, an emergency stop: no ramp
                     cut = self._stops or self._stop.asked > 1 or self.emergency_stop is not None
+                    if not self._unsafe:
+                        self._unsafe_until_s = self._guarded_s + self.motion.longest_stop_s
                     self._met, self._stops, self._unsafe = found, True, self._unsafe + 1
                     self._stopped_ns = self._stopped_ns or self._stopping_ns()
                     self.shaft.disarm()
@@ -418,7 +468,8 @@ class DrivenRig:
                     stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
                     stops[-1].start()
             # a generator that does not go off is the supervisor's; an inverter's stop has its own deadlines
-            if not self._late() and not (self._unsafe and self.devices.spare is not None):
+            failing = self._unsafe and self._guarded_s >= self._unsafe_until_s
+            if not self._late() and not (failing and self.devices.spare is not None):
                 self._supervisor.beat()
 
     def _stop_now(self, stop: Callable[[], None]) -> None:

@@ -127,10 +127,10 @@ class EncoderRecord:
         """Record up to this time; `ended` once a position after it has come."""
         self._end_s = card_s
 
-    @property
-    def due(self) -> int:
-        """How many positions are due by now since the record began; 0 where it has ended with all of them."""
-        lasts_s = min(self._end_s, float(self._base.card_s(self._base.now_s()))) - self._first_s
+    def due(self, by_s: float) -> int:
+        """How many positions are due by then since the record began; 0 where all of them have come."""
+        first_s = self._begin_s if self._first is None else self._first_s
+        lasts_s = min(self._end_s, by_s) - first_s
         return 0 if self.ended else math.ceil(max(lasts_s / self._encoder.period_s, 0.0))
 
     def check(self) -> None:

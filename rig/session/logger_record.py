@@ -19,6 +19,9 @@ from drivers.protocols.instrument import Logger
 from rig.session.acquisition import JOIN_S
 from rig.stream import Block, Stream
 
+_ROUNDING = 1e-6
+"""Of a period: no reading is due at the very end."""
+
 
 class LoggerRecord:
     """Asks a logger in a thread of its own, once a period from `begin` to `end`.
@@ -31,6 +34,7 @@ class LoggerRecord:
     def __init__(self, logger: Logger, base: CardClock, stream: Stream) -> None:
         self._logger, self._base, self._stream = logger, base, stream
         self._begin_s = self._end_s = math.inf
+        self.lost = False
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._run, name=logger.name, daemon=True)
 
@@ -47,14 +51,15 @@ class LoggerRecord:
         self._begin_s, self._end_s = begin_s, end_s
         self._thread.start()
 
-    def end(self) -> None:
+    def end(self, end_s: float) -> None:
+        """End the record there."""
+        self._end_s = min(self._end_s, end_s)
         self._done.set()
 
-    @property
-    def due(self) -> int:
-        """How many readings are due by now since the record began."""
-        until_s = min(self._now_s(), self._end_s)
-        return math.ceil(max((until_s - self._begin_s) / self._logger.period_s, 0.0))
+    def due(self, by_s: float) -> int:
+        """How many readings are due by then since the record began."""
+        until_s = min(by_s, self._end_s)
+        return math.ceil(max((until_s - self._begin_s) / self._logger.period_s - _ROUNDING, 0.0))
 
     def _run(self) -> None:
         number = due = wanted = 0  # of the next reading; behind the last that was due, and that is in the log
@@ -75,10 +80,10 @@ class LoggerRecord:
                 until_s = min(self._now_s(), self._end_s)
                 number = due = max(due, math.ceil((until_s - self._begin_s) / period_s))
         except RattleError as error:
-            self._warn("logger.lost", str(error))
+            self._lose(str(error))
         except Exception as error:  # top of a thread: nothing that moves hangs on it
             traceback.print_exc(file=sys.stderr)
-            self._warn("logger.lost", f"stopped by {type(error).__name__}: {error}")
+            self._lose(f"stopped by {type(error).__name__}: {error}")
         finally:
             with suppress(RattleError):
                 self._miss(wanted, due - wanted, self._base.unix_ns(self._now_s()))
@@ -96,6 +101,10 @@ class LoggerRecord:
     def _miss(self, first: int, count: int, time_ns: int) -> None:
         for channel in self._logger.channels if count else ():
             self._stream(Gap(time_ns, channel.name, first, count, "no answer in time"))
+
+    def _lose(self, text: str) -> None:
+        self.lost = True
+        self._warn("logger.lost", text)
 
     def _warn(self, code: str, text: str) -> None:
         with suppress(RattleError):  # the log may have failed; that is told elsewhere

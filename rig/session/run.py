@@ -36,6 +36,7 @@ from sim_twin.twin import AnyTwin
 if TYPE_CHECKING:
     from rig.live.view import LiveView
 
+RECORDED = "recorded"
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
 
@@ -73,14 +74,16 @@ class Sequence:
         pre_trigger = 0 if wanted.settle > 0 else self._samples(PRE_TRIGGER_S)
         if pre_trigger:
             self.feed.feed_from = rig.acquisition.acquired
-        begin = rig.start_record(pre_trigger + self._samples(wanted.duration))
+        count = pre_trigger + self._samples(wanted.duration)
+        begin = rig.start_record(count)
         rig.logbook.tell("info", "record.start", "recording")
         with rig.screen.bar("recording", wanted.duration) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
             rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
-        rig.logbook.tell("info", RECORD_END, "recorded")
+        short = rig.acquisition.record_until != begin + count
+        rig.logbook.tell("info", RECORD_END, f"{RECORDED} until it was enough" if short else RECORDED)
         rig.end_record()
         rig.ramp_down()
 

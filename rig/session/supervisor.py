@@ -14,9 +14,10 @@ from contextlib import nullcontext, suppress
 from itertools import pairwise
 from multiprocessing.connection import Connection
 
-from daq.errors import EmergencyStop, RattleError
+from daq.clock import SystemClock
+from daq.errors import EmergencyStop, InstrumentRefused, RattleError
 from daq.process import Child
-from drivers.lock import InstrumentLock
+from drivers.lock import InstrumentLock, Latch
 from drivers.protocols.emergency_stop import LOOK_S, LineReader, LineWatch
 from drivers.protocols.instrument import Actuator
 from rig.session.signals import STOP_SIGNALS
@@ -31,8 +32,10 @@ _START_S = 30.0  # a new interpreter that loads a driver, on a busy machine
 _AGAIN_S, _ANSWER_S = 1.0, 2.0  # between two tries to switch off; what the run waits for `go_on`
 _SLEPT_S = 0.05
 """Later than so by itself, this process was not let run: nor was the one that it watches."""
+_UNANSWERED = 250
+"""Signs of life without an answer: 5 s. A busy machine keeps it from answering for half a second."""
 _MOST_FILES = 1024  # the usual limit of open files of a process
-_READY, _DONE, _OFF, _TRIPPED = "ready", "done", "off", "tripped"
+_READY, _HEARD, _DONE, _OFF, _TRIPPED = "ready", "heard", "done", "off", "tripped"
 _LET_GO = (
     "rattle: the run gave no sign of life for {silence:g} s and was ended, so that nothing is sent to the "
     "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
@@ -59,8 +62,9 @@ class Supervisor:
     once. Where it is None no second one can be opened: then the supervisor ends a run that hangs for 4 s, so
     that nothing keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
 
-    It reads the emergency stop's `line` on the card, picklable too, and tells it as `emergency_stop`. From
-    then on it waits for 0.06 s instead, for 0.5 s without a spare.
+    It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
+    `latch`. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at nothing
+    else, but for 0.5 s at most, and so long without a spare.
     """
 
     def __init__(
@@ -69,15 +73,18 @@ class Supervisor:
         locks: Sequence[InstrumentLock] = (),
         emulated: bool = False,
         line: Callable[[], LineReader] | None = None,
+        latch: Latch | None = None,
+        off_s: float = 0.0,
     ) -> None:
         self._silence_s = LET_GO_S if spare is None else SILENCE_S
+        hurry_s = SILENCE_S if spare is None else min(_HURRY_S + off_s, SILENCE_S)
+        self._up, self._unanswered = False, 0  # signs of life since the last that was answered
         self._told = ""
         self._line_seen: EmergencyStop | None = None
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
-        self._child = Child(
-            "supervisor", _supervise, spare, locks, emulated, line, deaf_to=STOP_SIGNALS, grace_s=None
-        )
+        watched = spare, locks, emulated, line, latch, hurry_s
+        self._child = Child("supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None)
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
@@ -86,11 +93,7 @@ class Supervisor:
         self._child.start()
 
     def __enter__(self) -> Supervisor:
-        try:
-            ready = self._child.pipe.poll(_START_S) and self._child.pipe.recv() == _READY
-        except (EOFError, OSError):
-            ready = False
-        if not ready:
+        if not self._watches():
             raise SupervisorTripped("the supervisor did not start; nothing moves without it")
         # A frozen supervisor must not hold up the acquisition with a full pipe.
         os.set_blocking(self._child.pipe.fileno(), False)  # a beat that finds it full is dropped
@@ -108,11 +111,13 @@ class Supervisor:
 
     def beat(self) -> None:
         """Say that somebody guards what moves."""
+        self._unanswered += 1
         with suppress(OSError):
             self._child.pipe.send(self._silence_s)
 
     def go_on(self) -> str:
         """Have it switch the drive off for as long as that takes; what a person should know of that."""
+        self._watches()  # a run may fail while it is still to come up
         with suppress(OSError):
             self._child.pipe.send(_OFF)
         process = self._heard(_ANSWER_S)
@@ -124,7 +129,7 @@ class Supervisor:
         )
 
     def check(self) -> None:
-        """Raise SupervisorTripped if it has switched the drive off, or has died itself."""
+        """Raise SupervisorTripped if it has switched the drive off, has died itself or hangs."""
         if self._heard():
             raise self._line_seen or SupervisorTripped(
                 f"the supervisor stops the drive: the run gave no sign of life for {self._silence_s:g} s"
@@ -133,12 +138,20 @@ class Supervisor:
             raise self._line_seen or SupervisorTripped(
                 "the supervisor is gone, tripped or dead; no run goes on without it"
             )
+        if self._unanswered > _UNANSWERED:
+            raise SupervisorTripped("the supervisor does not answer any more; no run goes on without it")
 
     @property
     def emergency_stop(self) -> EmergencyStop | None:
         """What it has seen of the line; for any thread."""
         self._heard()
         return self._line_seen
+
+    def _watches(self) -> bool:
+        """Wait until it is up; False where it does not come."""
+        with suppress(EOFError, OSError):
+            self._up = self._up or (self._child.pipe.poll(_START_S) and self._child.pipe.recv() == _READY)
+        return self._up
 
     def _heard(self, within_s: float = 0.0) -> str:
         """Which process switches the drive off, or that it is off; nothing while all is well."""
@@ -149,6 +162,8 @@ class Supervisor:
                 while self._told != _TRIPPED and self._child.pipe.poll(within_s):
                     if isinstance(told := self._child.pipe.recv(), EmergencyStop):
                         self._line_seen = told
+                    elif told == _HEARD:
+                        self._unanswered = 0
                     else:
                         self._told = told
         finally:
@@ -162,14 +177,15 @@ def _supervise(
     locks: Sequence[InstrumentLock],
     emulated: bool,
     line: Callable[[], LineReader] | None,
+    latch: Latch | None,
+    hurry_s: float,
 ) -> None:
     run = os.getppid()
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
         spare()  # so that all that its driver needs is loaded while everything is still well
-    with nullcontext() if line is None else LineWatch(line) as watch:
-        pipe.send(_READY)
-        why = _await_silence(pipe, watch, SILENCE_S if spare is None else _HURRY_S)
+    with nullcontext() if line is None else LineWatch(line, SystemClock()) as watch:
+        why = _await_silence(pipe, watch, latch, hurry_s)
         if why is None:
             return
         if spare is None:
@@ -226,15 +242,20 @@ def _say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-def _await_silence(pipe: Connection, line: LineWatch | None, hurry_s: float) -> str | None:
+def _await_silence(
+    pipe: Connection, line: LineWatch | None, latch: Latch | None, hurry_s: float
+) -> str | None:
     """Wait until the run dies or beats no more, and say which; None where it has ended as it should.
 
-    Once `line` is seen open, which the run is told, it may be silent for `hurry_s` at most.
+    Once `line` is seen open, which `latch` keeps and the run is told, it may be silent for `hurry_s` at most.
     """
     until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
     try:
+        pipe.send(_READY)
         while True:
             if line is not None and (seen := line.look()) is not None:
+                if latch is not None:
+                    threading.Thread(target=_keep, args=(latch, seen), daemon=True).start()
                 pipe.send(seen)
                 line, longest_s = None, hurry_s
                 if until_s < math.inf:  # else nothing moves yet
@@ -245,6 +266,7 @@ def _await_silence(pipe: Connection, line: LineWatch | None, hurry_s: float) -> 
                 if message in (_DONE, _OFF):
                     return None if message == _DONE else _OFF
                 patience_s, slept = message, False
+                pipe.send(_HEARD)
             elif line is not None and time.monotonic() < until_s:
                 continue
             elif slept or time.monotonic() - until_s < _SLEPT_S:
@@ -254,6 +276,20 @@ def _await_silence(pipe: Connection, line: LineWatch | None, hurry_s: float) -> 
             until_s = time.monotonic() + min(patience_s, longest_s)
     except (EOFError, OSError):
         return _GONE
+
+
+def _keep(latch: Latch, seen: EmergencyStop) -> None:
+    if wrong := kept(latch, seen):
+        _say(wrong)
+
+
+def kept(latch: Latch, seen: EmergencyStop) -> str:
+    """Have the next run ask a person; what went wrong with that."""
+    try:
+        latch.set(f"{seen.instrument} at {seen.address} ended a run: {seen.what}")
+    except InstrumentRefused as error:
+        return f"{error}. The next run may not ask whether anybody is in danger: see to that yourself"
+    return ""
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:

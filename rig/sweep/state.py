@@ -7,7 +7,7 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, Literal
 
@@ -125,6 +125,8 @@ def write_whole(path: Path, content: bytes) -> None:
         unfinished.replace(path)
         sync_folder(path.parent)
     except OSError as error:
+        with suppress(OSError):
+            unfinished.unlink(missing_ok=True)
         raise RecorderFailed(f"cannot write {path}: {error.strerror}") from error
 
 

@@ -12,9 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from daq import recorder as recorder_module
+from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.errors import RecorderFailed
@@ -23,7 +25,7 @@ from daq.log.records import Event
 from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
-from tests.daq.log.logs import BLOCK, START_NS, block
+from tests.daq.log.logs import BLOCK, RATE, START_NS, block
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
@@ -176,6 +178,20 @@ def test_nothing_comes_behind_what_a_full_queue_refused(
         assert len(log.events()) == 11
 
 
+def test_a_disk_that_stalls_ten_seconds_under_64_channels_costs_nothing(tmp_path: Path) -> None:
+    """Measured and predicted, each with two figures of its cycles: what comes while nothing is written."""
+    go, path = threading.Event(), tmp_path / "log.mcap"
+    with Recorder(StuckWriter(path, go), SystemClock()) as recorder:
+        recorder.declare("measured", Channel("a", "N"))
+        recorder.event(Event(START_NS, "info", "rig", "x", "the writer sticks"))
+        for number in range(10 * 10 * 64 * 2 * 3):
+            recorder.block("measured", SampleBlock("a", number, START_NS, RATE, np.zeros(1, np.float32)))
+        go.set()
+    assert recorder.refused == 0
+    (topic,) = (each for each in verify_log(path).topics if each.topic == "/measured/a")
+    assert (topic.samples, topic.missing) == (recorder.blocks, 0)
+
+
 class DiskOfItsOwnPace(LogWriter):
     """Takes writes at once; what it does when it is asked to sync comes from outside."""
 
@@ -259,6 +275,28 @@ def test_a_fault_of_ours_while_writing_is_reported_as_a_lost_log(tmp_path: Path)
     recorder.block("measured", block(0))
     with pytest.raises(RecorderFailed, match="KeyError"):
         recorder.close()
+
+
+class WriterWithoutMemory(LogWriter):
+    """Gets none for its third block."""
+
+    def add_encoded_block(self, origin: str, block: SampleBlock, *rest: Any, **options: Any) -> int:
+        if block.first_sample == 2 * BLOCK:
+            raise MemoryError
+        return super().add_encoded_block(origin, block, *rest, **options)
+
+
+def test_want_of_memory_stops_the_caller_and_leaves_what_came_before(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    recorder = Recorder(WriterWithoutMemory(path), SystemClock())
+    recorder.__enter__()
+    with pytest.raises(RecorderFailed, match="MemoryError"):
+        hand_over_until_it_fails(recorder)
+    with pytest.raises(RecorderFailed, match="MemoryError"):
+        recorder.close()
+    assert recorder.refused
+    with LogReader(path) as log:
+        assert log.series("measured", "a").end_sample == 2 * BLOCK
 
 
 def test_a_slow_stream_is_in_the_file_while_the_run_goes_on(tmp_path: Path) -> None:

@@ -25,8 +25,15 @@ from drivers.mitsubishi_fr.frames import READ, Answer, Request, checksum, find_a
 from drivers.mitsubishi_fr.line import LineHealth, NoAnswer
 from drivers.mitsubishi_fr.motor import Motor, Notices
 from drivers.mitsubishi_fr.poller import Poller
-from drivers.mitsubishi_fr.registers import FIRST_NUMBER, RUNNING_FREQUENCY, STATUS_AND_COMMAND, Command
-from drivers.mitsubishi_fr.settings import InverterSettings
+from drivers.mitsubishi_fr.registers import (
+    FIRST_NUMBER,
+    PARAMETERS,
+    RUNNING_FREQUENCY,
+    STATUS_AND_COMMAND,
+    TERMINAL_FUNCTIONS,
+    Command,
+)
+from drivers.mitsubishi_fr.settings import NO_FUNCTION, InverterSettings
 from drivers.protocols.speed_drive import InverterOutput
 
 T = TypeVar("T")
@@ -190,7 +197,10 @@ class Bench:
     ) -> Bench:
         load = RecordedMotor()
         # 10 Hz in 1 s, watchdog 1 s, ramps down where it trips.
-        setup = InverterSetup({7: 60, 8: 60, 122: 10} | dict(parameters or {}), faults or DriveFaults())
+        raw = {7: 60, 8: 60, 122: 10}
+        if settings.stop_line is not None:
+            raw[TERMINAL_FUNCTIONS[settings.stop_line.terminal].number - PARAMETERS] = NO_FUNCTION
+        setup = InverterSetup(raw | dict(parameters or {}), faults or DriveFaults())
         drive = EmulatedDrive(setup, load, loop.time)
 
         def respond(request: Request) -> bytes:

@@ -52,4 +52,4 @@ def healthy(line: str) -> bytes:
         return b"Agilent Technologies,33220A,1,1\n"
     if line == "SYST:ERR?":
         return b'+0,"No error"\n'
-    return b"1\n" if line == "*OPC?" else b""
+    return {"*OPC?": b"1\n", "OUTP?": b"0\n"}.get(line, b"")

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,15 +17,25 @@ from daq.clock import SystemClock
 from daq.errors import DeviceLost, EmergencyStop, InstrumentAbsent, InstrumentRefused
 from drivers import lock as locks
 from drivers.lock import Latch
-from drivers.mitsubishi_fr.emulator.drive import DriveFaults
+from drivers.mitsubishi_fr.emulator.drive import (
+    NO_TERMINAL,
+    DriveFaults,
+    EmulatedDrive,
+    FreeMotor,
+    InverterSetup,
+)
+from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.emulator.process import matching_setup
-from drivers.mitsubishi_fr.registers import INPUT_TERMINALS, Terminal
+from drivers.mitsubishi_fr.emulator.server import InverterServer
+from drivers.mitsubishi_fr.registers import INPUT_TERMINALS, PARAMETERS, TERMINAL_FUNCTIONS, Terminal
+from drivers.mitsubishi_fr.settings import InverterMisconfigured
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardSettings
 from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
 from drivers.ni_daq.stop_line import CardLine
 from drivers.protocols.emergency_stop import LOOK_S, LineWatch, StopLine, refuse_open
+from drivers.rehearsal import rehearsed
 from tests.drivers.conftest import FORCE, WIRING, card_settings
 from tests.drivers.fr_bench import HZ, SETTINGS, Bench, latched, on_bench
 from tests.drivers.plants import SinePlant
@@ -41,6 +52,8 @@ def test_an_error_that_tells_of_it_goes_to_another_process() -> None:
     again = pickle.loads(pickle.dumps(seen))  # noqa: S301 - our own
     assert (str(again), again.at_s) == (str(seen), 12.5)
     assert "that nobody is in danger" in str(seen)
+    unread = EmergencyStop.unread(LINE, "its line gives no reading", 1.5, "its cable")
+    assert str(pickle.loads(pickle.dumps(unread))) == str(unread)  # noqa: S301 - our own
 
 
 @pytest.mark.parametrize("contact", ["normally closed", "normally open"])
@@ -114,9 +127,16 @@ def test_what_a_dead_client_left_is_free_again(servicer: tuple[CardServicer, Car
             return False
         return True
 
+    def line_freed() -> bool:
+        try:
+            refuse_open(lambda: CardLine(settings))
+        except InstrumentRefused:
+            return False
+        return True
+
     await_true("free", freed, 5.0)
     assert next_one.read(100).values.shape == (1, 100)
-    refuse_open(lambda: CardLine(settings))
+    await_true("the line free", line_freed, 5.0)  # of another connection, which may be seen to end later
     next_one.close()
 
 
@@ -160,7 +180,7 @@ def seen_within(watch: LineWatch, seconds: float) -> EmergencyStop | None:
 )
 def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
     line = ScriptedLine()
-    with LineWatch(lambda: line) as watch:
+    with LineWatch(lambda: line, SystemClock()) as watch:
         assert seen_within(watch, 0.7) is None
         line.error = error
         seen = seen_within(watch, 1.0)
@@ -169,23 +189,29 @@ def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
         assert watch.look() is seen
     assert seen is not None
     assert seen.what == what
+    assert ("free it where it was pressed" in str(seen)) == (what == "its line is open")
 
 
 def test_a_reading_that_does_not_come_counts_as_open() -> None:
     line = ScriptedLine()
-    with LineWatch(lambda: line) as watch:
+    with LineWatch(lambda: line, SystemClock()) as watch:
         line.goes_on.clear()
         seen = seen_within(watch, 1.5)
     assert seen is not None
     assert seen.what == "its line gives no reading"
+    assert "whether it was pressed: an unread line counts as open. If not, the card that reads it" in str(
+        seen
+    )
 
 
 def test_one_that_cannot_be_reached_counts_as_open() -> None:
     settings = CardSettings(grpc="127.0.0.1:1", stop_line=StopLine(LINE))
-    with LineWatch(lambda: CardLine(settings)) as watch:
+    with LineWatch(lambda: CardLine(settings), SystemClock()) as watch:
         seen = watch.look()
     assert seen is not None
     assert "its line cannot be read: nobody answers" in seen.what
+    assert str(seen).startswith(f"emergency stop at {LINE} of 127.0.0.1:1: ")
+    assert "free it where it was pressed" not in str(seen)
     with pytest.raises(InstrumentAbsent, match="nobody answers"):
         refuse_open(lambda: CardLine(settings))
 
@@ -194,11 +220,61 @@ def test_a_latch_outlives_its_program_until_it_is_lifted(
     tmp_path: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
-    assert Latch("here").told() == ""
-    Latch("here").set("pressed")
-    assert (Latch("here").told(), Latch("there").told()) == ("pressed", "")
-    Latch("here").set("")
-    assert Latch("here").told() == ""
+    assert Latch("generator", "here").told() == ""
+    Latch("generator", "here").set("pressed")
+    assert (Latch("generator", "here").told(), Latch("generator", "there").told()) == ("pressed", "")
+    Latch("generator", "here").set("")
+    assert Latch("generator", "here").told() == ""
+
+
+def test_a_latch_that_cannot_be_kept_or_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    latch = Latch("generator", "here")
+    latch.set("")
+    (file,) = tmp_path.iterdir()
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(InstrumentRefused, match="the latch of its emergency stop cannot be set"):
+        latch.set("pressed")
+    with pytest.raises(InstrumentRefused, match=r"generator at here: .* cannot be read"):
+        latch.told()
+
+
+def test_nobody_reads_a_line_any_more_once_it_is_left() -> None:
+    line = ScriptedLine()
+    with LineWatch(lambda: line, SystemClock()):
+        pass
+    assert "emergency stop" not in [thread.name for thread in threading.enumerate()]
+
+
+class SteppedClock:
+    """Shows what the test sets; whoever sleeps by it waits for the test."""
+
+    def __init__(self) -> None:
+        self.now_s, self.goes_on = 0.0, threading.Event()
+
+    def unix_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.goes_on.wait()
+
+
+def test_looks_count_and_not_seconds() -> None:
+    """Where the whole machine stood still, nobody could read the line."""
+    clock = SteppedClock()
+    with LineWatch(ScriptedLine, clock) as watch:
+        clock.now_s = 60.0
+        assert watch.look() is None
+        looks = 1
+        while (seen := watch.look()) is None:
+            clock.now_s, looks = clock.now_s + LOOK_S, looks + 1
+        clock.goes_on.set()
+    assert 0.5 <= looks * LOOK_S < 0.6
+    assert seen.at_s == clock.now_s
 
 
 WATCHED = replace(SETTINGS, stop_line=StopLine("inverter/RH"))
@@ -213,6 +289,66 @@ def test_an_inverter_whose_terminal_is_open_is_refused_and_nothing_is_written() 
         return bench.line.writes()
 
     assert on_bench(check_in, settings=WATCHED, faults=PRESSED) == []
+
+
+@pytest.mark.parametrize(
+    ("terminal", "function", "says"),
+    [
+        ("STF", 60, r"60 \(run forward\)"),
+        ("STR", 61, r"61 \(run reverse\)"),
+        ("RH", 5, r"5 \(jog\)"),
+        ("RL", 14, "14"),
+    ],
+)
+def test_a_line_on_a_terminal_whose_function_moves_the_motor_is_refused(
+    terminal: str, function: int, says: str
+) -> None:
+    async def check_in(bench: Bench) -> list[tuple[int, int]]:
+        with pytest.raises(
+            InverterMisconfigured, match=rf"{terminal} terminal function selection = {says}: 9999 \(none\)"
+        ):
+            await bench.poller.check_in()
+        return bench.line.writes()
+
+    number = TERMINAL_FUNCTIONS[terminal].number - PARAMETERS
+    watched = replace(SETTINGS, stop_line=StopLine(f"inverter/{terminal}"))
+    assert on_bench(check_in, settings=watched, parameters={number: function}) == []
+
+
+@pytest.mark.parametrize("function", [9999, 65535, 7, 10, 24])
+def test_one_that_moves_nothing_may_carry_the_line(function: int) -> None:
+    async def check_in(bench: Bench) -> None:
+        await bench.poller.check_in()
+
+    on_bench(check_in, settings=WATCHED, faults=HEALTHY, parameters={182: function})
+
+
+def test_a_line_stays_open_while_the_emulated_drive_trips_and_forgets() -> None:
+    """What goes wrong later takes nothing back."""
+    drive = EmulatedDrive(InverterSetup(faults=HEALTHY), FreeMotor(), lambda: 0.0)
+    server = InverterServer(drive, 1, LineFaults())
+    server.open()
+    server.drive.put_faults(PRESSED)
+    for text in (
+        "refuses:count=2",
+        "forgets:register=40014",
+        "stuck",
+        "trips:code=48",
+        "refuses:register=40009",
+    ):
+        server.befall(rehearsed(f"inverter.{text}"))
+        server.drive.access(40201, 1, None)  # used up what the first refuses, once each
+    faults = server.drive.faults
+    assert (faults.terminals, faults.stuck, faults.not_obeyed) == (NO_TERMINAL, True, frozenset({40014}))
+    assert faults.exceptions == {40201: (4, 0), 40009: (4, 1)}
+    assert server.drive.access(40501, 1, None) == [48]
+    for text in ("cut:share=0.1", "flip:share=0.2"):
+        server.befall(rehearsed(f"inverter.{text}"))
+    assert [(each.share, each.kinds) for each in server.disturbance.faults[1:]] == [
+        (0.1, ("cut",)),
+        (0.2, ("flip",)),
+    ]
+    server.close()
 
 
 def test_one_that_has_no_such_register_is_refused() -> None:
@@ -262,6 +398,9 @@ def test_a_line_that_falls_silent_counts_as_open() -> None:
         bench.line.mute = True
         seen = await latched(bench, 2.0)
         assert isinstance(seen, EmergencyStop)
-        assert "its line cannot be read" in seen.what
+        assert "its line cannot be read: no answer to" in seen.what
+        assert "whether it was pressed: an unread line counts as open. If not, that it is switched on" in str(
+            seen
+        )
 
     on_bench(silence, settings=WATCHED, faults=HEALTHY)

@@ -144,7 +144,7 @@ def test_a_lost_answer_to_run_is_looked_into_and_not_repeated() -> None:
 
 
 def test_silence_is_noticed_within_a_second_and_the_watchdog_does_the_rest() -> None:
-    async def work(bench: Bench) -> tuple[float, float]:
+    async def work(bench: Bench) -> tuple[float, float, float]:
         await bench.run_at(HZ)
         bench.line.mute, muted_s = True, bench.loop.time()
         last_frame_s = bench.line.sent[-1][0]
@@ -155,10 +155,11 @@ def test_silence_is_noticed_within_a_second_and_the_watchdog_does_the_rest() -> 
         assert STOP in bench.line.writes()  # without an answer it is tried all the same
         ramps = [output for output in bench.load.outputs if output.started_s > muted_s]
         assert bench.load.at(bench.loop.time()) == 0.0
-        return noticed_s, ramps[0].started_s - last_frame_s
+        return noticed_s, bench.withdrawn_s() - muted_s, ramps[0].started_s - last_frame_s
 
-    noticed_s, tripped_s = on_bench(work)
+    noticed_s, withdrawn_s, tripped_s = on_bench(work)
     assert noticed_s <= 1.0
+    assert withdrawn_s - noticed_s <= 0.2
     assert tripped_s == pytest.approx(1.0, abs=0.1)  # Pr.122
 
 

@@ -14,7 +14,7 @@ from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults, 
 from drivers.mitsubishi_fr.frames import Answer, Request
 from drivers.mitsubishi_fr.motor import OvertakenOrder
 from drivers.mitsubishi_fr.registers import Command, Status
-from drivers.mitsubishi_fr.settings import InverterMisconfigured
+from drivers.mitsubishi_fr.settings import InverterMisconfigured, described
 from tests.drivers.fr_bench import FORWARD, HZ, LOOK_S, RAMP_S, SETTINGS, STOP, ZERO, Bench, latched, on_bench
 
 
@@ -235,6 +235,47 @@ def test_a_cut_does_not_wait_for_the_ramp_of_a_stop() -> None:
         assert bench.poller.error is None
 
     on_bench(work)
+
+
+@pytest.mark.parametrize(
+    ("raw", "says", "highest_hz"),
+    [
+        (9999, "goes on down its ramp, no faster", HZ - 1.5),
+        (65535, "no faster", HZ - 1.5),
+        (0, "coasts", 0.0),
+    ],
+)
+def test_a_cut_says_what_the_motor_then_does(raw: int, says: str, highest_hz: float) -> None:
+    """Its ramp falls by 10 Hz in a second."""
+
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        cut = asyncio.create_task(bench.poller.cut())
+        await bench.wait(0.2)
+        put_out_hz = bench.load.at(bench.loop.time())
+        await cut
+        await bench.poller.cut()  # it stands or coasts: nothing to tell of
+        told = [notice for notice in bench.notices.take() if notice.code == "inverter.cut"]
+        assert [notice.level for notice in told] == ["warning"]
+        assert "by Pr.250 the motor" in told[0].text
+        assert says in told[0].text
+        assert ("coasts once run is withdrawn" in described(bench.motor.parameters, 1)) == (raw == 0)
+        await bench.poller.close()
+        assert not any(output.on and output.started_s > bench.withdrawn_s() for output in bench.load.outputs)
+        return put_out_hz
+
+    left_hz = on_bench(work, parameters={250: raw})
+    assert left_hz == 0.0 if highest_hz == 0.0 else highest_hz - 0.5 < left_hz < highest_hz + 0.5
+
+
+def test_a_drive_that_would_turn_on_after_it_was_told_to_stop_is_refused() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.poller.check_in()
+
+    with pytest.raises(
+        InverterMisconfigured, match=r"Pr\.250 stop selection = 5 s: 9999 \(ramps down\) or 0 s"
+    ):
+        on_bench(work, parameters={250: 50})
 
 
 def test_a_stop_that_fails_after_its_caller_gave_up_stays_an_error() -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daq.block import Flag
 from daq.errors import ConfigurationError, InstrumentRefused, InstrumentSilent, RecorderFailed
+from daq.quantity import Quantity, settings_of
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardChannel, CardSettings, Pulses
 from drivers.ni_daq.emulator.acquisition import CounterRun
@@ -23,6 +24,8 @@ from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
 from drivers.ni_daq.sensors import COUNTER_STATES, MarkPulses, UnwrappedCount
+from rig.files.scenario import AcquisitionSection
+from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.drivers.in_process import BUFFER_S, RowsPlant, opened, served
 from tests.drivers.plants import TurningPlant
 
@@ -144,6 +147,16 @@ def test_unwrapping_over_the_index_is_exact(steps: list[int], start: int) -> Non
     counts = np.cumsum([start, *steps], dtype=np.int64)
     raw = (counts % 4096 % COUNTER_STATES).astype(np.uint32)
     assert UnwrappedCount(4096, 0)(raw).tolist() == counts.tolist()
+
+
+def test_no_shaft_turns_half_of_what_a_counter_can_tell_within_a_sample() -> None:
+    """So that no reading is ambiguous: with an index mark it tells one revolution, else 2^32 counts."""
+    slowest_hz = settings_of(AcquisitionSection)["sample_rate"].meaning
+    fastest_rpm = settings_of(SpeedDrive)["speed"].meaning
+    assert isinstance(slowest_hz, Quantity)
+    assert isinstance(fastest_rpm, Quantity)
+    runaway = 2.0  # the guard stops it at half as fast again
+    assert runaway * fastest_rpm.high / 60.0 / slowest_hz.low < 0.25
 
 
 @pytest.mark.parametrize("speed", [30.0, -30.0])

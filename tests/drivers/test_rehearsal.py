@@ -73,6 +73,8 @@ def test_a_fault_is_named_with_its_time_and_keys() -> None:
         ("encoder.missing@-1", "a number from 0 on instead of '-1'"),
         ("daq_card.hangs:by=3", r"of daq_card\.hangs for=\.\.\."),
         ("encoder.stuck:value=1", r"of encoder\.stuck no key"),
+        ("daq_card.open@2:channel=drive.force", "no time: daq_card.open is there from the start"),
+        ("encoder.wrong_device@0", "no time: "),
         ("disk.full:bytes=", r"of disk\.full bytes=\.\.\."),
     ],
 )

@@ -44,7 +44,7 @@ def arm(answer: Answer) -> list[str]:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{}, {"*IDN?": b"\xff\n"}, {"*IDN?": b""}, {"SYST:ERR?": b'-222,"never empty"\n'}, {"*CLS": b"?\n" * 50}],
+    [{}, {"*IDN?": b"\xff\n"}, {"*IDN?": b""}, {"SYST:ERR?": b'-222,"never empty"\n'}, {"": b"?\n" * 50}],
     ids=["healthy", "garbled", "mute", "endless errors", "chatters"],
 )
 def test_a_spare_connection_turns_off_before_anything_else(wrong: dict[str, bytes | None]) -> None:
@@ -78,7 +78,7 @@ def test_the_scripted_instrument_itself_is_good_enough() -> None:
         ({"FREQ?": b"2" * 100_000 + b"\n"}, InstrumentRefused, "longer than 4096 bytes"),
         ({"OUTP:LOAD?": b"+5.0E+01\n"}, InstrumentRefused, "output load = INF reads back"),
         ({"VOLT:UNIT?": b"VRMS\n"}, InstrumentRefused, "amplitude unit = VPP reads back 'VRMS'"),
-        ({"OUTP?": b"1\n"}, InstrumentRefused, "output = OFF reads back '1'"),
+        ({"OUTP?": b"what\n"}, InstrumentRefused, "its output is on already .it answers 'what'."),
         (
             {"SYST:ERR?": b'-222,"Data out of range; value clipped"\n'},
             InstrumentRefused,
@@ -157,3 +157,38 @@ def test_a_late_answer_is_not_taken_for_the_next() -> None:
             driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
         driver.off()
         driver.close()
+
+
+def test_an_output_that_does_not_keep_off_is_told() -> None:
+    class Stuck(Echo):
+        def __call__(self, line: str) -> bytes | None:
+            return super().__call__("OUTP ON" if line == "OUTP OFF" else line)
+
+    with pytest.raises(InstrumentRefused, match="output = OFF reads back '1'"):
+        arm(Stuck({}))
+
+
+IN_USE = r"its output is on already .* nothing was changed. Check who drives with it.*by hand"
+
+
+@pytest.mark.parametrize("since", ["before", "meanwhile"])
+def test_one_that_somebody_drives_with_is_refused_and_left_alone(since: str) -> None:
+    echo = Echo({})
+    with ScriptedInstrument(echo) as instrument:
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
+        try:
+            if since == "before":
+                echo.kept["OUTP"] = "ON"
+                with pytest.raises(InstrumentRefused, match=IN_USE):
+                    driver.open()
+            else:
+                driver.open()
+                instrument.lines.clear()
+                echo.kept["OUTP"] = "ON"
+                with pytest.raises(InstrumentRefused, match=IN_USE):
+                    driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+            driver.off()  # as on every way out of a run
+        finally:
+            driver.close()
+    assert {*instrument.lines} <= {"", "*IDN?", "OUTP?"}
+    assert "OUTP?" in instrument.lines

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.mitsubishi_fr.emulator.drive import NO_TERMINAL, DriveFaults, InverterSetup
+from drivers.mitsubishi_fr.emulator.drive import NO_TERMINAL
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.registers import Terminal
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
+from drivers.protocols.emergency_stop import StopLine
 from drivers.protocols.speed_drive import InverterOutput
 from rig.twin.shaft import EmulatedMotor, LinkedShaft, ShaftCourse
 from sim_twin.rigs.crank_drive import SpeedDrive
@@ -208,13 +209,13 @@ def spied_crank(
         },
         counters={"cDAQ1Mod3/ctr0": CounterWire("crank.angle", 1024)},
     )
-    parameters = {**matching_setup(SETTINGS, RAMP_S).parameters, WATCHDOG: round(watchdog_s * 10)}
+    line = StopLine(f"inverter/{stop.name}") if stop else None
+    setup = matching_setup(replace(SETTINGS, stop_line=line), RAMP_S)
+    parameters = {**setup.parameters, WATCHDOG: round(watchdog_s * 10)}
     rehearsal, ordered = get_context("spawn").Pipe()
     with DriveLink.new() as spied, DriveLink.new() as shown, DriveLink.new() as sensed:
         fork = Fork((spied.sender, shown.sender, sensed.sender))
-        inverter = start_inverter(
-            InverterWiring(fork, None, ordered), InverterSetup(parameters, DriveFaults(terminals=stop))
-        )
+        inverter = start_inverter(InverterWiring(fork, None, ordered), replace(setup, parameters=parameters))
         ordered.close()
         card = start_daq_card(Made(slips_after_s, struck), wiring, shown.receiver)
         sensor = start_encoder(partial(LinkedShaft, MOTOR, sensed.receiver), encoder)
@@ -224,8 +225,8 @@ def spied_crank(
         text = BENCH.format(
             inverter=inverter.address, rpm_per_hz=RPM_PER_HZ, card=card.address, host=host, port=port
         )
-        if stop:
-            text += f'[emergency_stop]\nline = "inverter/{stop.name}"\n'
+        if line is not None:
+            text += f'[emergency_stop]\nline = "{line.line}"\n'
         scenario, bench = folder / "scenario.toml", folder / "bench.toml"
         scenario.write_text(SCENARIO)
         bench.write_text(re.sub(r"valid_until = 2036", "valid_until = 2096", text))

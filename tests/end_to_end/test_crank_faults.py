@@ -21,6 +21,8 @@ from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, Sp
 
 OVERCURRENT = 0x10
 """E.OC1 in the fault history."""
+SAFE_S = 1.0 + 0.2
+"""From a device that is lost to the word that stops the motor."""
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}
 
 
@@ -46,9 +48,13 @@ def stopped(run: Command, crank: SpiedCrank) -> Ended:
     return ended
 
 
+def last_from_full_speed(outputs: list[InverterOutput]) -> InverterOutput:
+    return next(output for output in reversed(outputs) if output.frequency_hz > 0.5 * RPM / RPM_PER_HZ)
+
+
 def came_down_on_its_ramp(outputs: list[InverterOutput]) -> bool:
     """Whether what was put out last goes from full speed to zero as the ramp has it."""
-    down = next(output for output in reversed(outputs) if output.frequency_hz > 0.5 * RPM / RPM_PER_HZ)
+    down = last_from_full_speed(outputs)
     return down.on and down.target_hz == 0.0 and down.slope_hz_per_s == pytest.approx(60.0 / RAMP_S)
 
 
@@ -88,12 +94,14 @@ def test_a_lost_encoder_brings_the_motor_down(crank: SpiedCrank, tmp_path: Path)
     crank.spy.heard.clear()
     with command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
+        killed_s = time.monotonic()
         os.kill(crank.encoder.pid, signal.SIGKILL)
         ended = stopped(run, crank)
     assert ended.code == 1
     assert "encoder at node 7 on socketcand" in ended.err
     assert "last good position" in ended.err
     assert came_down_on_its_ramp(crank.spy.heard)
+    assert 0.0 < last_from_full_speed(crank.spy.heard).started_s - killed_s < SAFE_S
     assert "inverter.off" in events(ended.log)
 
 
@@ -149,11 +157,13 @@ def test_a_lost_card_brings_the_motor_down_by_the_inverters_own_word(
 ) -> None:
     with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
         run.await_line("recording")
+        killed_s = time.monotonic()
         os.kill(mortal_crank.card.pid, signal.SIGKILL)
         ended = stopped(run, mortal_crank)
     assert ended.code == 1
     assert mortal_crank.card.address in ended.err
     assert came_down_on_its_ramp(mortal_crank.spy.heard)
+    assert 0.0 < last_from_full_speed(mortal_crank.spy.heard).started_s - killed_s < SAFE_S
     assert "inverter.off" in events(ended.log)
 
 

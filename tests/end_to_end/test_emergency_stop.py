@@ -101,7 +101,10 @@ def test_it_ends_the_run_and_the_next_wants_the_line_and_a_person(
     assert refused.code == 3
     assert "its line is open" in refused.err
     bench.free()
-    unconfirmed = rattle(*arguments)
+    # what is latched is the generator, for whoever comes to it by whatever bench file
+    other = tmp_path / "other.toml"
+    other.write_text(bench.file.read_text().partition("[emergency_stop]")[0])
+    unconfirmed = rattle("run", scenario, "--bench", other, "--out", tmp_path)
     assert unconfirmed.code == 1
     assert "nobody is there to confirm" in unconfirmed.err
     assert not any(settings.on for settings in bench.spy.heard[moved:])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import psutil
 import pytest
 
+from daq.block import NS_PER_S
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from tests.conftest import RESOURCE_TRACKER
@@ -37,6 +39,11 @@ def assert_readable(log: Path, complete: bool = True) -> None:
         assert len(list(reader.blocks("measured"))) > 0
 
 
+LOST_S = {"killed": 1.0, "frozen": 2.0}
+"""By when a card is known to be gone; of one that hangs, its driver's own deadline has to pass."""
+SAFE_S = 0.2
+
+
 def kill(pid: int) -> None:
     os.kill(pid, signal.SIGKILL)
 
@@ -53,8 +60,12 @@ def test_a_card_that_is_lost_ends_the_run(
     with command("run", scenario, "--bench", mortal_bench.file, "--out", tmp_path) as run:
         run.await_line("recording")
         mortal_bench.spy.await_on()
+        lost_ns = time.time_ns()
         end_card(how, mortal_bench.card.pid, freeze)
         ended = failed_run(run, mortal_bench)
+    heard = zip(mortal_bench.spy.heard_ns, mortal_bench.spy.heard, strict=True)
+    off_ns = next(at_ns for at_ns, settings in heard if at_ns > lost_ns and not settings.on)
+    assert (off_ns - lost_ns) / NS_PER_S < LOST_S[how] + SAFE_S
     assert mortal_bench.card.address in ended.err
     assert "reading samples" in ended.err
     assert "Check " in ended.err

@@ -71,7 +71,7 @@ def unsealed(path: Path, run: Path, chunked: bool) -> None:
             use_chunking=chunked,
             index_types=IndexType.ALL if chunked else IndexType.NONE,
         )
-        writer.start(library="rattle")
+        writer.start(library="others")
         numbers: dict[int, int] = {}
         for schema, channel, message in reader.iter_messages():
             if channel.id not in numbers:
@@ -219,14 +219,16 @@ def frames() -> Iterator[tuple[str, str, bytes]]:
             for kind in (0x4F, 0x4B, 0x47, 0x42, 0x40, 0x41, 0x80, 0x60, 0x20)
         ),
     )
-    healthy = ["Agilent Technologies,33220A,1,1", '+0,"No error"', "1", "0"]
+    healthy = ["Agilent Technologies,33220A,1,1", '+0,"No error"']
     kept = ["0", "SIN", "9.9E37", "VPP", "1.0E1", "2", "0.5", "TRIG", "BUS", "9.9E37", "0", "1"]
-    lines = healthy[:3] + [line for answer in kept for line in (answer, healthy[1])]
+    off = "0"  # when it is opened, and when it is armed
+    lines = [healthy[0], off, healthy[1], off, "1"]
+    lines += [line for answer in kept for line in (answer, healthy[1])]
     yield "scpi", "healthy", "\n".join([*lines, "1", "SIN", "10", "2", "0.5", "0", ""]).encode()
     yield (
         "scpi",
         "errors",
-        b'Agilent Technologies,33521B,1,1\n-113,"Undefined header"\n+0,"x"\n1\n1e999\n\xff\n-1,"\n',
+        b'Agilent Technologies,33521B,1,1\n0\n-113,"Undefined header"\n+0,"x"\n0\n1\n1e999\n\xff\n-1,"\n',
     )
 
 

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import math
-import resource
 import tempfile
 import time
 from collections.abc import Callable, Coroutine, Iterator
@@ -55,10 +54,10 @@ from rig.files.quantity import si_value
 from rig.files.scenario import Scenario, load_scenario, parse_scenario
 from rig.files.sweep import load_sweep
 from rig.rigs import RIGS
+from tests.hostile import MOST_BYTES, most_used_bytes, used_bytes
 
 CORPUS = Path(__file__).parent / "corpus"
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
-MOST_BYTES = 256 << 20
 MOST_S_A_MIB = 1.0
 _IN_MEMORY = Path("/dev/shm")  # noqa: S108 - where there is one; what a file is does not hang on the disk
 _OFTEN = 200
@@ -95,7 +94,7 @@ class Spent:
         si_value("1 furlong", "m")
         for path in kept(name):
             self._target.run(path.read_bytes())
-        self.seconds_a_mib, self.more_bytes, self._before = 0.0, 0, _peak_bytes()
+        self.seconds_a_mib, self.more_bytes, self._before = 0.0, 0, used_bytes()
 
     def run(self, data: bytes) -> None:
         """Raises AssertionError where an input takes more than it may."""
@@ -103,13 +102,9 @@ class Spent:
         self._target.run(data)
         seconds = (time.process_time() - begun) / max(math.ceil(len(data) / (1 << 20)), 1)
         self.seconds_a_mib = max(self.seconds_a_mib, seconds)
-        self.more_bytes = _peak_bytes() - self._before
+        self.more_bytes = most_used_bytes() - self._before
         assert seconds < MOST_S_A_MIB, f"{seconds:.2f} s for each MiB"
         assert self.more_bytes < MOST_BYTES, f"{self.more_bytes >> 20} MiB"
-
-
-def _peak_bytes() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
 
 
 def _all(*steps: Callable[[], object]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from typing import Protocol
 
@@ -17,6 +17,7 @@ from pymodbus.constants import ExcCodes
 
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Command, Status, Terminal
+from drivers.mitsubishi_fr.settings import RAMPS_WITHDRAWN
 from drivers.protocols.speed_drive import InverterOutput, MotorLoad
 from drivers.rehearsal import Rehearsed
 
@@ -38,6 +39,12 @@ PARAMETERS = {
     120: 2,  # even parity
     121: 1,
     122: 20,  # watchdog, 0.1 s
+    178: 60,  # functions of STF, STR, RL, RM and RH (M)
+    179: 61,
+    180: 0,
+    181: 1,
+    182: 2,
+    250: 9999,  # ramps down once run is withdrawn (M)
     340: 1,  # in network operation from power-on
     502: 1,  # ramps down on silence
     549: 1,  # Modbus RTU
@@ -138,7 +145,6 @@ class EmulatedDrive:
         self.faults = setup.faults
         self._load, self._now = load, now
         self._parameters = PARAMETERS | dict(setup.parameters)
-        self._refusals = dict(setup.faults.exceptions)
         self._set = self._eeprom = 0  # raw, 0.01 Hz
         self._run = False
         self._tripping: int | None = None  # a fault that is shown once the ramp has ended
@@ -150,7 +156,7 @@ class EmulatedDrive:
 
     def put_faults(self, faults: DriveFaults) -> None:
         """Let something else be wrong from now on."""
-        self.faults, self._refusals = faults, dict(faults.exceptions)
+        self.faults = faults
         self._follow(self._now())
 
     def heard_frame(self) -> None:
@@ -190,9 +196,10 @@ class EmulatedDrive:
         self.settle()
         numbers = range(first, first + count)
         for number in numbers:
-            code, left = self._refusals.get(number, (0, 0))
+            code, left = self.faults.exceptions.get(number, (0, 0))
             if left > 0:
-                self._refusals[number] = (code, left - 1)
+                exceptions = {**self.faults.exceptions, number: (code, left - 1)}
+                self.faults = replace(self.faults, exceptions=exceptions)
                 return ExcCodes(code)  # as a test or a rehearsal wants it
         if not any(self._has(number) for number in numbers):
             return ExcCodes.ILLEGAL_ADDRESS
@@ -268,7 +275,10 @@ class EmulatedDrive:
             self._run = False
             self._put_out(False, 0.0, now_s)
             return None
+        ran = self._run
         self._run = bool(command & Command.FORWARD) and not self._fault and self._tripping is None
+        if ran and not self._run and self._parameters[250] not in RAMPS_WITHDRAWN:
+            self._put_out(False, 0.0, now_s)
         self._follow(now_s)
         return None
 
@@ -293,7 +303,7 @@ class EmulatedDrive:
             return
         highest = self._parameters[1]
         target_hz = min(self._set, highest) * fr.RUNNING_FREQUENCY.scale if self._run else 0.0
-        if not self.output.on or target_hz != self.output.target_hz:
+        if (self._run and not self.output.on) or target_hz != self.output.target_hz:
             self._put_out(True, target_hz, now_s)
 
     def _put_out(self, on: bool, target_hz: float, at_s: float) -> None:

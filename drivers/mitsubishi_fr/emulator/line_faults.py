@@ -40,20 +40,25 @@ class Exchange:
 
 
 class Disturbance:
-    """Spoils answers one after another. KeyError for a kind that is not in `KINDS`."""
+    """Spoils answers one after another, each by the first of `faults` whose lot it is.
 
-    def __init__(self, faults: LineFaults) -> None:
-        self._share, self._kinds = faults.share, [KINDS[kind] for kind in faults.kinds]
-        self._lot = random.Random(faults.seed)  # noqa: S311 - a schedule, no secret
+    KeyError for a kind that is not in `KINDS`.
+    """
+
+    def __init__(self, *faults: LineFaults) -> None:
+        self.faults = faults
+        self._kinds = [(each.share, [KINDS[kind] for kind in each.kinds]) for each in faults]
+        self._lot = random.Random(faults[0].seed)  # noqa: S311 - a schedule, no secret
         self._previous = b""
 
     def spoil(self, request: bytes, answer: bytes) -> Piece:
         """Return what arrives of the answer to a request."""
         exchange = Exchange(request, answer, self._previous, self._lot)
         self._previous = answer
-        if self._lot.random() >= self._share:
-            return Piece(0.0, answer)
-        return self._lot.choice(self._kinds)(exchange)
+        for share, kinds in self._kinds:
+            if self._lot.random() < share:
+                return self._lot.choice(kinds)(exchange)
+        return Piece(0.0, answer)
 
 
 def _flipped(exchange: Exchange) -> Piece:

@@ -21,7 +21,7 @@ from drivers.mitsubishi_fr.emulator.drive import (
     RemoteLoad,
 )
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
-from drivers.mitsubishi_fr.settings import PARITY_SETTINGS, InverterSettings
+from drivers.mitsubishi_fr.settings import NO_FUNCTION, PARITY_SETTINGS, InverterSettings
 from drivers.rehearsal import Rehearsed
 
 if TYPE_CHECKING:
@@ -80,7 +80,9 @@ def matching_setup(
         fr.ACCELERATION_TIME: fr.ACCELERATION_TIME.raw(ramp_s),
         fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
     }
-    line = settings.stop_line
-    on = fr.Terminal[line.terminal] if line is not None and line.healthy else NO_TERMINAL  # nobody presses it
+    on = NO_TERMINAL
+    if (line := settings.stop_line) is not None:
+        raw[fr.TERMINAL_FUNCTIONS[line.terminal]] = NO_FUNCTION
+        on = fr.Terminal[line.terminal] if line.healthy else NO_TERMINAL  # nobody presses it
     parameters = {register.number - fr.PARAMETERS: value for register, value in raw.items()}
     return InverterSetup(parameters, DriveFaults(terminals=on), rehearsed=rehearsed)

@@ -11,6 +11,7 @@ import tty
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 
 from pymodbus.constants import ExcCodes
@@ -99,7 +100,7 @@ class InverterServer:
             if self.drive.output.target_hz > 0.0:
                 self._used_s = min(self._used_s, self._loop.time())  # the first time alone
             for fault in self._to_come.due(self._loop.time() - self._used_s):
-                self._befall(fault)
+                self.befall(fault)
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._stopped.wait(), SETTLE_S)
 
@@ -164,21 +165,25 @@ class InverterServer:
         elif isinstance(fault, DriveFaults):
             self.drive.put_faults(fault)
         else:
-            self._befall(fault)
+            self.befall(fault)
 
-    def _befall(self, fault: Rehearsed) -> None:
-        kind = fault.kind.replace("_", " ")
+    def befall(self, fault: Rehearsed) -> None:
+        kind, faults = fault.kind.replace("_", " "), self.drive.faults
         if kind in KINDS:
-            self.disturbance = Disturbance(LineFaults(fault.number("share"), (kind,)))
+            self.disturbance = Disturbance(
+                *self.disturbance.faults, LineFaults(fault.number("share"), (kind,))
+            )
         elif kind == "trips":
             self.drive.trip(int(fault.number("code")))
         elif kind == "stuck":
-            self.drive.put_faults(DriveFaults(stuck=True))
+            self.drive.put_faults(replace(faults, stuck=True))
         elif kind == "forgets":
-            self.drive.put_faults(DriveFaults(not_obeyed=frozenset({int(fault.number("register"))})))
+            forgotten = faults.not_obeyed | {int(fault.number("register"))}
+            self.drive.put_faults(replace(faults, not_obeyed=forgotten))
         elif kind == "refuses":
             register, code, count = (int(fault.number(key)) for key in ("register", "code", "count"))
-            self.drive.put_faults(DriveFaults(exceptions={register: (code, count)}))
+            exceptions = {**faults.exceptions, register: (code, count)}
+            self.drive.put_faults(replace(faults, exceptions=exceptions))
 
 
 class _Wire(asyncio.Transport):

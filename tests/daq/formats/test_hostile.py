@@ -22,6 +22,7 @@ from tests.daq.formats.files import read
 from tests.hostile import bounded
 
 ODD = "more would come of it than of any honest recording"
+RATE = 1000.0
 BOMB = 1 << 27
 """Bytes that a file of a thousandth of it unpacks to."""
 
@@ -157,6 +158,48 @@ def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch
     description = '{"rattle":1,"tracks":[],"metadata":{},"events":[],"gaps":null,"clocks":[]}'
     path.write_text(f"# rattle impacts {description}\ntime_ns\n" + "\n" * 5_000_000)
     with bounded(64 << 20), pytest.raises(LogError, match="cut short"):
+        read(path, scratch)
+
+
+def test_an_opaque_variable_of_mat_is_named_and_left_out(tmp_path: Path, scratch: Scratch) -> None:
+    """As MATLAB writes a table, a date or a string: no shape stands before its name."""
+    words = [b"when", b"MCOS", b"datetime"]
+    names = b"".join(
+        struct.pack("<II", 1, len(word)) + word.ljust(-len(word) % 8 + len(word)) for word in words
+    )
+    content = struct.pack("<IIII", 6, 8, 17, 0) + names
+    scipy.io.savemat(path := tmp_path / "x.mat", {"force": np.arange(6.0), "fs": RATE})
+    with path.open("ab") as file:
+        file.write(struct.pack("<II", 14, len(content)) + content)
+    contents = read(path, scratch)
+    assert [column.name for column in contents.columns] == ["force"]
+    assert "left out: when, a MATLAB object" in contents.notes
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_variable_of_mat_whose_kind_is_no_variable_s_is_not_passed_over(
+    tmp_path: Path, scratch: Scratch, compressed: bool
+) -> None:
+    path = tmp_path / "x.mat"
+    scipy.io.savemat(path, {"fs": RATE, "force": np.arange(6.0)}, do_compression=compressed)
+    content = bytearray(path.read_bytes())
+    (length,) = struct.unpack_from("<I", content, 132)
+    content[136 + length] ^= 64
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="where a variable should begin"):
+        read(path, scratch)
+
+
+@pytest.mark.parametrize("cut", [1, 4, 40])
+def test_a_compressed_variable_of_mat_that_is_cut_is_refused(
+    tmp_path: Path, scratch: Scratch, cut: int
+) -> None:
+    """Also where only its checksum lacks."""
+    path = tmp_path / "x.mat"
+    scipy.io.savemat(path, {"force": np.random.default_rng(3).normal(size=4000)}, do_compression=True)
+    content = path.read_bytes()
+    path.write_bytes(content[:132] + struct.pack("<I", len(content) - 136 - cut) + content[136:-cut])
+    with pytest.raises(LogError, match="cut short"):
         read(path, scratch)
 
 

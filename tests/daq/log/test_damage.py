@@ -296,3 +296,20 @@ def test_what_is_no_log_is_called_that(tmp_path: Path, content: bytes) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"gone.mcap: No such file"):
         LogReader(tmp_path / "gone.mcap").open()
+
+
+@pytest.mark.parametrize("cut", [0, 40])
+def test_a_chunk_of_ours_without_checksum_is_damaged(tmp_path: Path, cut: int) -> None:
+    """0 is no mark that it was never checked: ours all are."""
+    path = write_ramp(tmp_path / "log.mcap")
+    with path.open("rb") as file:
+        chunk = read_summary(file.fileno()).chunks[1]
+    content = bytearray(path.read_bytes())
+    content[chunk.start + 33 : chunk.start + 37] = bytes(4)
+    path.write_bytes(content[: len(content) - cut])
+    report = verify_log(path)
+    assert not report.sound
+    assert "damaged" in report.damage or "checksum" in report.damage
+    recover_log(path, tmp_path / "recovered.mcap")
+    with LogReader(tmp_path / "recovered.mcap") as log:
+        assert {gap.cause for gap in log.gaps()} == {LOST}

@@ -52,6 +52,35 @@ def test_a_gap_that_was_told_already_is_not_told_twice(tmp_path: Path) -> None:
     assert gaps_of(path)[1:] == [("measured", "a", BLOCK + 30, 10, STOPPED)]
 
 
+def test_gaps_that_were_told_over_one_another_or_ahead_leave_what_is_between(tmp_path: Path) -> None:
+    path, told = tmp_path / "log.mcap", [(30, 30), (40, 30), (40, 10), (80, 10), (BLOCK + 10, 5)]
+    with LogWriter(path) as log:
+        for name in ("a", "b"):
+            log.declare("measured", Channel(name, "N"))
+            for first, count in told:
+                log.add_gap(Gap(START_NS, name, first, count, "told"), START_NS)
+            log.due("measured", name, BLOCK + 20, START_NS, STOPPED)
+        log.add_block("measured", block(1, "b"), START_NS)
+    found = gaps_of(path)[2 * len(told) :]
+    between = [(0, 30), (70, 10), (90, BLOCK - 90)]
+    assert [each[2:4] for each in found if each[1] == "b"] == between
+    assert [each[2:4] for each in found if each[1] == "a"] == [
+        *between[:2],
+        (90, BLOCK - 80),
+        (BLOCK + 15, 5),
+    ]
+
+
+def test_a_gap_behind_one_that_was_told_has_the_time_of_its_first_sample(tmp_path: Path) -> None:
+    with LogWriter(path := tmp_path / "log.mcap") as log:
+        log.declare("measured", Channel("a", "N"))
+        log.add_block("measured", block(0), START_NS)
+        log.add_gap(Gap(START_NS, "a", BLOCK, BLOCK, "told"), START_NS)
+        log.due("measured", "a", 3 * BLOCK, START_NS, STOPPED)
+    with LogReader(path) as log:
+        assert log.gaps()[1].time_ns == block(2).time_ns
+
+
 def test_what_comes_after_it_was_found_due_is_no_gap(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path) as log:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from rig.rigs import RIGS
+from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -316,3 +317,12 @@ def test_a_bench_is_told_to_read_an_emergency_stop_or_none(
     watched = tmp_path / "watched.toml"
     watched.write_text(f'{lasting_bench.read_text()}\n[emergency_stop]\nline = "inverter/RH"\n')
     assert "emergency stop: inverter/RH is read, normally closed\n" in call("check", watched).out
+
+
+def test_a_real_shaker_beside_an_emulated_card_is_remarked(call: Call, tmp_path: Path) -> None:
+    bench = write_bench(tmp_path / "bench.toml", generator="TCPIP::127.0.0.1::5025::SOCKET")
+    remark = "! nothing measures what the real shaker does (the card is emulated)"
+    for arguments in ([bench], [write_scenario(tmp_path / "beam.toml"), "--bench", bench]):
+        checked = call("check", *arguments)
+        assert checked.code == 0
+        assert remark in checked.out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib.metadata import version
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from daq.block import SampleBlock
 from daq.channel import Channel
+from daq.log.front import read_summary
 from daq.log.records import Gap
 from daq.log.writer import LogWriter
 from tests.daq.log.logs import START_NS, block, write_ramp
@@ -76,6 +78,34 @@ def test_the_verdict_is_the_last_line_and_counts(call: Call, tmp_path: Path) -> 
 def test_it_says_its_version(call: Call) -> None:
     answer = call("--version")
     assert (answer.code, answer.out) == (0, f"rattle {version('rattle')}\n")
+
+
+def damaged_at_the_end(path: Path, at: int, byte: int) -> Path:
+    """The last chunk of a log, with bytes from its place `at` on changed."""
+    write_ramp(path)
+    with path.open("rb") as file:
+        last = max(read_summary(file.fileno()).chunks)
+    content = bytearray(path.read_bytes())
+    content[last.start + at % last.length] = byte
+    path.write_bytes(content)
+    return path
+
+
+def test_recovery_that_lacks_samples_exits_3_and_says_how_many(call: Call, tmp_path: Path) -> None:
+    path = damaged_at_the_end(tmp_path / "log.mcap", -20, 0xAA)
+    answer = call("recover", path, "-o", tmp_path / "rest.mcap")
+    assert answer.code == 3
+    (lost,) = re.findall(r"^(\d+) samples were lost", answer.out, re.MULTILINE)
+    verified = json.loads(call("verify", tmp_path / "rest.mcap", "--json").out)
+    there = sum(topic["samples"] for topic in verified["topics"])
+    assert (verified["sound"], there + int(lost), int(lost) > 0) == (True, 6000, True)
+
+
+def test_who_reads_a_damaged_log_is_told_what_to_do(call: Call, tmp_path: Path) -> None:
+    path = damaged_at_the_end(tmp_path / "log.mcap", -20, 0xAA)
+    answer = call("export", path, "--to", "csv")
+    assert answer.code == 1
+    assert "rattle verify says where, rattle recover saves the rest" in answer.err
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -194,3 +195,26 @@ def test_absent_instruments_of_a_crank_are_all_named(call: Call, tmp_path: Path,
     assert f"127.0.0.1:{nobody}" in card
     assert "encoder at node 7 on socketcand" in encoder
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "gigabytes"),
+    [
+        (("run", SCENARIOS / "impact_beam.toml", "--out"), 1.0),
+        (("dwell", CRANK, "--speeds", ", ".join(["60 rpm"] * 50), "--each", "600 s", "--out"), 3.0),
+        (("centre", SCENARIOS / "impact_beam_shaker.toml", "--runs"), 1.0),
+        (("sweep", SCENARIOS / "beam_frequency.sweep.toml", "--out"), 1.0),
+    ],
+)
+def test_nothing_is_recorded_where_the_disk_has_no_room_for_it(
+    call: Call,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str | Path, ...],
+    gigabytes: float,
+) -> None:
+    left = shutil.disk_usage(tmp_path)._replace(free=round(gigabytes * 1e9))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: left)
+    answer = call(*arguments, tmp_path / "runs")
+    assert (answer.code, (tmp_path / "runs").exists()) == (2, False)
+    assert f"free disk space = {gigabytes:.1f} GB" in answer.err

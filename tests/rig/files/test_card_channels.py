@@ -114,6 +114,17 @@ def test_marker_and_tachometer_on_analog_inputs() -> None:
     assert divided.full_scale_v == 5.0
 
 
+@pytest.mark.parametrize(
+    ("written", "bare"),
+    [('range = "400 rpm"', "range = 400"), ('sensitivity = "20 mV/rpm"', "sensitivity = 0.19")],
+)
+def test_a_bare_number_is_no_speed_of_a_tachometer(written: str, bare: str) -> None:
+    assert written in TACHOMETER
+    key = f'daq_card.channels."motor.tachometer".{bare.split()[0]}'
+    problem = only_problem(lambda: parse(TACHOMETER.replace(written, bare)), key)
+    assert problem.allowed.endswith("(the unit is missing)")
+
+
 def test_marker_and_tachometer_on_counters() -> None:
     marker = last(MARKER.replace("ai0", "ctr1"))
     assert (marker.counted, marker.pulses, marker.range) == (True, None, 10.0)

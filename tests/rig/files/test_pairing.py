@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import datetime
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
-from rig.files.pairing import check_pair
+from rig.files.pairing import check_pair, too_late, unmeasured
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from tests.rig.files.faulty import only_problem
@@ -48,6 +49,13 @@ def test_scenario_beyond_the_bench_is_refused(text: str, key: str, allowed: str)
     (problem,) = caught.value.problems
     assert key in problem.key
     assert allowed in problem.allowed
+
+
+def test_a_fault_that_comes_after_the_record_is_told() -> None:
+    faults = '"daq_card.stuck@5.9", "disk.full", "daq_card.unplugged@6"'
+    bench = parse_bench(f"[emulation]\nfaults = [{faults}]\n", "x", Path())
+    (told,) = too_late(parse_scenario(SOUND), bench)
+    assert told.startswith("daq_card.unplugged@6 is for when the record is over (6 s)")
 
 
 def unseen_bench() -> Bench:
@@ -94,3 +102,20 @@ def test_pairing_names_the_scenario() -> None:
     scenario = parse_scenario(SOUND.replace('"9 N"', '"20 N"'))
     problem = only_problem(lambda: check_pair(scenario, embedded_bench(), TODAY), "drive.amplitude")
     assert problem.value == "20 N"
+
+
+def test_a_real_shaker_that_nothing_measures_is_told() -> None:
+    text = RIGS["impact_beam"].bench
+    real = text.replace("emulated = true", 'resource = "TCPIP::127.0.0.1::5025::SOCKET"', 1)
+    whole = parse_bench(real.replace("emulated = true", 'grpc = "127.0.0.1:31763"', 1), "bench", Path())
+    others = tuple(each for each in whole.daq_card.channels if each.name != "drive.force")
+    deaf = replace(
+        whole, instruments={**whole.instruments, "daq_card": replace(whole.daq_card, channels=others)}
+    )
+    assert unmeasured(embedded_bench()) == ""
+    assert unmeasured(whole) == ""
+    assert unmeasured(deaf).startswith(
+        "nothing measures what the real shaker does (no channel is drive.force): maximum_amplitude bounds"
+    )
+    assert "(the card is emulated)" in unmeasured(unseen_bench())
+    assert unmeasured(embedded_bench("planar_slider_crank")) == ""

@@ -184,6 +184,19 @@ def test_every_fault_is_told_at_once() -> None:
     }
 
 
+@pytest.mark.parametrize("key", ["warning", "abort"])
+def test_a_bare_number_is_no_limit_of_a_speed(key: str) -> None:
+    text = (SCENARIOS / "spatial_slider_crank.toml").read_text()
+    problem = only_problem(
+        lambda: parse_scenario(f'{text}\n[limits."motor.tachometer"]\n{key} = 300'),
+        f'limits."motor.tachometer".{key}',
+    )
+    assert problem.allowed.startswith("above 0 rad/s")
+    assert problem.allowed.endswith("(the unit is missing)")
+    (limit,) = parse_scenario(f'{text}\n[limits."motor.tachometer"]\n{key} = "300 rpm"').limits
+    assert getattr(limit, key) == pytest.approx(10 * math.pi)
+
+
 @pytest.mark.parametrize("table", ['[limits."contact.force_upper"]', "[limits.contact.force_upper]"])
 def test_limits_are_read_in_the_channels_unit(table: str) -> None:
     text = f'{SOUND}\n{table}\nwarning = "150 N"\nabort = "0.2 kN"\nhold = "10 ms"\n'

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import sys
+import threading
+
 import numpy as np
 import pytest
 
@@ -193,3 +197,41 @@ def test_what_a_card_finds_is_told() -> None:
         advance(acquiring, card, 2)
         card.let()
     assert kept.codes() == ["sensor.supply", "sensor.clock_not_locked", "sensor.clock_not_locked"]
+
+
+class Stalled(io.StringIO):
+    """A terminal that takes nothing more."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reads_on = threading.Event()
+
+    def write(self, text: str) -> int:
+        self.reads_on.wait()
+        return len(text)
+
+
+class Full(io.StringIO):
+    def write(self, text: str) -> int:
+        raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("how", ["stalled", "full", "closed"])
+def test_a_fault_is_there_for_the_guard_whatever_the_terminal_does(
+    monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    card, kept, terminal = SteppedCard(CHANNELS), Kept(fails_on=Block), Stalled()
+    shown = {"stalled": terminal, "full": Full(), "closed": io.StringIO()}[how]
+    if how == "closed":
+        shown.close()
+    uncaught = list[object]()
+    monkeypatch.setattr(threading, "excepthook", uncaught.append)
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stderr", shown)
+        with acquisition(card, kept) as acquiring:
+            acquiring.start_record(COUNT)
+            advance(acquiring, card, 1)
+            with pytest.raises(AcquisitionFault, match="acquisition stopped by ZeroDivisionError"):
+                acquiring.check()
+            terminal.reads_on.set()
+    assert uncaught == []

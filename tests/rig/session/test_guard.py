@@ -15,12 +15,20 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import EmergencyStop, InstrumentRefused, InterlockTripped, RecorderFailed
+from daq.errors import (
+    DeviceLost,
+    EmergencyStop,
+    InstrumentRefused,
+    InstrumentSilent,
+    InterlockTripped,
+    RecorderFailed,
+)
 from daq.log.records import STOPPING
 from daq.log.writer import LogWriter
 from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
 from drivers.lock import Latch
+from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Limit, parse_scenario
 from rig.session import driven_rig
@@ -28,6 +36,8 @@ from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker
 from rig.session.driven_rig import DrivenRig, Hung
 from rig.session.signals import Stopped, StopRequest
+from tests.drivers.scripted import ScriptedInstrument
+from tests.drivers.test_scpi_bad_answers import Echo
 from tests.end_to_end.command import await_true
 from tests.rig.session.fakes import RATE, Kept, RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.test_driven_rig import SCENARIO
@@ -368,7 +378,7 @@ def test_an_emergency_stop_switches_off_while_the_sequence_looks_at_nothing(
     bench = Bench(tmp_path, None)
     kept, seen = Kept(), list[EmergencyStop]()
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
-    devices = replace(bench.rig.devices, latch=Latch("the line"))
+    devices = replace(bench.rig.devices, latch=Latch("generator", "the line"))
     bench.rig.devices = replace(devices, emergency_stop=lambda: seen[0] if seen else None)
 
     def during(rig: DrivenRig) -> None:
@@ -390,7 +400,82 @@ def test_an_emergency_stop_switches_off_while_the_sequence_looks_at_nothing(
     assert told.time_ns == stopping.time_ns
     off_ns = RunClock(SystemClock()).unix_ns()
     assert off_ns - stopping.time_ns > 0.9 * PRESSED_S * 1e9
-    assert Latch("the line").told() == "emergency stop at port0/line0 of a card ended a run: its line is open"
+    assert (
+        Latch("generator", "the line").told()
+        == "emergency stop at port0/line0 of a card ended a run: its line is open"
+    )
+
+
+@pytest.mark.parametrize("how", ["refused", "hangs"])
+def test_a_latch_that_cannot_be_kept_or_hangs_is_told_and_delays_no_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    bench, kept, goes_on = Bench(tmp_path, None), Kept(), threading.Event()
+
+    class Broken(Latch):
+        def set(self, text: str) -> None:
+            if how == "hangs":
+                goes_on.wait()
+            raise InstrumentRefused("generator", "here", "no such folder")
+
+    bench.rig.devices = replace(bench.rig.devices, latch=Broken("generator", "here"))
+
+    def during(rig: DrivenRig) -> None:
+        rig.stream[:] = [kept]
+        monkeypatch.setattr(Beats, "emergency_stop", pressed())
+        since_s = time.monotonic()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        assert (bench.generator.off_s or 0.0) - since_s < SOON_S
+        rig.watch.check()
+
+    ended(bench, EmergencyStop, "its line is open", during)
+    goes_on.set()
+    (told,) = [event for event in kept.events if event.code == "emergency_stop.latch"]
+    assert "see to that yourself" in told.text
+    assert told.text in " ".join(bench.rig.screen.console.export_text().split())
+
+
+def test_a_latch_waits_for_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    motor, latch = RampingMotor(), Latch("inverter", "here")
+    bench = Bench(tmp_path, motor)  # type: ignore[arg-type]
+    bench.rig.devices = replace(bench.rig.devices, latch=latch)
+
+    def during(rig: DrivenRig) -> None:
+        with rig._deciding:  # the guard hangs before its stop
+            monkeypatch.setattr(Beats, "emergency_stop", pressed())
+            await_true("latched", latch.told, 1.0)
+        rig.watch.check()
+
+    ended(bench, EmergencyStop, "its line is open", during)
+
+
+SERIAL_OFF_S = 0.4
+
+
+@pytest.mark.parametrize("off_s", [0.0, SERIAL_OFF_S])
+def test_signs_of_life_go_on_while_an_off_may_take_its_time(
+    tmp_path: Path, beats: list[float], off_s: float
+) -> None:
+    """On a serial line, where the supervisor's connection would garble it; over a network it may come."""
+    bench, goes_on = Bench(tmp_path, None), threading.Event()
+    bench.rig.motion = replace(bench.rig.motion, longest_stop_s=off_s)  # type: ignore[type-var]
+
+    def slow() -> None:
+        goes_on.wait()
+
+    bench.generator.off = slow  # type: ignore[method-assign]
+
+    def during(rig: DrivenRig) -> None:
+        bench.level = 60.0
+        await_true("tripped", lambda: rig.acquisition.trips)
+        tripped_s = time.monotonic()
+        time.sleep(2 * SERIAL_OFF_S)
+        goes_on.set()
+        assert off_s - 0.05 < max(beats) - tripped_s < off_s + 0.1
+        rig.watch.check()
+
+    ended(bench, InterlockTripped, "60 N", during)
 
 
 def test_an_emergency_stop_waits_for_no_ramp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -441,3 +526,55 @@ def test_a_disk_that_hangs_at_the_end_delays_no_off(tmp_path: Path) -> None:
         goes_on.set()
         running.join()
     assert was_off == [True]
+
+
+class SpareGenerator(RecordingGenerator):
+    """A second connection, which says when it was made."""
+
+    at_s: ClassVar[list[float]] = []
+
+    def open(self) -> None:
+        self.at_s.append(time.monotonic())
+
+
+@pytest.mark.parametrize("how", ["silent", "gone"])
+def test_a_generator_that_is_lost_is_noticed_in_a_second_and_commanded_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Its network is gone, or its process; what is commanded then may reach it or not."""
+    monkeypatch.setattr(SpareGenerator, "at_s", [])
+    echo, lost, off_s = Echo({}), threading.Event(), list[float]()
+
+    def answer(line: str) -> bytes | None:
+        answered = echo(line)
+        if not lost.is_set():
+            return answered
+        if line == "OUTP OFF":
+            off_s.append(time.monotonic())
+        return b"" if how == "silent" else None
+
+    bench = Bench(tmp_path, None)
+    with ScriptedInstrument(answer) as instrument:
+        generator = ScpiGenerator(GeneratorSettings(3.6, 12.0, resource=instrument.resource))
+        generator.open()
+        bench.rig.motion = replace(bench.rig.motion, generator=generator)  # type: ignore[type-var]
+        bench.rig.devices = replace(bench.rig.devices, spare=SpareGenerator)
+        bench.rig.motion.arm(soft=False)
+        times = list[float]()
+
+        def during(rig: DrivenRig) -> None:
+            rig.watch.wait(0.2)
+            times.append(time.monotonic())
+            lost.set()
+            try:
+                rig.watch.wait(5.0)
+            finally:
+                times.append(time.monotonic())
+
+        error, match = (InstrumentSilent, "no answer to") if how == "silent" else (DeviceLost, "connection")
+        ended(bench, error, match, during)
+        generator.close()
+    lost_s, noticed_s = times
+    assert noticed_s - lost_s < 1.0
+    commanded_s = min(off_s) if how == "silent" else SpareGenerator.at_s[0]
+    assert commanded_s - noticed_s < 0.2

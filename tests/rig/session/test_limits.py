@@ -63,6 +63,14 @@ def test_an_abort_is_told_even_when_the_warning_was() -> None:
     assert told(limits, 21) == [(20, True)]
 
 
+def test_an_abort_that_chatters_is_told_once_for_good() -> None:
+    """So that a hysteresis would mean nothing: what stops a run is latched."""
+    limits = watch(warning=None)
+    assert [event for _ in range(50) for event in told(limits, 0, 21, 19, 21) + told(limits, 0, 0)] == [
+        (20, True)
+    ]
+
+
 @pytest.mark.parametrize("beyond", [[11, np.nan, 11, 11], [np.nan] * 4])
 def test_no_number_is_beyond_no_limit_and_breaks_a_hold(beyond: list[float]) -> None:
     assert told(watch(abort=None, hold=0.004), *beyond) == []

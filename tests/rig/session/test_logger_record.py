@@ -47,7 +47,7 @@ def recorded(logger: Thermometer, end_s: float = 60.0) -> list[Record]:
     with LoggerRecord(asked, base, Stream([kept.append])) as record:
         record.begin(0.0, end_s)
         assert logger.asked.wait(10.0)
-        record.end()
+        record.end(end_s)
     return kept
 
 

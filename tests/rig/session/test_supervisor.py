@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
+from daq.channel import Channel
+from daq.clock import SystemClock
 from daq.errors import EmergencyStop, InstrumentAbsent, InstrumentRefused
+from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
-from drivers.lock import lock
+from drivers.lock import Latch, lock
+from rig.files.bench import load_bench
+from rig.files.scenario import parse_scenario
+from rig.session.devices import Devices
+from rig.session.drive import Shaker
+from rig.session.driven_rig import DrivenRig
+from rig.session.signals import StopRequest
 from rig.session.supervisor import SILENCE_S, Supervisor, SupervisorTripped
 from tests.end_to_end.command import await_true
-from tests.rig.session.fakes import RecordingGenerator
+from tests.end_to_end.files import write_bench
+from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
+from tests.rig.session.test_driven_rig import SCENARIO
 
 
 class FarGenerator(RecordingGenerator):
@@ -62,9 +75,10 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def launched(tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
     with lock("generator", "here") as held:
 
-        def launch(emulated: bool = False, line: bool = False) -> Supervisor:
+        def launch(emulated: bool = False, line: bool = False, off_s: float = 0.0) -> Supervisor:
             watched = partial(FileLine, tmp_path) if line else None
-            supervisor = Supervisor(partial(FarGenerator, tmp_path), [held], emulated, watched)
+            generator, latch = partial(FarGenerator, tmp_path), Latch("generator", "here")
+            supervisor = Supervisor(generator, [held], emulated, watched, latch, off_s)
             supervisor.launch()
             return supervisor
 
@@ -199,3 +213,122 @@ def test_one_that_is_open_before_anything_moves_moves_nothing(
         time.sleep(0.3)
         supervisor.check()
         assert not (tmp_path / "off").exists()
+
+
+def test_it_latches_an_emergency_stop_whatever_becomes_of_the_run(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    latch = Latch("generator", "here")
+    (tmp_path / "pressed").touch()
+    with launched(line=True):
+        await_true("latched", latch.told)
+    assert latch.told() == "emergency stop at here ended a run: its line is open"
+
+
+def test_a_latch_that_cannot_be_kept_is_told(
+    launched: Callable[..., Supervisor], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    latch = Latch("generator", "here")
+    os.mkdir(latch._path)
+    (tmp_path / "pressed").touch()
+    said = ""
+
+    def told() -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return "The next run may not ask whether anybody is in danger: see to that yourself" in said
+
+    with launched(line=True):
+        await_true("told", told)
+
+
+def test_where_a_second_connection_would_garble_the_off_of_the_first_it_waits_as_ever(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    """A serial line has one user, and a run that is busy switching off may live."""
+    (tmp_path / "there").touch()
+    with launched(line=True, off_s=1.0) as supervisor:
+        supervisor.beat()
+        pressed_s = time.monotonic()
+        (tmp_path / "pressed").touch()
+        await_true("switched off", (tmp_path / "off").exists)
+        assert SILENCE_S - 0.1 < time.monotonic() - pressed_s < SILENCE_S + 0.4
+
+
+@pytest.mark.parametrize("before", ["it is up", "the first sign of life"])
+def test_a_run_that_dies_before_anything_moves_is_switched_off(
+    launched: Callable[..., Supervisor], tmp_path: Path, before: str
+) -> None:
+    (tmp_path / "there").touch()
+    supervisor = launched()
+    if before == "the first sign of life":
+        supervisor.__enter__()
+    supervisor._child.pipe.close()
+    await_true("switched off", (tmp_path / "off").exists)
+    supervisor.close()
+
+
+def test_one_that_is_frozen_is_noticed_by_the_run(
+    launched: Callable[..., Supervisor],
+) -> None:
+    supervisor = launched()
+    with supervisor:
+
+        def guarded(beats: int, every_s: float) -> None:
+            for _ in range(beats):
+                supervisor.beat()
+                supervisor.check()
+                time.sleep(every_s)
+
+        guarded(50, 0.02)
+        os.kill(supervisor._child.pid or 0, signal.SIGSTOP)
+        guarded(100, 0.0)  # two seconds of them: it may be late
+        with pytest.raises(SupervisorTripped, match="does not answer any more; no run goes on without it"):
+            guarded(200, 0.0)
+
+
+class ArmedGenerator(FarGenerator):
+    """Is out of reach once it is armed."""
+
+    def off(self) -> None:
+        self.open()
+        super().off()
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_from_its_arming_on_it_goes_on_where_the_run_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, up: bool
+) -> None:
+    """Whether it is up by then or still on its way."""
+    scenario, screen = parse_scenario(SCENARIO, "armed"), silent_screen()
+    generator, card = ArmedGenerator(tmp_path), SteppedCard((Channel("drive.force", "N"),))
+
+    def shaken(wait: Callable[[float], None], rpm: Callable[[], float]) -> Shaker:
+        return Shaker(generator, scenario.drive, 3.6, wait)
+
+    bench = load_bench(write_bench(tmp_path / "bench.toml", "TCPIP::127.0.0.1::1::SOCKET"))
+    devices = Devices(generator, partial(FarGenerator, tmp_path), shaken, card)  # type: ignore[arg-type]
+    rig = DrivenRig(bench, devices, StopRequest(), screen, RunClock(SystemClock()))
+
+    def fail() -> None:
+        with ExitStack() as stack:
+            rig.launch(stack)
+            if up:
+                rig._supervisor.__enter__()
+            rig.motion.arm(soft=False)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    said = " ".join(screen.console.export_text().split())
+    found = re.search(r"THE DRIVE MAY STILL BE ON: switch it off by hand; process (\d+) goes on trying", said)
+    assert found is not None, said
+    (tmp_path / "there").touch()
+    await_true("switched off", (tmp_path / "off").exists)
+    await_true("its end", lambda: has_ended(int(found[1])))
+
+
+def has_ended(pid: int) -> bool:
+    with suppress(psutil.NoSuchProcess):
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    return True

@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 
-from daq.errors import LogError
+from daq.errors import LogError, RecorderFailed
 from rig.files.scenario import parse_scenario
 from rig.session.signals import Stopped
 from rig.stream import Block
@@ -137,3 +137,16 @@ def test_a_start_can_be_given_up() -> None:
 
     with twin_worker(Delivered()) as worker, pytest.raises(LogError, match="somebody"):
         worker.wait_ready(stop)
+
+
+def test_a_log_that_takes_nothing_more_is_no_death_of_the_twin() -> None:
+    """RecorderFailed is an OSError, as the end of a pipe is."""
+
+    def refuse(item: object) -> None:
+        raise RecorderFailed("run.mcap: No space left on device")
+
+    with WorkerProcess("twin", Predict(TWIN, "drive.force", RATE, 0.0), refuse) as worker:
+        worker.wait_ready()
+        feed(worker)
+        with pytest.raises(WorkerFailed, match=r"^run\.mcap: No space left on device$"):
+            worker.finish(60.0)
