@@ -9,7 +9,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -22,7 +22,7 @@ from daq.log.reader import Origin
 from daq.log.records import Event, Impact
 from rig.app import connect
 from rig.files.bench import embedded_bench, load_bench
-from rig.files.pairing import check_pair, free_bytes
+from rig.files.pairing import check_pair, free_bytes, too_late
 from rig.files.scenario import load_scenario
 from rig.library.log import Log
 from rig.session.progress import Screen, Terminal
@@ -32,6 +32,8 @@ from rig.twin.scenario_twin import check_twin
 
 _WAITING: Final = 4096
 """Records that may wait for a callback: some seconds of a large rig."""
+_PATIENCE_S = 5.0
+"""With a callback, once the rig stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +69,14 @@ def ran(
     folder = Path(out)
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(folder))
     check_twin(scenario)
+    screen = Screen(Terminal(quiet=quiet))
+    for told in too_late(scenario, bench):
+        screen.warn(told)
     with _told(callbacks) as consumer, unguarded_main():
         request = RunRequest(
             scenario, bench, connect, folder, consumers=(consumer,), enough=until, view_stays=False
         )
-        return Log(run_scenario(request, Screen(Terminal(quiet=quiet)), SystemClock()))
+        return Log(run_scenario(request, screen, SystemClock()))
 
 
 @contextmanager
@@ -101,8 +106,11 @@ def _told(callbacks: Callbacks) -> Iterator[Callable[[Record], None]]:
     try:
         yield give
     finally:
-        waiting.put(None)
-        thread.join()
+        with suppress(queue.Full):
+            waiting.put(None, timeout=_PATIENCE_S)
+        thread.join(_PATIENCE_S)
+        if thread.is_alive():
+            wrong.append("a callback does not return")
         if missed:
             wrong.append(f"callbacks were too slow: {missed} records passed them by")
         for each in wrong:

@@ -15,6 +15,7 @@ import pytest
 import rattle
 from daq.log.reader import LogReader
 from daq.log.records import Event
+from rig.library import run as library_run
 from rig.library.diagnosis import Diagnosis
 from rig.library.run import Callbacks, _told
 from rig.stream import Block
@@ -105,6 +106,21 @@ def test_a_callback_that_hangs_loses_what_comes_and_the_run_goes_on() -> None:
 
     with pytest.warns(RuntimeWarning, match="callbacks were too slow: 903 records passed them by"):
         told(Callbacks(on_event=hanging), begun, go_on.set, 5000)
+
+
+def test_a_callback_that_does_not_return_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library_run, "_PATIENCE_S", 0.01)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def hanging(_: Event) -> None:
+        begun.set()
+        go_on.wait(10.0)
+
+    with pytest.warns(RuntimeWarning, match="a callback does not return"):
+        told(Callbacks(on_event=hanging), begun, int, 2)
+    go_on.set()
+    (thread,) = (each for each in threading.enumerate() if each.name == "callbacks")
+    thread.join(10.0)
 
 
 def test_a_callback_that_raises_is_not_called_again_and_the_run_goes_on() -> None:
