@@ -192,8 +192,9 @@ def _impact_lines(run: RunRecord) -> Iterator[str]:
     for group, by_whose in impacts_by_group(run).items():
         for whose, found in by_whose.items():
             mean, deviation = found.spread
-            often = f"{len(found.peak)} impacts, {found.a_revolution:.2f} a revolution"
-            yield f"{whose:<10} {group}: {often}, mean peak {mean:.4g} +- {deviation:.2g} {found.unit}"
+            often = f", {found.a_revolution:.2f} a revolution" if found.revolutions > 0 else ""
+            peaks = f", mean peak {mean:.4g} +- {deviation:.2g} {found.unit}" if len(found.peak) else ""
+            yield f"{whose:<10} {group}: {len(found.peak)} impacts{often}{peaks}"
 
 
 def report_and_name(run: RunRecord, screen: Screen) -> None:

@@ -32,8 +32,8 @@ HEALTHY_RIGS: Final = "RATTLE_HEALTHY_RIGS"
 _RIGS, _FEWEST = 48, 0.5
 _BLOCKS = 2
 _SIMULATED_S = 600.0
-_LOOKED_AT_S = 30.0
-"""Of a run, from its beginning: a verdict must be there at once, and thirty cycles are plenty."""
+_LOOKED_AT_S = 20.0
+"""Of a run, from its beginning: a verdict must be there at once, and thirty cycles are good."""
 _NAMED = 3
 
 

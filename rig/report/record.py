@@ -34,8 +34,8 @@ class Roles:
 
     `angle` is where an encoder tells a shaft's angle, else `marker` does; "" without a shaft. `vibration`
     shows how the rig vibrates rather than how it moves. `unwrapped` are angles that grow as long as a run
-    lasts. `stops` are the forces on either side of a play, `impacts` groups of channels whose impacts over
-    the shaft's angle are shown together.
+    lasts. `stops` are the forces on either side of a play, `impacts` groups of channels whose impacts are
+    told together.
     """
 
     angle: str
@@ -172,7 +172,7 @@ class RunRecord:
             vibration=tuple(name for name in self.channels if not crank or name not in crank.plain),
             unwrapped=frozenset(name for name in self.channels if name.endswith(_UNWRAPPED)),
             stops=(UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None,
-            impacts=crank.heard(self.channels) if crank else {},
+            impacts=kind.channels.heard(self.channels) if kind else {},
         )
 
     @property

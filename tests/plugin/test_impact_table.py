@@ -198,7 +198,7 @@ def test_it_runs_on_its_emulated_bench_and_is_replayed(rattle: Rattle, tmp_path:
     replayed = rattle("replay", log, "--speed", "0")
     assert "stop.force" in replayed
     assert "hall.temperature" in replayed
-    assert "stop.force: measured" in rattle("overlay", log, "--out", tmp_path / "overlay.mcap")
+    assert "measured   stop: " in rattle("overlay", log, "--out", tmp_path / "overlay.mcap")
     assert "measured: " in (tmp_path / "overlay.html").read_text().split("Hardest blow")[-1]
     rattle("export", log, "--to", "largest_values", "--out", tmp_path / "run.largest")
     assert "measured hall.temperature 294.5\n" in (tmp_path / "run.largest").read_text()

@@ -120,6 +120,8 @@ def _worst_rms(run: RunRecord) -> Iterator[BigNumber]:
 def _impact_numbers(run: RunRecord) -> Iterator[BigNumber]:
     """The group of sensors whose peaks a twin misses by most, with how often it is struck."""
     found: list[tuple[float, BigNumber]] = []
+    if not run.roles.turns:
+        return
     for group, by_whose in impacts_by_group(run).items():
         if not any(len(each.peak) for each in by_whose.values()):
             continue

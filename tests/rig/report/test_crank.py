@@ -4,6 +4,7 @@ import base64
 import json
 import re
 from dataclasses import replace
+from io import StringIO
 from math import tau
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from plotly.offline import get_plotlyjs
 
 from daq.channel import Channel
 from daq.log.reader import LogReader, Origin
+from rig.commands.logs import show
 from rig.derived.order_lines import TURNS
 from rig.derived.settings import RECORD
 from rig.pages.content import BigNumbers, Figure, Part, Sentence, Table
@@ -29,6 +31,7 @@ from rig.report.sections.spectra import parts as spectrum_parts
 from rig.report.sections.speed import parts as speed_parts
 from rig.report.sections.summary import parts as summary_parts
 from rig.rigs import RIGS
+from rig.session.progress import Screen, Terminal
 from rig.stream import Block
 from tests.rig.browser import needs_chromium
 from tests.rig.derived.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
@@ -187,6 +190,19 @@ def test_measured_and_predicted_impacts_count_from_one_level(run: RunRecord) -> 
         level = float(rows[f"crank y, {whose}"][1].removesuffix(" m/s²"))
         assert level == pytest.approx(0.15 * typical, rel=0.01)
     assert impacts_by_group(run)["crank y"]["predicted"].a_revolution == pytest.approx(1.0, rel=0.1)
+
+
+def test_the_terminal_tells_the_impacts_of_the_report(spatial: RunRecord) -> None:
+    told = StringIO()
+    show(spatial, Screen(Terminal(file=told, width=200)))
+    rows = {row[0]: row for row in table(impact_parts(spatial)).rows}
+    lines = {line.split(":")[0]: line for line in told.getvalue().splitlines() if " impacts, " in line}
+    assert len(lines) == len(rows) == 4
+    for key, line in lines.items():
+        whose, group = key.split()
+        _, _, count, _, mean, *_ = rows[f"{group}, {whose}"]
+        assert f": {count} impacts, " in line
+        assert f"mean peak {mean.removesuffix(' N')} +- " in line
 
 
 def test_sensors_of_a_group_that_count_from_several_levels_say_so(spatial: RunRecord) -> None:
