@@ -19,6 +19,7 @@ from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
+from drivers.protocols.emergency_stop import LOOK_S
 from rig.files.bench import Bench
 from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
@@ -36,15 +37,14 @@ from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.spoilt_disk import disk_of
-from rig.session.supervisor import Supervisor, kept
+from rig.session.supervisor import UNASKED, Supervisor, kept
 from rig.stream import Stream
 
-_LOOK_S = 0.02  # of guard and sequence; 25 of these fit into what the supervisor bears (0011)
 _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
-_UNLATCHED = "that an emergency stop was seen could not be kept (the disk hangs): no run will ask for it"
+_UNLATCHED = f"the disk hangs, and does not keep that an emergency stop was seen: the {UNASKED}"
 STOPPED = "stopped before its time"
 
 
@@ -91,7 +91,7 @@ class Watch:
         end = self._clock.monotonic_s() + seconds
         while (left := end - self._clock.monotonic_s()) > 0:
             self.check()
-            self._clock.sleep(min(left, _LOOK_S))
+            self._clock.sleep(min(left, LOOK_S))
         self.check()
 
     def until(
@@ -449,7 +449,7 @@ class DrivenRig:
 
     def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
         while not ended.is_set():
-            self.acquisition.alarm.wait(_LOOK_S)
+            self.acquisition.alarm.wait(LOOK_S)
             self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
             self._latch()

@@ -18,12 +18,10 @@ from daq.clock import SystemClock
 from daq.errors import EmergencyStop, InstrumentRefused, RattleError
 from daq.process import Child
 from drivers.lock import InstrumentLock, Latch
-from drivers.protocols.emergency_stop import LOOK_S, LineReader, LineWatch
+from drivers.protocols.emergency_stop import LOOK_S, SILENCE_S, LineReader, LineWatch
 from drivers.protocols.instrument import Actuator
 from rig.session.signals import STOP_SIGNALS
 
-SILENCE_S = 0.5
-"""25 beats of the guard, which waits for nothing; only a process that is frozen misses as many."""
 LET_GO_S = 4.0
 """An inverter's own watchdog is quicker, and a run that is killed cannot close its log."""
 _HURRY_S = 0.06
@@ -48,6 +46,8 @@ _GOES_ON = (
     "rattle: the run is gone or hangs, and THE DRIVE MAY STILL BE ON: switch it off by hand; process "
     "{process} goes on trying (kill {process} ends it)"
 )
+
+UNASKED = "next run may not ask whether anybody is in danger: see to that yourself"
 
 
 class SupervisorTripped(RattleError, RuntimeError):
@@ -288,7 +288,7 @@ def kept(latch: Latch, seen: EmergencyStop) -> str:
     try:
         latch.set(f"{seen.instrument} at {seen.address} ended a run: {seen.what}")
     except InstrumentRefused as error:
-        return f"{error}. The next run may not ask whether anybody is in danger: see to that yourself"
+        return f"{error}. The {UNASKED}"
     return ""
 
 

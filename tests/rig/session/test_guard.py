@@ -431,7 +431,7 @@ def test_a_latch_that_cannot_be_kept_or_hangs_is_told_and_delays_no_off(
     ended(bench, EmergencyStop, "its line is open", during)
     goes_on.set()
     (told,) = [event for event in kept.events if event.code == "emergency_stop.latch"]
-    assert "see to that yourself" in told.text
+    assert "he next run may not ask whether anybody is in danger: see to that yourself" in told.text
     assert told.text in " ".join(bench.rig.screen.console.export_text().split())
 
 

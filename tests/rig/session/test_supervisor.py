@@ -21,13 +21,14 @@ from daq.errors import EmergencyStop, InstrumentAbsent, InstrumentRefused
 from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
 from drivers.lock import Latch, lock
+from drivers.protocols.emergency_stop import SILENCE_S
 from rig.files.bench import load_bench
 from rig.files.scenario import parse_scenario
 from rig.session.devices import Devices
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig
 from rig.session.signals import StopRequest
-from rig.session.supervisor import SILENCE_S, Supervisor, SupervisorTripped
+from rig.session.supervisor import Supervisor, SupervisorTripped
 from tests.end_to_end.command import await_true
 from tests.end_to_end.files import write_bench
 from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
@@ -229,7 +230,7 @@ def test_a_latch_that_cannot_be_kept_is_told(
     launched: Callable[..., Supervisor], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     latch = Latch("generator", "here")
-    os.mkdir(latch._path)
+    os.mkdir(latch._paths[0])
     (tmp_path / "pressed").touch()
     said = ""
 
