@@ -25,6 +25,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -55,6 +56,7 @@ _PATIENCE_S = 60.0
 _TOO_LONG_S = 5.0
 _PTRACE_SEIZE, _PTRACE_INTERRUPT = 0x4206, 0x4207
 _ACTUATORS = ("generator", "inverter")
+_ANY_THREAD = 0x40000000  # __WALL
 _LIMIT = '[limits."{channel}"]\nabort = "{level}"\n'
 
 
@@ -227,10 +229,15 @@ def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
     if ptrace(_PTRACE_SEIZE, thread, None, None) or ptrace(_PTRACE_INTERRUPT, thread, None, None):
         raise OSError(ctypes.get_errno(), f"cannot hold thread {thread}")
     held_ns = time.time_ns()
-    if _await(bench.safe_ns, 1.5, terminal):
-        return {"thread held": _since(bench, held_ns, terminal)}
-    terminal.run.send_signal(signal.SIGINT)
-    return {"thread held, then stopped": _since(bench, time.time_ns(), terminal)}
+    try:
+        if _await(bench.safe_ns, 1.5, terminal):
+            return {"thread held": _since(bench, held_ns, terminal)}
+        terminal.run.send_signal(signal.SIGINT)
+        return {"thread held, then stopped": _since(bench, time.time_ns(), terminal)}
+    finally:
+        terminal.run.kill()
+        while os.WIFSTOPPED(os.waitpid(thread, _ANY_THREAD)[1]):
+            pass  # a zombie otherwise, and the run would never end
 
 
 def _lost(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
@@ -281,7 +288,8 @@ def once(rig: str, way: str, rng: Random) -> dict[str, float]:
     """Seconds of one try, or how many were lost, by what they are."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        os.environ[TRUTH_FOLDER] = str(folder)
+        if way == "viewer":
+            os.environ[TRUTH_FOLDER] = str(folder)
         bench = stack.enter_context(RIGS[rig](folder))
         terminal = Terminal(bench, folder, *(["--live"] if way == "viewer" else []))
         stack.callback(terminal.close)
@@ -296,14 +304,20 @@ def main() -> int:
     parser.add_argument("ways", nargs="*", default=list(WAYS), metavar="way", help=", ".join(WAYS))
     parser.add_argument("--tries", type=int, default=0, help="of each; 100, and 200 of `limit`, if not said")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--beside", type=int, default=1, help="tries at a time; each is a busy neighbour then"
+    )
     arguments = parser.parse_args()
     rng, met = Random(arguments.seed), True  # noqa: S311
     for way in arguments.ways:
         for rig in RIGS:
             found: dict[str, list[float]] = {}
-            for _ in range(arguments.tries or (200 if way == "limit" else 100)):
-                for what, seconds in once(rig, way, rng).items():
-                    found.setdefault(what, []).append(seconds)
+            tries = arguments.tries or (200 if way == "limit" else 100)
+            seeds = [Random(rng.random()) for _ in range(tries)]  # noqa: S311
+            with ThreadPoolExecutor(1 if way == "viewer" else arguments.beside) as beside:
+                for each in beside.map(partial(once, rig, way), seeds):
+                    for what, seconds in each.items():
+                        found.setdefault(what, []).append(seconds)
             for what, all_s in sorted(found.items()):
                 bar_s = BARS.get(what.split(": ")[-1], 1.0)
                 p99_s = float(np.quantile(all_s, 0.99, method="inverted_cdf"))

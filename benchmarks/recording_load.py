@@ -44,7 +44,7 @@ _ACCELEROMETER = """
 [[daq_card.channels]]
 name = "{location}.acceleration_{station:02d}"
 physical = "cDAQ1Mod{module}/ai{number}"
-kind = "acceleration_iepe"
+kind = "acceleration_iepe"{not_modelled}
 sensitivity = "10 mV/g"
 range = "400 g"
 serial = "EMU-{serial}"
@@ -140,20 +140,22 @@ def _beam_bench(channels: int) -> str:
     kept = [table for table in tables if "beam.acceleration" not in table]
     count = channels - len(kept)
     stations = [_STATIONS[number * len(_STATIONS) // count] for number in range(count)]
-    return "[[daq_card.channels]]".join([head, *kept]) + _accelerometers("beam", stations)
+    return "[[daq_card.channels]]".join([head, *kept]) + _accelerometers(stations, "beam")
 
 
 def _crank_bench(channels: int) -> str:
     """The bench of the planar crank with accelerometers that no twin predicts beside its own channels."""
     bench = _CRANK_BENCH.read_text().replace("rpm_per_hz = 5.0", _READ_AT_20_HZ) + _ON_CAN
-    return bench + _accelerometers("bed", range(channels - bench.count("[[daq_card.channels]]")))
+    places = range(channels - bench.count("[[daq_card.channels]]"))
+    return bench + _accelerometers(places, "bed", "\nmodelled = false")
 
 
-def _accelerometers(location: str, places: Iterable[int]) -> str:
+def _accelerometers(places: Iterable[int], location: str, more: str = "") -> str:
     return "".join(
         _ACCELEROMETER.format(
             location=location,
             station=place,
+            not_modelled=more,
             module=4 + number // _INPUTS,
             number=number % _INPUTS,
             serial=400 + number,

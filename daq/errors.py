@@ -20,7 +20,9 @@ Each class also inherits the matching built-in, so that code that knows nothing 
 from __future__ import annotations
 
 import re
+import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
@@ -30,6 +32,12 @@ DAMAGED = (ValueError, LookupError, ArithmeticError, RuntimeError, EOFError, OSE
 
 class RattleError(Exception):
     """Anything that rattle raises on purpose."""
+
+
+def show_fault(error: BaseException | None) -> None:
+    """Print where a fault of ours came from; words after deeds: the terminal may hang, or be gone."""
+    with suppress(OSError, ValueError):
+        traceback.print_exception(error)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,18 +21,20 @@ from daq.errors import ConfigurationError, Problem
 class Fault:
     """A line of the table: its `number` in the list of faults, what it does, and what one should then see.
 
-    `values` are its keys, each with what stands for it by itself.
+    `values` are its keys, each with what stands for it by itself. One that comes `at_start` is there before
+    its instrument is used, or not at all.
     """
 
     number: str
     does: str
     seen: str
     values: Mapping[str, float | str] = field(default_factory=dict)
+    at_start: bool = False
 
     @property
-    def at_start(self) -> bool:
-        """Whether it is there before its instrument is used, or not at all."""
-        return self.does.endswith("(from the start)")
+    def told(self) -> str:
+        """What it does, and when."""
+        return self.does + (" (from the start)" if self.at_start else "")
 
     def spelled(self, name: str) -> str:
         """Its name with its keys, as one types it."""
@@ -55,12 +57,12 @@ _ONE_INPUT = {"channel": ""}
 FAULTS: Final[Mapping[str, Fault]] = {
     "signal_generator.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
     "signal_generator.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
-    "signal_generator.wrong_model": Fault("F3", "is another make (from the start)", _REFUSED),
+    "signal_generator.wrong_model": Fault("F3", "is another make", _REFUSED, at_start=True),
     "signal_generator.errors": Fault(
-        "F30", "has a full error queue (from the start)", "drained; the run goes on", {"count": 30.0}
+        "F30", "has a full error queue", "drained; the run goes on", {"count": 30.0}, at_start=True
     ),
     "signal_generator.stale_answer": Fault(
-        "F30", "an old answer and half of one lie in its buffer (from the start)", "the run goes on"
+        "F30", "an old answer and half of one lie in its buffer", "the run goes on", at_start=True
     ),
     "signal_generator.set_by_another": Fault(
         "F33", "its amplitude is turned to `volts` peak to peak at its panel", _LOST, {"volts": 1.0}
@@ -100,11 +102,11 @@ FAULTS: Final[Mapping[str, Fault]] = {
     ),
     "daq_card.clips": Fault("F25", "`channel` is clipped `for` s", _MARKED, {**_ONE_INPUT, "for": 0.5}),
     "daq_card.stuck": Fault("F25", "`channel` gives one value `for` s", _MARKED, {**_ONE_INPUT, "for": 2.0}),
-    "daq_card.open": Fault("F25", "the cable of `channel` is loose (from the start)", _MARKED, _ONE_INPUT),
-    "daq_card.short": Fault("F25", "the cable of `channel` is shorted (from the start)", _MARKED, _ONE_INPUT),
+    "daq_card.open": Fault("F25", "the cable of `channel` is loose", _MARKED, _ONE_INPUT, at_start=True),
+    "daq_card.short": Fault("F25", "the cable of `channel` is shorted", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.rolls_over": Fault(
-        "F26", "its counters start `before` their highest count (from the start)", "nothing: angles go on",
-        {"before": 1000.0},
+        "F26", "its counters start `before` their highest count", "nothing: angles go on",
+        {"before": 1000.0}, at_start=True,
     ),
     "daq_card.marks_missing": Fault(
         "F27", "a `share` of the marks of `channel` is not there", "told of at the end, speed goes on",
@@ -113,7 +115,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "encoder.unplugged": Fault("F1", "its process is gone", _LOST),
     "encoder.hang_up": Fault("F2", "its CAN server closes the connection and takes a new one", _LOST),
     "encoder.hangs": Fault("F1", "is silent `for` s", _LOST, {"for": 20.0}),
-    "encoder.wrong_device": Fault("F3", "is no CiA 406 encoder (from the start)", _REFUSED),
+    "encoder.wrong_device": Fault("F3", "is no CiA 406 encoder", _REFUSED, at_start=True),
     "encoder.garbage": Fault("F5", "the CAN server sends what is no frame", _LOST),
     "encoder.stuck": Fault(
         "F9", "shows the position that it has for ever: its coupling came off", "exit 3, speed.abort"
@@ -122,9 +124,9 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F23", "the clock of the timestamps is set by `value` s", "an event; times go on", {"value": 1.0}
     ),
     "encoder.period_off": Fault(
-        "F29", "its timer is off by `ppm` (from the start)", "`/clock` shows it", {"ppm": 100.0}
+        "F29", "its timer is off by `ppm`", "`/clock` shows it", {"ppm": 100.0}, at_start=True
     ),
-    "encoder.rolls_over": Fault("F26", "starts a count before 0 (from the start)", "angles go on"),
+    "encoder.rolls_over": Fault("F26", "starts a count before 0", "angles go on", at_start=True),
     "encoder.duplicate": Fault("F28", "a frame comes again 130 us later", _COUNTED),
     "encoder.reorder": Fault("F28", "a frame comes after the next one", _COUNTED),
     "encoder.missing": Fault("F28", "a frame is not sent", _COUNTED),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pkgutil import resolve_name
 
+from daq.errors import ConfigurationError, Problem
 from drivers.lock import Latch
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
@@ -45,7 +47,16 @@ def connect(
         devices = replace(devices, line=partial(CardLine, card))
     moves = devices.actuator
     latch = None if bench.actuator.emulated else Latch(moves.name, moves.address)
-    return replace(devices, loggers=loggers, latch=latch), notes
+    devices = replace(devices, loggers=loggers, latch=latch)
+    check_names(devices, bench.source)
+    return devices, notes
+
+
+def check_names(devices: Devices, source: str) -> None:
+    """Raise ConfigurationError where two instruments record one name."""
+    names = Counter(channel.name for channel in (*devices.card.channels, *devices.logged))
+    if twice := [Problem(name, "(twice)", "a name of its own") for name in names if names[name] > 1]:
+        raise ConfigurationError(source, twice)
 
 
 def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:

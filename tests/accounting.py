@@ -45,6 +45,8 @@ _OF_A_RUN = re.compile(r"_\d{8}-\d{6}-\d{3}\.mcap")
 _ONLY_A_HEAD = 64
 """Bytes: what a run that was killed as it opened its log leaves."""
 _ENDINGS = (RECORD_END, "dwell.end", "drive.off")
+_STANDS = "inverter.off"
+"""Where a motor's stop has its end; that of a generator ends as it begins."""
 _RUINED: set[Path] = set()
 
 
@@ -235,7 +237,8 @@ def _ending(log: _Log, card: SentByCard | None) -> tuple[float | None, float]:
             return math.inf, planned
         return ended.time_ns - (HUNG_S + log.late_s) * NS_PER_S, planned
     if STOPPING in log.codes:
-        return log.codes[STOPPING].time_ns, planned
+        stood = [event.time_ns for event in log.events if event.code == _STANDS]
+        return max([log.codes[STOPPING].time_ns, *(at - _TIME_BASE_S * NS_PER_S for at in stood)]), planned
     if log.written_ns is not None:
         return log.written_ns - (CRASH_S + log.late_s) * NS_PER_S, planned
     return None, planned

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,7 +86,7 @@ def found(
     spoil: Spoil,
     *gaps: Gap,
     name: str = "log.mcap",
-    ends: Event | None = STOP,
+    ends: Event | Sequence[Event] | None = STOP,
     cut: bool = False,
 ) -> str:
     """What the checker says of a record from the card's sample 2000 on, stopped 2 s later.
@@ -113,8 +113,8 @@ def found(
             for block in filter(None, map(spoil, blocks)):
                 host_ns = sample_time_ns(begin_ns, first + BLOCK, RATE)
                 log.add_encoded_block("measured", block, encode_block(block), host_ns, record_gap=False)
-        if ends is not None:
-            log.add_event(ends)
+        for event in (ends,) if isinstance(ends, Event) else ends or ():
+            log.add_event(event)
         log.flush_if_older(1 << 62)
         written = log_path.read_bytes()
     if cut:
@@ -179,6 +179,22 @@ def test_a_tail_that_is_nowhere_is_found(truth: Path, channel: str) -> None:
 
     assert f"{channel}: " in (said := found(truth.parent, cut))
     assert "of which the last" in said
+
+
+@pytest.mark.parametrize("channel", ["force", "encoder.angle"])
+def test_a_ramp_belongs_to_what_was_stopped(truth: Path, channel: str) -> None:
+    """Its beginning is no end: a motor turns on for seconds."""
+    begins = replace(STOP, time_ns=START_NS + 3 * NS_PER_S)
+    stands = Event(START_NS + 4 * NS_PER_S, "info", "inverter", "inverter.off", "run withdrawn")
+
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return None if block.channel == channel and block.first_sample >= 1500 else block
+
+    assert found(truth.parent, cut, name="begun.mcap", ends=begins) == ""
+    assert f"{channel}: " in (said := found(truth.parent, cut, ends=(begins, stands)))
+    assert "of which the last" in said
+    gap = Gap(START_NS, channel, 1500, 1500, STOPPED)
+    assert found(truth.parent, cut, gap, name="told.mcap", ends=(begins, stands)) == ""
 
 
 def test_more_than_was_sent_is_found(truth: Path) -> None:

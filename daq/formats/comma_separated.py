@@ -1,7 +1,8 @@
-"""CSV: a line of names, a line of units, a row a sample; before them a comment line with the description.
+"""CSV: a line of names with units, a row a sample; the description in the last column, beside the first rows.
 
 Decimal point and comma always, floats in the fewest digits that read back as the same float. Read by Excel,
-by `pandas.read_csv(file, comment="#", header=[0, 1])` and by MATLAB's `readtable`.
+by `pandas.read_csv(file)` and by MATLAB's `readtable` as it is: for them a comment line would be that of the
+names, and a file beside it would get lost.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from daq.allowance import MOST_COLUMNS
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, Warn, opened, time_axis
-from daq.formats.description import Description
-from daq.formats.recording import Recording
+from daq.formats.description import Described, Description
+from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch
 from daq.formats.tables import (
+    KINDS,
     TIME,
     TableColumns,
     as_csv,
@@ -40,12 +42,21 @@ from daq.formats.tables import (
 
 _MARK = "# rattle "
 _IMPACTS_MARK = "# rattle impacts "
-_ROWS_OF_EXCEL = 1_048_576
-_HEAD_LINES = 3
+_DESCRIPTION = "rattle"
+_BEGINS_DESCRIPTION = '{"rattle":'
+_BEGINS_IMPACTS = ",".join(list(KINDS)[:3])
+_ROWS_OF_EXCEL, _CELL_OF_EXCEL = 1_048_576, 32_000
+_BLOCK = 1 << 20
+"""Bytes that are read at once; a row has to fit."""
 _LONGEST_LINE = 1 << 26
 _LONGEST_CELL = 1000
 _COMMENTS = ("#", '"#')
 _DELIMITERS = "\t;,"
+_WRONG_ROW = re.compile(
+    r"(In CSV column #(?P<column>\d+): )?Row #(?P<row>\d+): "
+    r"(Expected (?P<expected>\d+) columns, got (?P<got>\d+)|.*?invalid value '(?P<cell>.*)')",
+    re.DOTALL,
+)
 _NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
 
 
@@ -53,7 +64,7 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
     """Write a file for every time base, and one of the impacts; raises RattleError."""
     tables = tables_of(recording, warn)
     paths = table_paths(path, tables)
-    if max(table.end - table.first for table in tables) > _ROWS_OF_EXCEL - _HEAD_LINES:
+    if max(table.end - table.first for table in tables) >= _ROWS_OF_EXCEL:
         warn(f"more rows than Excel shows ({_ROWS_OF_EXCEL})")
     if recording.impacts:
         paths = (*paths, impact_path(path))
@@ -61,22 +72,32 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
         files = new_files(stack, paths)
         for file, table in zip(files, tables, strict=False):
             head = io.StringIO()
-            head.write(f"{_MARK}{description.encode(recording, table.tracks)}\n")
-            rows = csv.writer(head, lineterminator="\n")
-            rows.writerow([TIME, *(track.name for track in table.tracks)])
-            rows.writerow(["s", *(track.channel.unit for track in table.tracks)])
+            names = [f"{TIME} [s]", *map(_heading, table.tracks), _DESCRIPTION]
+            csv.writer(head, lineterminator="\n").writerow(names)
             file.write(head.getvalue().encode())
             kinds = [pa.float64(), *(pa.from_numpy_dtype(track.samples.dtype) for track in table.tracks)]
-            schema = pa.schema([(str(number), kind) for number, kind in enumerate(kinds)])
-            options = arrow.WriteOptions(include_header=False, quoting_style="none")
+            schema = pa.schema([(str(number), kind) for number, kind in enumerate([*kinds, pa.string()])])
+            options = arrow.WriteOptions(include_header=False, quoting_style="needed")
+            told = _pieces(description.encode(recording, table.tracks), table.end - table.first)
             with arrow.CSVWriter(file, schema, write_options=options) as writer:
                 for index, columns in table.batches():
                     seconds = pa.array(index / table.base.sample_rate)
-                    writer.write_batch(pa.record_batch([seconds, *columns], schema=schema))
+                    beside = pa.array([next(told, None) for _ in index], pa.string())
+                    writer.write_batch(pa.record_batch([seconds, *columns, beside], schema=schema))
         if recording.impacts:
-            marked = f"{_IMPACTS_MARK}{description.encode(recording, ())}\n{as_csv(recording.impacts)}"
-            files[-1].write(marked.encode())
+            files[-1].write(as_csv(recording.impacts).encode())
     return paths
+
+
+def _heading(track: Track | Described) -> str:
+    unit = track.channel.unit
+    return f"{track.name} [{unit}]" if unit else track.name
+
+
+def _pieces(text: str, rows: int) -> Iterator[str]:
+    """A text in cells that Excel shows whole, where there are rows enough."""
+    size = max(_CELL_OF_EXCEL, -(-len(text) // rows))
+    return (text[at : at + size] for at in range(0, len(text), size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +110,31 @@ class _Head:
     delimiter: str
     decimal_point: str
     body: int
+    beside: tuple[str, ...] = ()
+    """Columns that hold no samples."""
+
+    @property
+    def columns(self) -> list[str]:
+        return [*self.names, *self.beside]
 
 
 def read(path: Path, scratch: Scratch) -> Contents:
     """Read a table of channels; raises LogError."""
     with opened(path) as file:
-        if file.read(len(_IMPACTS_MARK)) == _IMPACTS_MARK.encode():
-            text, _, table = file.read().decode().partition("\n")
-            return Contents((), replace(description.decode(text).rest, impacts=from_csv(table)))
+        first = file.readline(_LONGEST_LINE).decode("utf-8-sig", "replace")
+        if first.startswith((_IMPACTS_MARK, _BEGINS_IMPACTS)):
+            rest = Recording(())
+            if first.startswith(_IMPACTS_MARK):  # as they were written once
+                rest = description.decode(first.removeprefix(_IMPACTS_MARK)).rest
+            else:
+                file.seek(0)
+            return Contents((), replace(rest, impacts=from_csv(file.read().decode("utf-8-sig"))))
         file.seek(0)
         head = _head(file)
         described = description.decode(head.own) if head.own else None
+        if described is not None:
+            names = {_heading(track).strip(): track.name for track in described.tracks}
+            head = replace(head, names=[names.get(name, name) for name in head.names])
         found = _columns(file, head, described, scratch)
         time = next((name for name in head.names if name.lower() in TIME_NAMES), None)
         times = None if time is None else found.pop(time)
@@ -120,16 +155,39 @@ def _columns(
     types = {name: pa.float32() if name in narrow else pa.float64() for name in head.names}
     columns = TableColumns(head.names, scratch, may_be_empty=described is not None)
     file.seek(head.body)
-    with arrow.open_csv(
-        file,
-        arrow.ReadOptions(column_names=head.names),
-        arrow.ParseOptions(delimiter=head.delimiter),
-        arrow.ConvertOptions(column_types=types, null_values=[""], decimal_point=head.decimal_point),
-    ) as batches:
-        for batch in batches:
-            for name, cells in zip(head.names, batch.columns, strict=True):
-                columns.add(name, cells)
+    try:
+        with arrow.open_csv(
+            file,
+            arrow.ReadOptions(
+                column_names=head.columns,
+                use_threads=False,  # else it does not say which row
+                block_size=_BLOCK + 2 * len(head.own),
+            ),
+            arrow.ParseOptions(delimiter=head.delimiter),
+            arrow.ConvertOptions(
+                column_types=types,
+                null_values=[""],
+                decimal_point=head.decimal_point,
+                include_columns=head.names,
+            ),
+        ) as batches:
+            for batch in batches:
+                for name, cells in zip(head.names, batch.columns, strict=True):
+                    columns.add(name, cells)
+    except pa.ArrowInvalid as error:
+        raise LogError(f"cannot be read ({_wrong_row(str(error), head.names)})") from error
     return columns.samples()
+
+
+def _wrong_row(said: str, names: Sequence[str]) -> str:
+    """What pyarrow says of a row, by the file's own names."""
+    at = _WRONG_ROW.search(said)
+    if at is None:
+        return " ".join(said.split())[:_LONGEST_CELL]
+    column = "" if at["column"] is None else f", column {names[int(at['column'])]}"
+    found = " ".join(at["cell"].split())[:_LONGEST_CELL] if at["cell"] else ""
+    wrong = f"{found!r} is no number" if column else f"expected {at['expected']} columns, got {at['got']}"
+    return f"row {at['row']} of its numbers{column}: {wrong}"
 
 
 def _head(file: BinaryIO) -> _Head:
@@ -142,7 +200,15 @@ def _head(file: BinaryIO) -> _Head:
     else:
         raise LogError("it holds no line of names")
     delimiter = next((each for each in _DELIMITERS if each in line), ",")
-    names, units = _names_and_units(_cells(line, delimiter))
+    cells, body = _cells(line, delimiter), file.tell()
+    if cells[-1] == _DESCRIPTION:
+        described = "".join(_last_cells(file, len(cells), delimiter))
+        file.seek(body)
+        if described.startswith(_BEGINS_DESCRIPTION):
+            numbers = delimiter.join(next(_lines(file))[0].split(delimiter)[: len(cells) - 1])
+            point = _point(numbers, delimiter)
+            return _Head(described, cells[:-1], {}, delimiter, point, body, (_DESCRIPTION,))
+    names, units = _names_and_units(cells)
     below, below_at = next(_lines(file), ("", 0))
     if not all(_is_number(cell) for cell in _cells(below, delimiter)):
         cells = _cells(below, delimiter)
@@ -152,8 +218,25 @@ def _head(file: BinaryIO) -> _Head:
         below, below_at = next(_lines(file), ("", 0))
     if not below.strip():
         raise LogError("it holds no row of numbers")
-    point = "," if delimiter != "," and "," in below else "."
-    return _Head(own, names, units, delimiter, point, below_at)
+    return _Head(own, names, units, delimiter, _point(below, delimiter), below_at)
+
+
+def _point(row: str, delimiter: str) -> str:
+    return "," if delimiter != "," and "," in row else "."
+
+
+def _last_cells(file: BinaryIO, columns: int, delimiter: str) -> Iterator[str]:
+    """Those of the rows that follow, up to the first that is empty; before it a row has numbers only."""
+    length = 0
+    for line, _ in _lines(file):
+        cells = line.split(delimiter, columns - 1)
+        if len(cells) < columns or not cells[-1]:
+            return
+        cell = cells[-1]
+        length += len(cell)
+        if length > _LONGEST_LINE:
+            raise LogError("its description has no end")
+        yield cell[1:-1].replace('""', '"') if cell.startswith('"') else cell
 
 
 def _lines(file: BinaryIO) -> Iterator[tuple[str, int]]:
@@ -201,4 +284,4 @@ def _names_and_units(cells: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     return names, units
 
 
-FORMAT = FileFormat("csv", (".csv", ".txt", ".tsv"), read, write)
+FORMAT = FileFormat("csv", (".csv", ".txt", ".tsv"), read, write, one_rate=True)

@@ -54,7 +54,8 @@ def readable(path: Path) -> Iterator[None]:
         if isinstance(error, RattleError):
             raise
         reason = " ".join(str(error).split())[:200]
-        raise LogError(f"{path}: cannot be read ({type(error).__name__}: {reason})") from error
+        kind = "" if isinstance(error, pa.ArrowException) else f"{type(error).__name__}: "
+        raise LogError(f"{path}: cannot be read ({kind}{reason})") from error
 
 
 @contextmanager
@@ -225,3 +226,5 @@ class FileFormat:
     suffixes: tuple[str, ...]
     read: Callable[[Path, Scratch], Contents]
     write: Callable[[Recording, Path, Warn], tuple[Path, ...]] | None = None
+    one_rate: bool = False
+    """Whether a file of it is a table, which holds channels of one rate."""

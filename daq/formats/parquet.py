@@ -234,4 +234,4 @@ def _times(
     return time_axis(column.samples(), seconds), start_ns
 
 
-FORMAT = FileFormat("parquet", (".parquet", ".pq"), read, write)
+FORMAT = FileFormat("parquet", (".parquet", ".pq"), read, write, one_rate=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import get_args
 
@@ -14,13 +15,15 @@ from daq.allowance import Allowance
 from daq.block import LATEST, NS_PER_S, Flag, SampleBlock, is_rate, sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
-from daq.formats.samples import CHUNK, MOST_SAMPLES, Samples, Scratch, ScratchColumn
+from daq.formats.samples import CHUNK, MOST_SAMPLES, Samples, Scratch, ScratchColumn, Window
 from daq.log.codec import encode_block
 from daq.log.reader import LogReader, Origin
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
 BLOCK_S = 0.1
+_SAME_SAMPLE = 1e-3
+"""Of a sample interval: so much earlier than a time counts as at that time."""
 _ROUNDING_NS = 1
 """Some programs round the time of a block down, some to the nearest nanosecond."""
 _Entry = tuple[int, Callable[[], object]]
@@ -41,6 +44,10 @@ class TimeBase:
     def at(self, sample: int) -> int:
         """Time of a sample in ns since the Unix epoch."""
         return sample_time_ns(self.time_ns, sample - self.sample, self.sample_rate)
+
+    def first_at(self, time_ns: int) -> int:
+        """The first sample at a time or after it."""
+        return self.sample + math.ceil((time_ns - self.time_ns) * self.sample_rate / NS_PER_S - _SAME_SAMPLE)
 
     @property
     def zero_ns(self) -> int:
@@ -179,15 +186,21 @@ def check_stretches(name: str, stretches: Sequence[Stretch], length: int) -> Non
         raise LogError(f"{name}: {length} samples where {span} are described")
 
 
-def read_log(log: LogReader, scratch: Scratch) -> Recording:
-    """Take a log apart into channels; samples go to `scratch`. Raises LogError."""
+def read_log(
+    log: LogReader,
+    scratch: Scratch,
+    origins: tuple[Origin, ...] | None = None,
+    names: Collection[str] | None = None,
+) -> Recording:
+    """Take a log apart into channels (default: all); samples go to `scratch`. Raises LogError."""
     allowance = log.allowance()
     collectors = {
         (origin, name): _Collector(origin, channel, scratch.column(), allowance)
-        for origin in get_args(Origin)
+        for origin in origins or get_args(Origin)
         for name, channel in log.channels(origin).items()
+        if names is None or name in names
     }
-    for origin, block in log.blocks():
+    for origin, block in log.blocks(origins, names):
         collectors[origin, block.channel].add(block)
     return Recording(
         tuple(collector.track() for collector in collectors.values()),
@@ -195,7 +208,7 @@ def read_log(log: LogReader, scratch: Scratch) -> Recording:
         log.events(),
         log.gaps(),
         log.clocks(),
-        log.impacts(),
+        [each for each in log.impacts() if (each.origin, each.channel) in collectors],
     )
 
 
@@ -234,6 +247,31 @@ class _Collector:
 
     def track(self) -> Track:
         return Track(self._origin, self._channel, tuple(self._stretches), self._column.samples())
+
+
+def within(recording: Recording, start_s: float, end_s: float) -> Recording:
+    """What lies between two times, in s since the start of recording; its gaps follow from its samples."""
+    filled = [track for track in recording.tracks if track.stretches]
+    zero_ns = filled[0].stretches[0].base.zero_ns if filled else 0
+    start_ns = zero_ns + round(start_s * NS_PER_S)
+    end_ns = zero_ns + round(end_s * NS_PER_S) if end_s < math.inf else LATEST
+    tracks = tuple(_cut(track, start_ns, end_ns) for track in recording.tracks)
+    impacts = [each for each in recording.impacts if start_ns <= each.time_ns < end_ns]
+    return replace(recording, tracks=tracks, gaps=None, impacts=impacts)
+
+
+def _cut(track: Track, start_ns: int, end_ns: int) -> Track:
+    stretches = []
+    for each in track.stretches:
+        first, end = (
+            min(max(each.base.first_at(time_ns), each.first_sample), each.end_sample)
+            for time_ns in (start_ns, end_ns)
+        )
+        if first < end:
+            stretches.append(replace(each, first_sample=first, count=end - first))
+    ends = (stretches[0].first_sample, stretches[-1].end_sample) if stretches else (track.first_sample,) * 2
+    window = Window(track.samples, *(at - track.first_sample for at in ends))
+    return replace(track, stretches=tuple(stretches), samples=window)
 
 
 def write_log(recording: Recording, writer: LogWriter) -> None:

@@ -113,6 +113,25 @@ class Pieces:
 
 
 @dataclass(frozen=True, slots=True)
+class Window:
+    """Part of other samples."""
+
+    samples: Samples
+    start: int
+    stop: int
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.samples.dtype
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def read(self, start: int, stop: int) -> NDArray[np.floating]:
+        return self.samples.read(self.start + start, self.start + stop)
+
+
+@dataclass(frozen=True, slots=True)
 class Scaled:
     """Samples times a factor, computed in float64 and kept in their own precision."""
 

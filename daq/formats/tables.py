@@ -1,7 +1,7 @@
 """Channels side by side: a table for every time base, a row for every sample index.
 
-A table cannot hold two rates, so a run of several becomes several: `run.csv` for one, else `run.51200Hz.csv`
-and so on.
+A table cannot hold two rates, so a run of several becomes several: `run.csv` has the most rows, and beside
+it lie `run.1000Hz.csv` and so on.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import IO, Any, get_args, get_type_hints
 
@@ -23,7 +23,7 @@ from daq.errors import LogError, RattleError
 from daq.formats.contents import Column, Contents, TimeAxis, Warn, described_contents, new_file
 from daq.formats.description import Description
 from daq.formats.recording import Recording, TimeBase, Track
-from daq.formats.samples import Samples, Scratch, ScratchColumn
+from daq.formats.samples import Samples, Scratch, ScratchColumn, Window
 from daq.log.reader import Origin
 from daq.log.records import Impact
 
@@ -128,19 +128,24 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
         filled = [track for track in group if track.stretches]
         first, end = min(each.first_sample for each in filled), max(each.end_sample for each in filled)
         tables.append(TrackTable(filled[0].stretches[0].base, tuple(group), first, end))
-    return tables
+    return sorted(tables, key=lambda table: (table.first - table.end, -table.base.sample_rate))
+
+
+def main_table(recording: Recording) -> tuple[Recording, list[Track]]:
+    """Of a recording what fits into one table, and which tracks with samples do not: those at other rates."""
+    wanted = tables_of(recording, lambda _: None)[0].tracks
+    left = [track for track in recording.tracks if track.stretches and track not in wanted]
+    return replace(recording, tracks=wanted, impacts=()), left
 
 
 def table_paths(path: Path, tables: Sequence[TrackTable]) -> tuple[Path, ...]:
-    """The file of each table, named after its rate where there are several."""
-    if len(tables) <= 1:
-        return (path,)
+    """The file of each table: the first gets `path`, the others are named after their rates."""
     names: list[str] = []
-    for table in tables:
-        plain = f"{table.base.sample_rate:.10g}Hz"
+    for table in tables[1:]:
+        plain = f"{np.format_float_positional(table.base.sample_rate, 4, fractional=False, trim='-')}Hz"
         same = sum(name.split("-")[0] == plain for name in names)
         names.append(f"{plain}-{same + 1}" if same else plain)
-    return tuple(path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names)
+    return (path, *(path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names))
 
 
 def new_files(stack: ExitStack, paths: Sequence[Path]) -> list[IO[bytes]]:
@@ -186,25 +191,6 @@ def described_table(description: Description, found: dict[str, Samples], first: 
                 raise LogError(f"{track.name}: {stop} rows are described, {len(found[track.name])} are there")
             windows[track.name] = Window(found[track.name], start, stop)
     return described_contents(description, windows)
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """Part of other samples."""
-
-    samples: Samples
-    start: int
-    stop: int
-
-    @property
-    def dtype(self) -> np.dtype[np.floating]:
-        return self.samples.dtype
-
-    def __len__(self) -> int:
-        return self.stop - self.start
-
-    def read(self, start: int, stop: int) -> np.ndarray:
-        return self.samples.read(self.start + start, self.start + stop)
 
 
 def foreign_table(

@@ -45,6 +45,10 @@ _INDEX_REST = struct.Struct("<QI")
 _SIZES = struct.Struct("<QQ")
 
 
+Note = Callable[[str, int], None]
+"""Is told what is wrong, and from which byte on."""
+
+
 class Summary(NamedTuple):
     """What a finished log says of itself; `declared` are the records of its channels."""
 
@@ -53,17 +57,15 @@ class Summary(NamedTuple):
     metadata: dict[str, dict[str, str]]
 
 
-def metadata_and_chunks(
-    descriptor: int, allowance: Allowance, note: Callable[[str], None]
-) -> Iterator[Metadata | Chunk]:
+def metadata_and_chunks(descriptor: int, allowance: Allowance, note: Note) -> Iterator[Metadata | Chunk]:
     """What a log holds in file order; `note` is told what is wrong with its frame.
 
     Behind damage it goes on at the next chunk that is whole. Chunks are checked by who opens them.
     """
     checksum, described = zlib.crc32(MCAP0_MAGIC), 0
-    for opcode, record in _records(descriptor, allowance, note):
+    for position, opcode, record in _records(descriptor, allowance, note):
         if opcode == CHECKSUM_OPCODE and int.from_bytes(record[_RECORD.size :], "little") != checksum:
-            note("the checksum of what stands before it is wrong")
+            note("the checksum of what stands before it is wrong", position)
         checksum = zlib.crc32(record, checksum)
         try:
             if opcode == Opcode.METADATA:
@@ -74,37 +76,37 @@ def metadata_and_chunks(
             elif opcode == Opcode.CHUNK:
                 yield Chunk.read(_content(record))
         except _NO_RECORD as error:
-            note(f"a record of kind {opcode} is damaged ({type(error).__name__})")
+            note(f"a record of kind {opcode} is damaged ({type(error).__name__})", position)
 
 
-def check_data(descriptor: int, allowance: Allowance, note: Callable[[str], None]) -> None:
+def check_data(descriptor: int, allowance: Allowance, note: Note) -> None:
     """Tell `note` where the frame of a log, or the checksum of all before its summary, is wrong."""
     checksum, ended = zlib.crc32(MCAP0_MAGIC), False
-    for opcode, record in _records(descriptor, allowance, note):
+    position = 0
+    for position, opcode, record in _records(descriptor, allowance, note):
         if opcode == Opcode.DATA_END:
             ended = True
             # its content is the checksum: 0 where its writer made none
             if int.from_bytes(record[_RECORD.size :], "little") not in (0, checksum):
-                note("the checksum of its data is wrong")
+                note("the checksum of its data is wrong", position)
         checksum = zlib.crc32(record, checksum)
     if not ended:
-        note("nothing says where its data ends")
+        note("nothing says where its data ends", position)
 
 
-def _records(
-    descriptor: int, allowance: Allowance, note: Callable[[str], None]
-) -> Iterator[tuple[int, bytes]]:
+def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tuple[int, int, bytes]]:
+    """Where each begins, its kind and its bytes."""
     size = os.fstat(descriptor).st_size
     position = len(MCAP0_MAGIC)
     if os.pread(descriptor, position, 0) != MCAP0_MAGIC:
-        note("it does not begin as an MCAP file does")
+        note("it does not begin as an MCAP file does", 0)
         position = 0
     opcode = before = 0
     while opcode != Opcode.FOOTER:
         try:
             opcode, record = _record_at(descriptor, position, size)
         except OSError as error:
-            note(f"it cannot be read at byte {position}: {error.strerror}")
+            note(f"it cannot be read at byte {position}: {error.strerror}", position)
             return
         except ValueError as error:
             # it may be the length of the record before that is wrong, and led past whole ones
@@ -113,13 +115,13 @@ def _records(
             end = os.pread(descriptor, _RECORD.size, max(size - _RECORD.size - _CHECKSUM_BYTES, 0))
             # where a checksum ends the file nothing was cut off: what leads elsewhere is wrong
             damaged = record or (end == _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES) and not whole)
-            note(f"a record is damaged (byte {position})" if damaged else str(error))
+            note(f"a record is damaged (byte {position})" if damaged else str(error), position)
             opcode = Opcode.CHUNK
             if not record:
                 return
             position = found
         before, position = position, position + len(record)
-        yield opcode, record
+        yield before, opcode, record
 
 
 def _content(record: bytes) -> ReadDataStream:

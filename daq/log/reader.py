@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from io import BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Literal, NamedTuple, TypeVar, get_args
+from typing import IO, Final, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 import zstandard
@@ -29,9 +29,11 @@ from daq.log.front import check_data, library_of, metadata_and_chunks, read_summ
 from daq.log.records import RECORD_END, STOPPING, ClockRecord, Event, Gap, Impact
 
 _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
-Origin = Literal["measured", "nominal", "predicted", "derived"]
-"""`nominal` is the twin without the effects that `predicted` has, only where it has any; `derived` is what
-was computed from the samples of the others while they were recorded."""
+Origin = Literal["measured", "nominal", "predicted/surrogate", "predicted", "derived"]
+"""`nominal` is the twin without the effects that `predicted` has, only where it has any; the surrogate is
+what was learnt from recordings, beside the twin; `derived` is what was computed from the samples of the
+others while they were recorded. A topic is of the first of these that it begins with."""
+SURROGATE: Final[Origin] = "predicted/surrogate"
 _FOREIGN_ERRORS = (McapError, DecodeError, zstandard.ZstdError, struct.error, *DAMAGED)
 """What the MCAP, zstd and protobuf packages raise on damaged input."""
 
@@ -39,6 +41,14 @@ _LONGEST_SERIES = 1 << 29
 """Near three hours at 51.2 kHz."""
 CYCLE_PEAK, CYCLE_RMS = "cycle_peak", "cycle_rms"
 CRANK_SPEED = "crank.speed"
+
+
+def origin_and_name(topic: str) -> tuple[Origin | None, str]:
+    """Whose samples a topic has, and of which channel; None of one that has none."""
+    for origin in get_args(Origin):
+        if topic.startswith(f"/{origin}/"):
+            return origin, topic.removeprefix(f"/{origin}/")
+    return None, topic
 
 
 def begins_as_log(path: Path) -> bool:
@@ -64,13 +74,14 @@ class LogReader:
     """A log opened for reading.
 
     `complete` is False where the writer never finished: then the file is read from its front, chunk by chunk,
-    also behind damage. `damage` says what was found wrong first.
+    also behind damage. `damage` says what was found wrong first, `damaged_at` from which byte on, if known.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.complete = False
         self.damage = ""
+        self.damaged_at: int | None = None
         self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
         self._topics: dict[str, dict[str, str]] = {}
@@ -120,11 +131,11 @@ class LogReader:
 
     def channels(self, origin: Origin) -> dict[str, Channel]:
         """Channels under /`origin`/, by name, in the order of declaration."""
-        prefix = f"/{origin}/"
         return {
-            topic.removeprefix(prefix): Channel.from_metadata(topic.removeprefix(prefix), metadata)
+            name: Channel.from_metadata(name, metadata)
             for topic, metadata in self._topics.items()
-            if topic.startswith(prefix)
+            for whose, name in [origin_and_name(topic)]
+            if whose == origin
         }
 
     def allowance(self) -> Allowance:
@@ -333,9 +344,10 @@ class LogReader:
             what = f"{type(error).__name__}: {error}; rattle verify says where, rattle recover saves the rest"
             raise LogError(f"{self.path}: a chunk is damaged ({what})") from error
 
-    def _note(self, damage: str) -> None:
+    def _note(self, damage: str, at: int | None = None) -> None:
         """What was found first says where it begins."""
-        self.damage = self.damage or damage
+        if not self.damage:
+            self.damage, self.damaged_at = damage, at
 
 
 def _join(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from typing import get_args
@@ -18,6 +19,9 @@ from daq.log.records import Gap
 from daq.log.writer import LogWriter
 
 LOST, UNWRITTEN = "lost in a damaged log", "not written before the log was cut"
+_RECOVERED = "recovered"
+"""The metadata record in which a recovered log says what it comes from."""
+_WHOLE_NUMBER = re.compile("[0-9]{1,18}")
 _SOONER = 0.25
 """Of a block: by so much less than a block after the last one the next was due."""
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
@@ -47,8 +51,13 @@ class LogReport:
     damage: str
     topics: tuple[TopicReport, ...]
     ledger_missing: int
+    seconds: float = 0.0
+    """From sample 0 to where the channel that goes on longest ends."""
     recovered_from: str = ""
     """What was wrong with the log that this one was recovered from."""
+    whole_bytes: int = 0
+    size_bytes: int = 0
+    """Of that log: up to where nothing was wrong with it, as far as it is known, and all of it."""
     lost: int = 0
     """Samples that were not in it any more, by its own count."""
 
@@ -83,7 +92,14 @@ def verify_log(path: Path) -> LogReport:
             for topic in [f"/{gap.origin}/{gap.channel}"] if gap.origin else _lacking(gap, span, state):
                 ledger.setdefault(topic, []).append(span)
         reports = tuple(account.report(topic, ledger.get(topic, [])) for topic, account in state.items())
-        return LogReport(path, log.complete, damage or log.damage, reports, sum(gap.count for gap in gaps))
+        missing = sum(gap.count for gap in gaps)
+        seconds = max((account.seconds for account in state.values()), default=0.0)
+        origin = log.metadata.get(_RECOVERED, {})
+        counted = {name: int(text) for name, text in origin.items() if _WHOLE_NUMBER.fullmatch(text)}
+        whole, size, lost = (counted.get(name, 0) for name in ("whole_bytes", "size_bytes", "lost"))
+        told = origin.get("damage", "")
+        damage = damage or log.damage
+        return LogReport(path, log.complete, damage, reports, missing, seconds, told, whole, size, lost)
 
 
 _Span = tuple[int, int]
@@ -102,6 +118,7 @@ class _Account:
     def __init__(self) -> None:
         self.messages = self.samples = self.breaks = 0
         self.next_sample = 0
+        self.seconds = 0.0
         self.holes: list[_Span] = []
 
     def add(self, topic: str, sequence: int, data: bytes) -> None:
@@ -116,6 +133,7 @@ class _Account:
             self.holes.append((self.next_sample, block.first_sample))
         self.samples += len(block)
         self.next_sample = block.end_sample
+        self.seconds = block.end_sample / block.sample_rate
 
     def lacks(self, span: _Span) -> bool:
         """Whether one hole holds all of it."""
@@ -177,14 +195,15 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
                         lasts[message.topic] = message.log_ns, block
                 cause = UNWRITTEN if log.damage == CUT else LOST
                 for topic, (log_ns, block) in lasts.items() if log.damage else ():
-                    _, origin, name = topic.split("/", 2)
+                    _, whose, name = topic.split("/", 2)
                     # of what is measured at once; a prediction comes later by as much as it likes
-                    beside = (at for other, (at, _) in lasts.items() if other.startswith(f"/{origin}/"))
+                    beside = (at for other, (at, _) in lasts.items() if other.startswith(f"/{whose}/"))
                     late_s = (max(*beside, log.last_ns(topic, log_ns), log_ns) - log_ns) / NS_PER_S
                     behind = len(block) * math.floor(late_s * block.sample_rate / len(block) + _SOONER)
-                    if behind > 0 and origin != "derived":  # which come when a cycle ends
-                        writer.due(origin, name, block.end_sample + behind, log_ns, cause)
+                    if behind > 0 and whose != "derived":  # which come when a cycle ends
+                        writer.due(whose, name, block.end_sample + behind, log_ns, cause)
                         lost += behind if cause == LOST else 0
+                writer.add_metadata(_RECOVERED, _origin(log, lost))
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
                 raise
@@ -192,7 +211,20 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
                 writer.close()
         except RecorderFailed as error:
             raise LogError(str(error)) from error
-        return replace(verify_log(recovered), recovered_from=log.damage, lost=lost)
+        return verify_log(recovered)
+
+
+def _origin(log: LogReader, lost: int) -> dict[str, str]:
+    """What a recovered log says of the one that it comes from; of a sound one, what that says itself."""
+    if not log.damage and not lost:
+        return log.metadata.get(_RECOVERED, {})
+    size = log.path.stat().st_size
+    counts = {
+        "whole_bytes": size if log.damaged_at is None else log.damaged_at,
+        "size_bytes": size,
+        "lost": lost,
+    }
+    return {"damage": log.damage, **{name: str(count) for name, count in counts.items()}}
 
 
 def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:

@@ -1,4 +1,7 @@
-"""Impacts block by block, bounces taken together as one event."""
+"""Impacts block by block, bounces taken together as one event.
+
+An impact is a quick rise: what a joint carries all the time, and what changes slowly, is none.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +13,29 @@ from numpy.typing import NDArray
 
 from daq.signals.impacts import Impacts, Levels, chosen, impacts_in, joined, no_impacts
 
-START, END, INDEX, PEAK, SUM = range(5)
-"""Columns of a contact: first sample, end (excluded), sample of the peak, peak, sum of its samples."""
+START, END, INDEX, PEAK, SUM, RISE = range(6)
+"""Columns of a contact: first sample, end (excluded), sample of the peak, peak, sum of its samples, rise."""
 
-_OPEN, _COUNT = 5, 6
+_OPEN, _COUNT, _FLOOR, _HELD = 6, 7, 8, 9
 LONGEST_S = 1.0
 """A contact that lasts longer is no impact; it also bounds what has to wait for its end."""
 
 
 class ContactScanner:
-    """Contacts above a level; one begins with the first sample above it and ends with the first that is not.
+    """Contacts above a floor; one begins with the first sample over `above` beyond it and ends with the first
+    that is not.
 
-    Sums are taken one by one, so that they do not depend on the cuts. What is not finite is no contact.
+    The floor is 0 or, where it may `climb` by so much a sample, what the joint carried before: it falls with
+    the force at once and follows it upwards no faster. The rise of a contact is that of its force over the
+    floor. What is no number neither begins one nor moves the floor. With `held`, the share that is left of a
+    magnitude a sample later, contacts are those of what rings. Sums are taken one by one, so that they do not
+    depend on the cuts.
     """
 
-    def __init__(self, above: float) -> None:
-        self._above = above
-        self._state = np.zeros(7)
+    def __init__(self, above: float, climb: float = 0.0, held: float = 0.0) -> None:
+        self._rule = above, climb, held
+        self._state = np.zeros(10)
+        self._state[_FLOOR] = np.inf if climb else 0.0
 
     @property
     def count(self) -> int:
@@ -39,54 +48,77 @@ class ContactScanner:
         return int(self._state[START]) if self._state[_OPEN] else None
 
     def add(self, force: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Take the next samples, shape (n,); return the contacts that ended, shape (contacts, 5)."""
+        """Take the next samples, shape (n,); return the contacts that ended, shape (contacts, 6)."""
         locked = np.ascontiguousarray(force).view()
         locked.flags.writeable = False  # one compiled kernel for blocks of a card and of a log
-        rows = np.empty((len(force) // 2 + 1, 5))
-        return rows[: _scan(locked, self._above, self._state, rows)]
+        rows = np.empty((len(force) // 2 + 1, 6))
+        return rows[: _scan(locked, *self._rule, self._state, rows)]
 
     def finish(self) -> NDArray[np.float64]:
-        """The contact that the end of the record cuts, shape (0 or 1, 5)."""
+        """The contact that the end of the record cuts, shape (0 or 1, 6)."""
         if not self._state[_OPEN]:
-            return np.empty((0, 5))
+            return np.empty((0, 6))
         self._state[_OPEN], self._state[END] = 0.0, self._state[_COUNT]
-        return self._state[None, :5].copy()
+        return self._state[None, :6].copy()
 
 
 @njit(cache=True, nogil=True)
 def _scan(
-    force: NDArray[np.floating], above: float, state: NDArray[np.float64], rows: NDArray[np.float64]
+    force: NDArray[np.floating],
+    above: float,
+    climb: float,
+    held: float,
+    state: NDArray[np.float64],
+    rows: NDArray[np.float64],
 ) -> int:
-    start, index, peak, total = state[0], state[2], state[3], state[4]
-    is_open, first = state[5] != 0.0, state[6]
+    start, index, peak, total, rise = state[0], state[2], state[3], state[4], state[5]
+    is_open, first, floor, level = state[6] != 0.0, state[7], state[8], state[9]
     found = 0
     for at in range(len(force)):
-        value = np.float64(force[at])
-        if value > above:
+        value = float(force[at])
+        known = np.isfinite(value)
+        if known:
+            value = abs(value) if held > 0.0 else max(value, 0.0)
+            level = max(value, held * level)
+            floor = min(level, floor + climb)
+        if known and level > floor + above:
             if not is_open:
-                is_open, start, peak, total = True, first + at, -np.inf, 0.0
+                is_open, start, peak, total, rise = True, first + at, -np.inf, 0.0, 0.0
             total += value
+            rise = max(rise, level - floor)
             if value > peak:
                 peak, index = value, first + at
         elif is_open:
             is_open = False
             rows[found, 0], rows[found, 1], rows[found, 2] = start, first + at, index
-            rows[found, 3], rows[found, 4] = peak, total
+            rows[found, 3], rows[found, 4], rows[found, 5] = peak, total, rise
             found += 1
-    state[0], state[2], state[3], state[4] = start, index, peak, total
-    state[5], state[6] = 1.0 if is_open else 0.0, first + len(force)
+    state[0], state[2], state[3], state[4], state[5] = start, index, peak, total, rise
+    state[6], state[7] = 1.0 if is_open else 0.0, first + len(force)
+    state[8], state[9] = floor, level
     return found
 
 
 class ImpactDetector:
-    """Contacts of one force whose samples come in blocks of any size, as `contacts_above` finds them.
+    """Impacts on one sensor whose samples come in blocks of any size: rises that count by `levels`.
 
-    The levels are given beforehand, because the largest force of a run is not known while it lasts.
+    A rise takes no longer than `within_s`: a force that climbs more slowly is carried, not struck. Of what
+    rings, magnitudes are held for about `rings_s`, longer than half a period. The levels are given
+    beforehand, because the largest force of a run is not known while it lasts.
     """
 
-    def __init__(self, levels: Levels, sample_rate: float, longest_s: float = LONGEST_S) -> None:
+    def __init__(
+        self,
+        levels: Levels,
+        sample_rate: float,
+        within_s: float,
+        rings_s: float = 0.0,
+        longest_s: float = LONGEST_S,
+    ) -> None:
         self._levels, self._sample_rate, self._longest_s = levels, sample_rate, longest_s
-        self._scanner = ContactScanner(levels.released_below_n)
+        climb = levels.counts_from_n / (within_s * sample_rate)
+        held = float(np.exp(-1 / (rings_s * sample_rate))) if rings_s else 0.0
+        self._scanner = ContactScanner(levels.released_below_n, climb, held)
 
     @property
     def settled(self) -> int:

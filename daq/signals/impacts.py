@@ -26,7 +26,7 @@ FAINTEST_N = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Levels:
-    """Forces in N: from `counts_from_n` on a contact counts, below `released_below_n` it has ended."""
+    """Forces in N: a rise from `counts_from_n` on counts, below `released_below_n` it has ended."""
 
     counts_from_n: float
     released_below_n: float
@@ -105,14 +105,14 @@ def contacts_above(
 def impacts_in(
     rows: NDArray[np.float64], levels: Levels, sample_rate: float, longest_s: float = np.inf
 ) -> Impacts:
-    """Those of the contacts that a `ContactScanner` found, shape (m, 5), that are impacts by `levels`."""
+    """Those of the contacts that a `ContactScanner` found, shape (m, 6), that are impacts by `levels`."""
     # The compiler is loaded by what scans; a run that only records needs the levels alone.
-    from daq.signals.impact_events import END, INDEX, PEAK, START, SUM
+    from daq.signals.impact_events import END, INDEX, PEAK, RISE, START, SUM
 
     if not len(rows):
         return no_impacts()
     lasts = rows[:, END] - rows[:, START]
-    kept = rows[(rows[:, PEAK] > levels.counts_from_n) & (lasts <= longest_s * sample_rate)]
+    kept = rows[(rows[:, RISE] > levels.counts_from_n) & (lasts <= longest_s * sample_rate)]
     index, start, end = (kept[:, column].astype(np.intp) for column in (INDEX, START, END))
     return Impacts(index, start, end, kept[:, PEAK], kept[:, SUM] / sample_rate, (end - start) / sample_rate)
 

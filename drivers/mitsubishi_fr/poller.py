@@ -8,14 +8,19 @@ running motor that nobody has looked after, and once a stop cannot be seen to wo
 from __future__ import annotations
 
 import asyncio
-import sys
-import traceback
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
 from daq.clock import Clock
-from daq.errors import DeviceLost, EmergencyStop, InstrumentError, InstrumentRefused, InstrumentSilent
+from daq.errors import (
+    DeviceLost,
+    EmergencyStop,
+    InstrumentError,
+    InstrumentRefused,
+    InstrumentSilent,
+    show_fault,
+)
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
 from drivers.mitsubishi_fr.line import LineHealth
 from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor, Notices
@@ -130,8 +135,7 @@ class Poller:
                 await self._make_safe(
                     self._motor.refused(f"its keeper failed: {type(error).__name__}: {error}")
                 )
-                with suppress(OSError):  # words after deeds: the terminal may be gone
-                    traceback.print_exc(file=sys.stderr)
+                show_fault(error)
                 return
             self._looked_s = began_s
             await asyncio.sleep(max(self._settings.period_s - (self._clock.monotonic_s() - began_s), 0.0))

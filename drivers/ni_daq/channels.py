@@ -110,7 +110,8 @@ class CardChannel:
 
     `sensitivity` is in V per `unit`, for a charge amplifier in C per `unit` with `gain` in V/C. `range` is
     the largest magnitude to be measured, in `unit`. `excitation_a` is the supply of an IEPE sensor in A; an
-    NI 9234 has 2 mA and nothing else. An encoder has `pulses` and neither sensitivity nor range.
+    NI 9234 has 2 mA and nothing else. An encoder has `pulses` and neither sensitivity nor range. One that is
+    not `modelled` is none of the rig's: no twin predicts it.
     """
 
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]
@@ -127,6 +128,7 @@ class CardChannel:
     serial: Annotated[str, Text("the sensor's serial number")] = ""
     calibrated: Annotated[date | None, Key()] = None
     valid_until: Annotated[date | None, Key()] = None
+    modelled: Annotated[bool, Key()] = True
     unit: str = "V"  # this and what follows: by the rig's table of channels, no keys of a bench file
     quantity: str = ""
     location: str = ""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -52,6 +53,25 @@ RUNS = Path("runs")
 """Where logs go unless another folder is named."""
 
 
+def _to_write(folder: Path | None) -> Path | None:
+    """Refuse a folder that cannot be written, or made; it is made only where something goes into it."""
+    for there in () if folder is None else (folder.absolute(), *folder.absolute().parents):
+        try:
+            with TemporaryFile(dir=there):
+                return folder
+        except OSError as error:
+            if there.is_file():
+                raise typer.BadParameter(f"{there} is a file; name a folder") from error
+            if not isinstance(error, FileNotFoundError | NotADirectoryError) or there.exists():
+                raise typer.BadParameter(f"cannot write to {there}: {error.strerror}") from error
+    return folder
+
+
+def out_folder(told: str, option: str = "--out") -> Any:
+    """An option that names a folder for what a command makes, looked at before the command does anything."""
+    return typer.Option(option, metavar="DIR", help=told, callback=_to_write)
+
+
 def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | None) -> tuple[_Wanted, Bench]:
     """Scenario or sweep, and bench (the emulated one without a file); raises one error with both's faults."""
     from rig.files.bench import embedded_bench, load_bench
@@ -67,6 +87,36 @@ def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | No
     if wanted is None or bench is None:
         raise gathered.error()
     return wanted, bench
+
+
+def overrides(texts: list[str]) -> dict[str, object]:
+    """What --set says, by key: a value as TOML has it, or a text, for a shell takes its quotes away."""
+    import tomllib
+
+    found: dict[str, object] = {}
+    for text in texts:
+        key, mark, value = text.partition("=")
+        key, value = key.replace('"', "").strip(), value.strip()
+        if not mark or not key or not value:
+            raise typer.BadParameter(f'--set {text}: KEY=VALUE, such as drive.frequency="21 Hz"')
+        try:
+            found[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key] = value
+    return found
+
+
+def seconds(text: str, option: str) -> float:
+    """A time as an option has it, in s: "1.5" or "20 ms"."""
+    from rig.files.quantity import QuantityError, si_value
+
+    try:
+        found = float(text) if text.strip()[-1:].isdigit() else si_value(text, "s")
+    except (QuantityError, ValueError) as error:
+        raise typer.BadParameter(f"{option} {text}: a time such as 1.5 or '20 ms'") from error
+    if found < 0:
+        raise typer.BadParameter(f"{option} {text}: not before the start of recording")
+    return found
 
 
 def print_json(result: object) -> None:

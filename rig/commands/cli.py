@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pkgutil import resolve_name
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperCommand
@@ -51,6 +51,9 @@ _HELP: Final = {
     "logs:recover": "Rebuild a log that a crash left, into a new file.",
     "exchange:export": "Write a log in another program's format; warns of what the format cannot hold.",
     "exchange:import_": "Make a log of another program's file; a scenario says which rig it was.",
+    "surrogate:surrogate": (
+        "Predict a crank's frame by a network that learnt from logs; how far that may be trusted."
+    ),
     "dwell:skew": (
         "Tell an encoder's lag from its mounting angle; `rattle dwell` records the speeds that it takes."
     ),
@@ -77,8 +80,11 @@ class _LoadedWhenCalled(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
         where, told = next((where, told) for name, where, told in COMMANDS if name == self.name)
-        alone = _app()
-        alone.command(self.name, help=told)(resolve_name(where))
+        alone, found = _app(), resolve_name(where)
+        if isinstance(found, typer.Typer):  # commands of its own
+            alone = found
+        else:
+            alone.command(self.name, help=told)(found)
         return typer.main.get_command(alone).make_context(info_name, args, *more, **extra)
 
 
@@ -91,9 +97,25 @@ def _app() -> typer.Typer:
     )
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"rattle {version('rattle')}")
+        raise typer.Exit
+
+
+def _top(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version.")
+    ] = False,
+) -> None: ...
+
+
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     app = _app()
+    app.callback()(_top)
     for name, _, told in COMMANDS:
         app.command(name, cls=_LoadedWhenCalled, help=told)(lambda: None)
     try:

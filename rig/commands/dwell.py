@@ -12,7 +12,16 @@ from typing import Annotated
 import typer
 
 from daq.errors import ConfigurationError, LogError, Problem
-from rig.commands.arguments import BenchFile, Json, RunFiles, ScenarioFile, load_pair, print_json
+from rig.commands.arguments import (
+    RUNS,
+    BenchFile,
+    Json,
+    RunFiles,
+    ScenarioFile,
+    load_pair,
+    out_folder,
+    print_json,
+)
 from rig.session.progress import Screen, Terminal
 
 _MOST = 50
@@ -25,7 +34,7 @@ def dwell(
     ],
     each: Annotated[str, typer.Option("--each", metavar="TIME", help="How long at each.")] = "8 s",
     bench_file: BenchFile = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = Path("runs"),
+    out: Annotated[Path, out_folder("Where logs go.")] = RUNS,
 ) -> None:
     from daq.angle.skew import fastest_rad_s
     from daq.clock import SystemClock

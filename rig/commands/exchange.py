@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import fnmatch
+import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from daq.errors import ConfigurationError, Problem
-from rig.commands.arguments import RunFile
+from daq.errors import ConfigurationError, Problem, RattleError
+from rig.commands.arguments import RunFile, seconds
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.formats.recording import Recording
+    from daq.log.reader import LogReader, Origin
     from rig.files.foreign import Answers
     from rig.files.scenario import Scenario
 
 Pairs = list[str] | None
+_NAMED = 3
 
 
 def export(
@@ -30,27 +34,84 @@ def export(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN in that format.")
     ] = None,
+    channels: Annotated[
+        str | None, typer.Option("--channels", metavar="A,B", help="Only these; contact.* means all of it.")
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--origin", metavar="measured|predicted|nominal|derived", help="Only these; a list with commas."
+        ),
+    ] = None,
+    start: Annotated[
+        str, typer.Option("--from", metavar="TIME", help="In s since the start of recording.")
+    ] = "0",
+    end: Annotated[str | None, typer.Option("--to-time", metavar="TIME", help="Up to there.")] = None,
+    all_rates: Annotated[
+        bool,
+        typer.Option(
+            "--all-rates", help="csv, parquet: also what has other rates, a file each, and impacts."
+        ),
+    ] = False,
 ) -> None:
     from daq.formats import all_formats
-    from daq.formats.recording import read_log
+    from daq.formats.recording import read_log, within
     from daq.formats.samples import Scratch
+    from daq.formats.tables import main_table
     from daq.log.reader import LogReader
 
     screen, formats = Screen(Terminal()), all_formats()
     chosen = formats.get(to)
     if chosen is None or chosen.write is None:
-        names = ", ".join(name for name, each in formats.items() if each.write is not None)
-        raise typer.BadParameter(f"--to {to}: one of {names}")
+        known = ", ".join(name for name, each in formats.items() if each.write is not None)
+        raise typer.BadParameter(f"--to {to}: one of {known}")
     target = out or run.with_suffix(chosen.suffixes[0])
+    start_s, end_s = seconds(start, "--from"), math.inf if end is None else seconds(end, "--to-time")
     with LogReader(run) as log, Scratch(target.parent) as scratch:
+        origins, names = _chosen(log, channels, origin)
         with screen.busy("reading"):
-            recording = read_log(log, scratch)
+            recording = read_log(log, scratch, origins, names)
+            if start_s > 0 or end_s < math.inf:
+                recording = within(recording, start_s, end_s)
+                if not any(track.stretches for track in recording.tracks):
+                    until = "the end" if end is None else f"{end_s:g} s"
+                    raise RattleError(f"{run}: there is no sample in it between {start_s:g} s and {until}")
         if not log.complete:
             screen.warn(f"{run} is cut short: exported as far as it goes")
+        if chosen.one_rate and not all_rates:
+            table, left = main_table(recording)
+            recording = table if channels is None else dataclasses.replace(recording, impacts=())
+            if left and channels is None:
+                more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
+                named = ", ".join(each.name for each in left[:_NAMED])
+                screen.say(f"left out   {named}{more}: other rates (--all-rates)")
         with screen.busy("writing"):
             written = chosen.write(recording, target, screen.warn)
     for path in written:
         screen.say(f"file       {path}")
+
+
+def _chosen(
+    log: LogReader, channels: str | None, origin: str | None
+) -> tuple[tuple[Origin, ...], frozenset[str] | None]:
+    """What is asked for of a log; raises ConfigurationError with every name that is not there."""
+    from daq.log.reader import Origin
+    from rig.files.faults import Faults
+
+    faults, there = Faults(str(log.path)), [each for each in get_args(Origin) if log.channels(each)]
+    asked = there if origin is None else [name.strip() for name in origin.split(",")]
+    for name in set(asked) - set(there):
+        faults.unknown("--origin", name, name, there, "origin of this log")
+    origins = tuple(each for each in there if each in asked)
+    known = {name for each in origins or there for name in log.channels(each)}
+    names = set[str]()
+    for pattern in () if channels is None else map(str.strip, channels.split(",")):
+        found = fnmatch.filter(known, pattern)
+        names.update(found)
+        if not found:
+            faults.unknown("--channels", pattern, pattern, sorted(known), "channel of this log")
+    faults.raise_if_any()
+    return origins, None if channels is None else frozenset(names)
 
 
 def import_(
@@ -121,15 +182,16 @@ def import_files(
         scratch = stack.enter_context(Scratch(target.parent))
         with screen.busy("reading"):
             found = [format_of(path).read(path, scratch) for path in files]
-            ids = {each.rest.run_id for each in found}
+            ids = {each.rest.run_id for each in found if each.rest.metadata}
             if len(ids) > 1:
                 raise ConfigurationError(
                     "files", [Problem("run", ", ".join(sorted(ids)), "files of one run")]
                 )
             columns = tuple(column for each in found for column in each.columns)
             impacts = [impact for each in found for impact in each.rest.impacts]
-            # what is no column comes from the first that says it
-            rest = dataclasses.replace(found[0].rest, impacts=impacts)
+            # what is no column comes from the first that says it; a table of impacts says nothing else
+            first = next((each for each in found if each.rest.metadata), found[0])
+            rest = dataclasses.replace(first.rest, impacts=impacts)
             contents = Contents(columns, rest, [note for each in found for note in each.notes])
         for note in dict.fromkeys(contents.notes):
             screen.warn(note)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from statistics import mean
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
-from daq.errors import RattleError
+from daq.errors import ConfigurationError, RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
 from rig.session.progress import Screen, Terminal
 
@@ -36,16 +37,8 @@ def overlay(
     target = out or run.with_suffix(".overlay.mcap")
     with screen.busy("predicting"):
         overlay_run(run, target, effects, model, screen.warn)
-    overlaid = read_run(target)
-    peaks: dict[str, dict[str, list[float]]] = {}
-    for impact in overlaid.impacts:
-        peaks.setdefault(impact.channel, {}).setdefault(impact.origin, []).append(impact.peak)
-    for channel, by_origin in peaks.items():
-        each = (
-            f"{origin} {len(found)}, mean peak {mean(found):.4g} {overlaid.channels[channel].unit}"
-            for origin, found in by_origin.items()
-        )
-        screen.say(f"impacts    {channel}: {'; '.join(each)}")
+    overlaid = judged(read_run(target), screen)
+    show(overlaid, screen)
     if effects is not None and (channels := closeness(overlaid)):
         close = overall(channels)
         apart = f"the run's own halves lie {close.halves_db:.1f} dB apart"
@@ -70,8 +63,6 @@ def recover(
 
     report = recover_log(log, out)
     screen = Screen(Terminal())
-    if report.recovered_from:
-        screen.say(f"{log}: {report.recovered_from}")
     if not report.whole:
         screen.say(f"{report.lost} samples were lost, and what may have come after them")
     _show(report, as_json=False)
@@ -94,11 +85,33 @@ def _show(report: LogReport, as_json: bool) -> None:
             for gap in log.gaps():
                 whose = f"{gap.origin} {gap.channel}".strip()
                 screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
-        ended = "complete" if report.complete else f"cut short ({report.damage or 'no end'}): rattle recover"
-        verdict = "sound" if report.sound else report.damage or "samples are missing outside the ledger"
-        screen.say(f"{report.path}: {verdict if report.complete else ended}")
+            screen.say(f"{report.path}: {_verdict(report, log.scenario)}")
     if not report.sound:
         raise typer.Exit(_UNSOUND)
+
+
+def _verdict(report: LogReport, scenario: str) -> str:
+    """What a log is worth, in one line."""
+    from rig.files.scenario import parse_scenario
+
+    reaches = f"{report.seconds:.4g} s"
+    with suppress(ConfigurationError):
+        wanted = parse_scenario(scenario).acquisition.duration
+        if report.recovered_from or not report.complete:
+            reaches += f" of the {wanted:g} s asked for"
+    samples = sum(topic.samples for topic in report.topics)
+    reaches += f", {samples} samples"
+    if report.ledger_missing:
+        reaches += f", {report.ledger_missing} more missing by its ledger"
+    if not report.complete:
+        return f"{reaches}; cut short ({report.damage or 'no end'}): rattle recover"
+    if not report.sound:
+        return f"{reaches}: NOT SOUND, {report.damage or 'samples are missing outside the ledger'}"
+    if not report.recovered_from:
+        return f"{reaches}: sound"
+    part = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB of "
+    whose = f"{part if report.whole_bytes < report.size_bytes else ''}a log ({report.recovered_from})"
+    return f"{reaches}: sound as far as it goes, recovered from {whose}"
 
 
 def replay(
@@ -117,13 +130,18 @@ def replay(
     with LogReader(run) as log:
         collector = RunCollector(log)
         replay_log(run, speed, live, screen, SystemClock(), (collector,))
-        show(collector.record(), screen)
+        show(judged(collector.record(), screen), screen)
+
+
+def judged(run: RunRecord, screen: Screen) -> RunRecord:
+    """The run with the verdict on it."""
+    from rig.diagnosis.health import verdict_on
+
+    return dataclasses.replace(run, verdict=verdict_on(run.path, screen))
 
 
 def show(run: RunRecord, screen: Screen) -> None:
     """Print what a run comes to."""
-    from rig.report.summary import half_cycle_statistics
-
     table = Table(box=None, pad_edge=False)
     table.add_column("channel", min_width=max(map(len, run.channels), default=0), no_wrap=True)
     for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
@@ -137,21 +155,45 @@ def show(run: RunRecord, screen: Screen) -> None:
         )
         table.add_row(name, *rms, *peaks, channel.unit)
     screen.console.print(table)
-    contacts = any(name.startswith("contact.") for name in run.channels)
-    for origin in origins:
-        if contacts and any(whose == origin for whose, _ in run.tallies):
-            found, text = half_cycle_statistics(run, origin), "no contact"
-            if found is not None:
-                first = f"first {found.first_mean_n:.1f} +- {found.first_sd_n:.1f} N"
-                largest = f"max {found.max_mean_n:.1f} +- {found.max_sd_n:.1f} N"
-                text = f"{first}, {largest} a half cycle ({found.count} half cycles)"
-            screen.say(f"{origin:<10} {text}")
+    for line in (*_half_cycle_lines(run), *_impact_lines(run)):
+        screen.say(line)
     if run.missing:
         screen.warn(f"{run.missing} measured samples are missing: rattle verify lists the gaps")
     for name, tally in run.measured.items():
         if tally.overloaded_blocks:
             screen.warn(f"{name}: overload in {tally.overloaded_blocks} blocks")
     screen.say(f"gaps       {len(run.gaps)}; overloaded blocks {run.overloaded_blocks}")
+    if run.verdict is not None:
+        first, *more = run.verdict.sentences
+        screen.say(f"verdict    {first}", "bold yellow" if run.verdict.well is False else None)
+        for sentence in more:
+            screen.say(f"           {sentence}")
+
+
+def _half_cycle_lines(run: RunRecord) -> Iterator[str]:
+    from rig.report.record import ORIGINS
+    from rig.report.summary import half_cycle_statistics
+
+    if not any(name.startswith("contact.") for name in run.channels):
+        return
+    for origin in ORIGINS:
+        if any(whose == origin for whose, _ in run.tallies):
+            found, text = half_cycle_statistics(run, origin), "no contact"
+            if found is not None:
+                first = f"first {found.first_mean_n:.1f} +- {found.first_sd_n:.1f} N"
+                largest = f"max {found.max_mean_n:.1f} +- {found.max_sd_n:.1f} N"
+                text = f"{first}, {largest} a half cycle ({found.count} half cycles)"
+            yield f"{run.whose(origin):<10} {text}"
+
+
+def _impact_lines(run: RunRecord) -> Iterator[str]:
+    from rig.report.crank_figures import impacts_by_group
+
+    for group, by_whose in impacts_by_group(run).items():
+        for whose, found in by_whose.items():
+            mean, deviation = found.spread
+            often = f"{len(found.peak)} impacts, {found.a_revolution:.2f} a revolution"
+            yield f"{whose:<10} {group}: {often}, mean peak {mean:.4g} +- {deviation:.2g} {found.unit}"
 
 
 def report_and_name(run: RunRecord, screen: Screen) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -11,6 +11,9 @@ from rich.table import Table
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, ScenarioFile, print_json
 from rig.session.progress import Screen, Terminal
+
+if TYPE_CHECKING:
+    from rig.ensembles import Outcomes
 
 
 def predict(
@@ -95,6 +98,12 @@ def ensemble(
         str | None,
         typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="A Dask cluster does the work."),
     ] = None,
+    surrogate: Annotated[
+        Path | None,
+        typer.Option(
+            "--surrogate", metavar="MODEL.npz", help="It stands in, where its own test allows of it."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE.csv", help="Write one row a run.")
     ] = None,
@@ -103,7 +112,7 @@ def ensemble(
     from rig import ensembles
     from rig.files.scenario import load_scenario
     from rig.twin.scenario_twin import twin_of, with_effects
-    from sim_twin.ensembles.figures import Figures, spread_of
+    from sim_twin.ensembles.figures import Figures
     from sim_twin.ensembles.population import Population
     from sim_twin.ensembles.simulate import simulate
 
@@ -121,12 +130,28 @@ def ensemble(
         source = ensembles.cluster(scheduler)
     wanted, a_glance = scenario.acquisition, Figures(0.0, 1e-3)
     variants, figures = population.variants(runs, seed), Figures(wanted.settle, wanted.duration)
+    if surrogate is not None:
+        from rig.surrogates.standing_in import standing_in
+
+        if effects is not None:
+            raise typer.BadParameter("a surrogate knows no effects", param_hint="--surrogate")
+        outcomes = simulate(variants, standing_in(surrogate, scenario))
+        _told(outcomes, seed, machine, screen, out)
+        return
     with source as found:
         with screen.busy("compiling"):  # by one worker; the others find the machine code on the disk
             simulate(variants[:1], a_glance, found.executor)
         with screen.bar("simulating", runs, "runs") as bar:
             queued = _QUEUED * found.count
             outcomes = simulate(variants, figures, found.executor, lambda done, _: bar(done), queued)
+    _told(outcomes, seed, machine, screen, out)
+
+
+def _told(outcomes: Outcomes, seed: int, machine: bool, screen: Screen, out: Path | None) -> None:
+    """Show what many rigs came to, and write it."""
+    from rig import ensembles
+    from sim_twin.ensembles.figures import spread_of
+
     spreads, failed = spread_of(outcomes), ensembles.failure_lines(outcomes)
     if not any(outcome.value is not None for outcome in outcomes):
         raise RattleError("; ".join(failed))

@@ -21,7 +21,7 @@ def reproduce(
             "--only", metavar="FIGURE", help=f"May come again, or a list with commas: {', '.join(FIGURES)}."
         ),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Short runs: seconds, and wide scatter.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs, and wide scatter.")] = False,
 ) -> None:
     from rig.ensembles import cores, worker_processes
     from rig.reproduce.figure import Effort, tally
@@ -36,12 +36,20 @@ def reproduce(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RattleError(f"cannot make {out}: {error.strerror}") from error
+    recordings = out / "surrogates" / "logs"
+    if any(FIGURES[name].recorded for name in names):
+        from daq.clock import SystemClock
+        from rig.app import connect
+        from rig.surrogates.recordings import PAPER, QUICK_SECONDS, SECONDS, recorded
+
+        seconds = QUICK_SECONDS if quick else SECONDS
+        recorded(PAPER, recordings, seconds, connect, screen, SystemClock())
     with ExitStack() as stack:
         executor = None
         if not quick and min(len(names), cores()) > 1:
             executor = stack.enter_context(worker_processes(min(len(names), cores()))).executor
         bar = stack.enter_context(screen.bar("simulating", len(names), "figures"))
-        outcomes = compute_all(names, Effort(quick), executor, bar)
+        outcomes = compute_all(names, Effort(quick, recordings), executor, bar)
     done = [Reproduced(FIGURES[name], outcome) for name, outcome in outcomes.items()]
     _write(out / "reproduce.json", document(done, quick))
     _write(out / "reproduce.html", html(done, quick))

@@ -7,13 +7,25 @@ import signal
 import threading
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from daq.errors import ConfigurationError, Problem
-from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
+from rig.commands.arguments import (
+    RUNS,
+    BenchFile,
+    Json,
+    Live,
+    Model,
+    ScenarioFile,
+    load_pair,
+    out_folder,
+    overrides,
+    print_json,
+)
 from rig.session.progress import Screen, Terminal
 from rig.session.signals import Stopped
 
@@ -21,20 +33,42 @@ from rig.session.signals import Stopped
 def run(
     scenario_file: ScenarioFile,
     bench_file: BenchFile = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where logs go.")] = RUNS,
+    out: Annotated[Path, out_folder("Where logs go.")] = RUNS,
     live: Live = False,
     model: Model = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Another value of the scenario. May come again."),
+    ] = None,
+    duration: Annotated[
+        str | None, typer.Option("--duration", metavar="TIME", help="How long to record.")
+    ] = None,
+    until_stopped: Annotated[
+        bool,
+        typer.Option("--until-stopped", help="Record until Enter; --duration, or the disk, ends it too."),
+    ] = False,
+    as_json: Json = False,
 ) -> None:
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
-    from rig.files.pairing import check_pair, free_bytes, too_late
+    from rig.files.pairing import check_pair, free_bytes, longest_s, too_late
     from rig.files.scenario import load_scenario
     from rig.session.run import RunRequest, run_scenario
     from rig.twin.scenario_twin import check_twin
 
-    screen = Screen(Terminal(stderr=False))
-    scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
+    screen = Screen(Terminal(stderr=as_json))
+    lasting = [] if duration is None else [f"acquisition.duration={duration}"]
+    changed = overrides([*(settings or ()), *lasting])
+    scenario, bench = load_pair(partial(load_scenario, settings=changed), scenario_file, bench_file)
+    if until_stopped:
+        at_most = scenario.acquisition.duration
+        if duration is None:
+            at_most = changed["acquisition.duration"] = longest_s(
+                scenario.acquisition, bench, free_bytes(out)
+            )
+            scenario = load_scenario(scenario_file, changed)
+        screen.say(f"Enter ends the record, at the latest after {at_most:g} s; Ctrl-C stops the run at once")
     fitted = None if model is None else load_model(model, scenario.rig)
     clock = SystemClock()
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(out))
@@ -42,15 +76,21 @@ def run(
     for told in too_late(scenario, bench):
         screen.warn(told)
     request = RunRequest(scenario, bench, connect, out, live, fitted)
+    if until_stopped:
+        request = replace(request, enough=screen.entered)
     log = run_scenario(request, screen, clock)
 
     # The rig stands: what its report takes, most of scipy, is loaded only now.
-    from rig.commands.logs import report_and_name, show
+    from rig.commands.logs import judged, report_and_name, show
     from rig.report.record import read_run
 
-    recorded = read_run(log)
+    recorded = judged(read_run(log), screen)
     show(recorded, screen)
     report_and_name(recorded, screen)
+    if as_json:
+        from rig.report.summary import as_json as figures
+
+        print_json({"log": str(log), "report": str(log.with_suffix(".html")), **figures(recorded)})
 
 
 _NO_PARITY: Final = (
@@ -77,7 +117,7 @@ def emulate(
 
     if fault == ["list"]:
         for name, known in FAULTS.items():
-            typer.echo(f"{known.spelled(name):<52} {known.number:<4} {known.does}; {known.seen}")
+            typer.echo(f"{known.spelled(name):<52} {known.number:<4} {known.told}; {known.seen}")
         return
     if scenario_file is None:
         raise typer.BadParameter("SCENARIO.toml is missing: what to emulate")

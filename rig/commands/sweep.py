@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq.errors import ConfigurationError, Problem, RattleError
-from rig.commands.arguments import RUNS, BenchFile, Json, Live, Model, ScenarioFile, load_pair, print_json
+from rig.commands.arguments import (
+    RUNS,
+    BenchFile,
+    Json,
+    Live,
+    Model,
+    ScenarioFile,
+    load_pair,
+    out_folder,
+    print_json,
+)
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -29,7 +39,7 @@ def centre(
         Path | None,
         typer.Option("-o", "--out", metavar="FILE.toml", help="Without: SCENARIO.centred.toml beside it."),
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the log goes.")] = RUNS,
+    runs: Annotated[Path, out_folder("Where the log goes.", "--runs")] = RUNS,
     as_json: Json = False,
 ) -> None:
     from daq.clock import SystemClock
@@ -97,9 +107,7 @@ def found_lines(middle: Middle, plan: CentringPlan) -> list[str]:
 def sweep(
     sweep_file: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Which runs to make.")],
     bench_file: BenchFile = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="The sweep's folder; without: runs/NAME.")
-    ] = None,
+    out: Annotated[Path | None, out_folder("The sweep's folder; without: runs/NAME.")] = None,
     dry: Annotated[bool, typer.Option("--dry", help="List every move and limit, and end there.")] = False,
     yes: Annotated[
         bool, typer.Option("--yes", help="A rehearsal: take moves by hand as done. Emulated only.")

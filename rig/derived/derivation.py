@@ -39,11 +39,13 @@ class Derivation:
         nominal = None if scenario is None else nominal_of(scenario)
         self._publish = publish
         self._known = dict(known or {})
-        self._derivers = {
-            origin: OriginDeriver(origin, channels[origin], nominal, self._known.get(origin))
-            for origin in ORIGINS
-            if origin in channels
-        }
+        self._derivers: dict[Origin, OriginDeriver] = {}
+        for origin in ORIGINS:  # the measured first, whose levels count for all
+            if origin in channels:
+                measured = self._derivers.get("measured")
+                self._derivers[origin] = OriginDeriver(
+                    origin, channels[origin], nominal, self._known.get(origin), measured
+                )
 
     def __call__(self, record: Record) -> None:
         match record:

@@ -38,21 +38,19 @@ class ImpactWatch:
         sample_rate: float,
         start_ns: int,
     ) -> None:
-        self._origin, self._name, self._role = origin, name, rule.role_of(name)
+        self._origin, self._name = origin, name
         self._levels, self._within_s = settings.levels[name], settings.within_s[name]
         self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
         self._waiting: deque[Impact] = deque()
         self._unseen: list[NDArray[np.floating]] = []
         self._base = self._next = 0
-        self._detector = ImpactDetector(self._levels, self._rate)
-        self._grouper = BounceGrouper(self._rate, self._within_s)
+        self._begin()
 
     def add(self, block: SampleBlock, publish: Consumer) -> None:
         if block.first_sample != self._next:
             self._end()
             self._base = block.first_sample
-            self._detector = ImpactDetector(self._levels, self._rate)
-            self._grouper = BounceGrouper(self._rate, self._within_s)
+            self._begin()
         self._unseen.append(block.values)
         self._next = block.end_sample
         if sum(map(len, self._unseen)) >= _LOOK_S * self._rate:
@@ -63,10 +61,15 @@ class ImpactWatch:
         self._end()
         self._tell(publish)
 
+    def _begin(self) -> None:
+        rings_s = rule.rings_s(self._name)
+        self._detector = ImpactDetector(self._levels, self._rate, self._within_s, rings_s)
+        self._grouper = BounceGrouper(self._rate, self._within_s)
+
     def _look(self) -> None:
         """Search the blocks that came since the last time: together they take little longer than one."""
         if self._unseen:
-            impacts = self._detector.add(rule.magnitude(self._role, np.concatenate(self._unseen)))
+            impacts = self._detector.add(np.concatenate(self._unseen))
             self._note(self._grouper.add(impacts, self._detector.settled))
             self._unseen.clear()
 
@@ -112,8 +115,9 @@ _LONGEST_GAP_S = 3600.0
 class OriginDeriver:
     """Derives from the blocks of one origin, whichever way they are cut and their channels interleaved.
 
-    Until `settings` are there (given, or settled by the rule on the first seconds) blocks wait here.
-    `nominal` is None where no scenario says how the rig turns: then there are impacts only, without phase.
+    Until `settings` are there (given, or settled by the rule on the first seconds) blocks wait here, and
+    until those of the `measured` origin are, whose levels go before. `nominal` is None where no scenario says
+    how the rig turns: then there are impacts only, without phase.
     """
 
     def __init__(
@@ -122,8 +126,10 @@ class OriginDeriver:
         channels: Iterable[str],
         nominal: rule.Nominal | None,
         settings: rule.Settings | None = None,
+        measured: OriginDeriver | None = None,
     ) -> None:
         self.origin, self.settings = origin, settings
+        self._measured = measured
         self._names = tuple(channels)
         self._nominal = nominal
         self._reference = rule.reference_of(self._names) if nominal is not None else None
@@ -151,7 +157,8 @@ class OriginDeriver:
             self._ends[block.channel] = block.end_sample
         needed = round(self._settle_s * block.sample_rate)
         seen_enough = min(self._ends.values(), default=needed) >= needed or block.end_sample >= 2 * needed
-        if self.settings is not None or seen_enough:
+        levels_known = self._measured is None or self._measured.settings is not None
+        if self.settings is not None or (seen_enough and levels_known):
             self._set_up(publish)
 
     def finish(self, publish: Consumer) -> None:
@@ -179,7 +186,9 @@ class OriginDeriver:
                 cycle_hz, phase = rule.first_look(
                     self._reference, values, self._waiting[0].sample_rate, self._nominal
                 )
-            self.settings = rule.settled(self._settle_s, cycle_hz, phase, seen)
+            known = None if self._measured is None else self._measured.settings
+            rate, levels = self._waiting[0].sample_rate, {} if known is None else known.levels
+            self.settings = rule.settled(self._settle_s, cycle_hz, phase, seen, rate, levels)
         self._ready = True
         waiting, self._waiting = self._waiting, []
         for block in waiting:

@@ -1,12 +1,14 @@
 """What depends on the run: settled from the first seconds of its record, by a rule, and kept in the log.
 
-The rule (number 1), for each origin by its own samples: all is settled on the first `settle_s` of the record,
-a second or three cycles as the scenario has them, whichever is longer; of a record that is shorter, on all of
-it. Frequency and phase of a drive are those that the twin aligns to; a crank has its mean speed. A contact
-counts from a tenth of the largest force of its group of sensors and has ended below a fiftieth (so does
-`daq.signals.levels_of`), but not from less than ten times the noise of a healthy channel, nor below four.
-On a frame that rings a burst counts from a fifth of the largest magnitude and has ended below a tenth: then
-the number of bursts a revolution hardly depends on either (docs/derived.md).
+The rule (number 2): all is settled on the first `settle_s` of the record, a second or three cycles as the
+scenario has them, whichever is longer; of a record that is shorter, on all of it. Frequency and phase of a
+drive are those that the twin aligns to; a crank has its mean speed; each origin has its own. Levels are those
+of the measurement wherever it shows a channel, so that measured and predicted impacts count alike.
+
+An impact is a rise by at least 15 % of what the largest force of a cycle typically is (the median over those
+cycles, on the sensors of a group together), quicker than the time within which its bounces come; it has ended
+below a fiftieth. Neither counts from less than ten times the noise of a healthy channel, nor below four. The
+number of impacts hardly depends on the share from 10 to 25 % (docs/derived.md).
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from numpy.typing import NDArray
 from daq.angle.cycles import AngleCycles, Cycles, DriveCycles, MarkerCycles
 from daq.angle.marker import MarkTracker
 from daq.errors import LogError
-from daq.signals.impacts import Levels, largest_force, levels_of
+from daq.signals.impacts import RELEASED_BELOW, Levels, largest_force
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
 from rig.twin.alignment import Reference, reference_among
@@ -31,14 +33,14 @@ from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
 """Name of the metadata record."""
-RULE = "1"
+RULE = "2"
 
+COUNTS_FROM = 0.15
 _COUNTS, _RELEASED = 0.5, 0.2
 """Ten and four times the noise of a healthy force channel (0.05 N rms) or acceleration (0.05 m/s2)."""
-_BURST_COUNTS, _BURST_RELEASED = 0.2, 0.1
-_BOUNCE_CYCLES = 0.25
-"""On one side of a clearance: the other side, or the next turn, is farther away than that."""
-_RING_S = 0.01
+_BOUNCE_CYCLES, _BURST_CYCLES = 0.25, 0.15
+"""On one side of a clearance, whose other side or next turn is farther away; and on a frame that rings."""
+_RINGS_S = 0.01
 """Longer than half a period of the lowest frame (180 Hz) and shorter than the time between its impacts."""
 
 
@@ -47,7 +49,7 @@ class Settings:
     """`cycle_hz` is the rate of the cycles, None where nothing counts them; `phase_rad` that of a drive.
 
     `levels` of each channel that is watched, in its unit; `within_s`: what begins so soon after a contact or
-    burst belongs to the same impact.
+    burst belongs to the same impact, and a rise that takes longer is none.
     """
 
     settle_s: float
@@ -58,25 +60,49 @@ class Settings:
 
 
 def settled(
-    settle_s: float, cycle_hz: float | None, phase_rad: float, seen: Mapping[str, NDArray[np.floating]]
+    settle_s: float,
+    cycle_hz: float | None,
+    phase_rad: float,
+    seen: Mapping[str, NDArray[np.floating]],
+    sample_rate: float,
+    measured: Mapping[str, Levels],
 ) -> Settings:
-    """Apply the rule to what was `seen` of the watched channels."""
-    largest: dict[str, float] = {}
+    """Apply the rule to what was `seen` of the watched channels; `measured` levels go before their own."""
+    cycle = round(sample_rate / cycle_hz) if cycle_hz else 0
+    largest: dict[str, list[list[float]]] = {}
     for name, values in seen.items():
-        group = _group(name)
-        largest[group] = max(largest.get(group, 0.0), largest_force(magnitude(role_of(name), values)))
-    levels: dict[str, Levels] = {}
-    within_s: dict[str, float] = {}
-    for name in seen:
-        most, rings = largest[_group(name)], role_of(name) is Role.VIBRATION
-        if rings:
-            counts, released = _BURST_COUNTS * most, _BURST_RELEASED * most
-        else:
-            found = levels_of(most)
-            counts, released = found.counts_from_n, found.released_below_n
-        levels[name] = Levels(max(counts, _COUNTS), max(released, _RELEASED))
-        within_s[name] = _RING_S if rings or cycle_hz is None else _BOUNCE_CYCLES / cycle_hz
-    return Settings(settle_s, cycle_hz, phase_rad, levels, within_s)
+        ends = range(cycle, len(values) + 1, cycle) if 0 < cycle <= len(values) else [len(values)]
+        size = np.abs(values) if rings_s(name) else values
+        parts = [largest_force(size[max(end - cycle, 0) if cycle else 0 : end]) for end in ends]
+        largest.setdefault(_group(name), []).append(parts)
+    levels = {name: _levels(largest[_group(name)]) for name in seen}
+    return Settings(
+        settle_s,
+        cycle_hz,
+        phase_rad,
+        {name: measured.get(name, own) for name, own in levels.items()},
+        {name: bounces_within_s(name, cycle_hz) for name in seen},
+    )
+
+
+def _levels(largest: list[list[float]]) -> Levels:
+    """From the largest magnitude in each cycle of each sensor of a group."""
+    cycles = min(map(len, largest))
+    typical = float(np.median(np.max([each[:cycles] for each in largest], axis=0)))
+    return Levels(max(COUNTS_FROM * typical, _COUNTS), max(RELEASED_BELOW * typical, _RELEASED))
+
+
+def bounces_within_s(channel: str, cycle_hz: float | None) -> float:
+    """What begins so soon after a contact or burst belongs to the same impact."""
+    known = declared(channel)
+    if known is not None and known.bounces_s:
+        return known.bounces_s
+    return (_BURST_CYCLES if rings_s(channel) else _BOUNCE_CYCLES) / cycle_hz if cycle_hz else _RINGS_S
+
+
+def rings_s(channel: str) -> float:
+    """For how long magnitudes of a channel that rings are held; 0 of one that does not."""
+    return _RINGS_S if role_of(channel) is Role.VIBRATION else 0.0
 
 
 def role_of(channel: str) -> Role:
@@ -95,19 +121,16 @@ def _group(channel: str) -> str:
     return (known.group if known is not None else "") or channel
 
 
-def magnitude(role: Role, values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """What is compared with the levels."""
-    return np.abs(values) if role is Role.VIBRATION else values
-
-
 def as_record(settings: Mapping[str, Settings]) -> dict[str, str]:
     """The metadata record: by origin, as JSON (which keeps every bit of a number)."""
     return {"rule": RULE} | {origin: json.dumps(asdict(each)) for origin, each in settings.items()}
 
 
 def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
-    """What a log says was settled; raises LogError where it cannot be read."""
+    """What a log says was settled, nothing by another rule; raises LogError where it cannot be read."""
     found: dict[str, Settings] = {}
+    if record.get("rule", RULE) != RULE:
+        return found
     try:
         for origin, fields in ((name, json.loads(text)) for name, text in record.items() if name != "rule"):
             found[origin] = Settings(

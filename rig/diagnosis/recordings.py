@@ -106,6 +106,8 @@ _FEWEST_SAMPLES = 64
 _MOST_BLOCKS = 6
 _SHORTER = 0.01
 _OTHER_AMPLITUDE = 0.05
+_SETTLED_S = 1.0
+"""What a run from rest shows of how the motion sets in."""
 _COUPLED = {"N", "m/s2"}
 
 
@@ -193,7 +195,41 @@ def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
             yield Problem(f"model.{key}", what, f"runs of one rig ({', '.join(set_up)} may differ)")
 
 
-def _read(path: Path) -> _Run:
+@dataclass(frozen=True, slots=True)
+class AloneRun:
+    """A run at its scenario's own frequency: nothing in `campaign` hangs on what was measured.
+
+    `measured` are its fingerprints (blocks, numbers).
+    """
+
+    scenario: Scenario
+    campaign: Campaign
+    measured: NDArray[np.float32]
+
+
+def recorded_alone(path: Path, longest_s: float) -> AloneRun:
+    """The first seconds of a run; ConfigurationError or LogError for what cannot be used."""
+    run = _read(path, longest_s)
+    hertz = run.scenario.drive.cycle_hz
+    twin = Twin(run.twin.rig, run.twin.drive.at_cycle_hz(hertz), run.twin.sensors)
+    # wherever in its first cycle a run begins
+    whole = min(
+        run.cycles, max(int(min(run.scenario.acquisition.duration, longest_s) * hertz) - 3, _FEWEST_CYCLES)
+    )
+    names = [name for name in twin.channels if name in run.records]
+    setting = setting_of(twin, names, run.rate, whole, run.step)
+    if not setting.columns.coupled:
+        raise LogError(f"nothing but {', '.join(names)}; there is no response to compare")
+    sound = run.sound
+    if run.scenario.acquisition.settle < setting.settle:  # nor has a simulated motion its start in it
+        sound = sound & (np.arange(len(sound)) >= _SETTLED_S * run.rate)
+    blocks = setting.blocks_of(run.records, sound)
+    if not len(blocks):
+        raise LogError(f"less than {setting.cycles} sound cycles together, once the motion has set in")
+    return AloneRun(run.scenario, Campaign((setting,)), blocks)
+
+
+def _read(path: Path, longest_s: float | None = None) -> _Run:
     with LogReader(path) as log:
         scenario = followed_scenario(log)
         channels = log.channels("measured")
@@ -206,7 +242,8 @@ def _read(path: Path) -> _Run:
             unit = model.channel_unit(name)
             if channels[name].unit != unit:
                 raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
-        lost = lost_of(log, log.table("measured", wanted, end_s=log.until_stop_s))
+        ends = [end_s for end_s in (log.until_stop_s, longest_s) if end_s is not None]
+        lost = lost_of(log, log.table("measured", wanted, end_s=min(ends, default=None)))
         unfinished = []
         if log.until_stop_s is not None:
             unfinished.append(

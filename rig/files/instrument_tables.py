@@ -4,7 +4,6 @@ which input, with which chain behind it), and an encoder on a CAN bus with its i
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any, Final
@@ -25,8 +24,6 @@ from rig.files.faults import Faults, dotted
 from rig.files.table import read_table, sound_values, unknown_keys
 from rig.rigs import channel_names, declared, unit_of
 
-_ALIKE: Final = 0.75
-"""Names that agree so far may mean the same."""
 _VOLT: Final = "V"
 
 
@@ -69,18 +66,20 @@ def _note_twice(tables: list[Any], key: str, field: str, faults: Faults) -> None
             faults.add(f"{key}.{field}", shown, f"each {field} once ({count} channels have it)")
 
 
-def _channel(table: object, key: str, faults: Faults) -> CardChannel | None:
+def _channel(table: Any, key: str, faults: Faults) -> CardChannel | None:
     name = sound_values({"name": settings_of(CardChannel)["name"]}, table).get("name")
     known = None if name is None or unit_of(name) is None else declared(name)
     more: dict[str, Any] = {}
     if known is not None:
         more = {"unit": known.unit, "quantity": known.quantity, "location": known.location}
-    elif name is not None and not _mistyped(name):
+    elif name is not None and table.get("modelled") is False and declared(name) is None:
         more = _not_modelled(name, table)
     before = len(faults)
     channel = read_table(CardChannel, table, key, faults, more)
     if name is not None and not more:
         faults.unknown(f"{key}.name", name, name, channel_names())
+    elif channel is not None and known is not None and not channel.modelled:
+        faults.add(f"{key}.modelled", False, f"none: {name} is a channel of the rig, which its twin predicts")
     if channel is None or len(faults) > before:
         return None
     sensor = known_sensor(channel)
@@ -95,16 +94,9 @@ def _channel(table: object, key: str, faults: Faults) -> CardChannel | None:
             f" {channel.range:g} {channel.unit} x {channel.volts_per_unit:g} V per {channel.unit}"
             f" = {channel.full_scale_v:g} V; check both units"
         )
-        faults.add_from(dict(table), "sensitivity", key, arithmetic)  # type: ignore[call-overload]
+        faults.add_from(dict(table), "sensitivity", key, arithmetic)
         return None
     return channel if _held(channel, key, faults) else None
-
-
-def _mistyped(name: str) -> bool:
-    """Whether it looks like a channel that is modelled, at about the same place."""
-    near = difflib.get_close_matches(name, channel_names(), n=1, cutoff=_ALIKE)
-    places = [each.partition(".")[0] for each in near]
-    return bool(difflib.get_close_matches(name.partition(".")[0], places, cutoff=_ALIKE))
 
 
 def _not_modelled(name: str, table: object) -> dict[str, Any]:

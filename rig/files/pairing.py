@@ -109,6 +109,12 @@ def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:
     return samples * len(bench.daq_card.channels) * _BYTES_PER_SAMPLE
 
 
+def longest_s(wanted: AcquisitionSection, bench: Bench, free_bytes: float) -> float:
+    """How long a record may be: as long as its log fits on the disk, but a day at most."""
+    a_second = bytes_of([replace(wanted, duration=1.0)], bench)
+    return max(1.0, min(86_400.0, math.floor((free_bytes - LEAST_FREE_BYTES) / a_second)))
+
+
 def no_room(log_bytes: float, free_bytes: float) -> Iterator[Problem]:
     """Logs that do not fit on the disk."""
     needed = log_bytes + LEAST_FREE_BYTES

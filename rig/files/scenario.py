@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,9 +66,14 @@ _NAME: Final = field_of(Setting("name", "name", str, REQUIRED, _ONE_LINE))
 _KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits")
 
 
-def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario file; raises ConfigurationError with every fault in it."""
-    return parse_scenario(read_file(path, "scenario"), str(path))
+def load_scenario(path: str | Path, settings: Mapping[str, object] | None = None) -> Scenario:
+    """Read a scenario file, some keys with other values; raises ConfigurationError with every fault in it."""
+    text, source = read_file(path, "scenario"), str(path)
+    if not settings:
+        return parse_scenario(text, source)
+    table = with_values(read_toml(text, source), settings)
+    said = ", ".join(f"{key} = {as_written(value)}" for key, value in settings.items())
+    return scenario_of(table, f"{source} with {said}", f"# {Path(path).name} with {said}\n{toml_of(table)}")
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
@@ -120,10 +126,15 @@ def edited(scenario: Scenario, settings: Mapping[str, object], source: str) -> S
 
 def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dict[str, Any]:
     """A scenario's table with the values of `settings` (by key, such as drive.frequency) in it."""
-    changed = {key: dict(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    changed: dict[str, Any] = copy.deepcopy(dict(table))
     for key, value in settings.items():
-        section, _, name = key.partition(".")
-        if isinstance(held := changed.setdefault(section, {}), dict):  # anything else is told as a fault
+        held, name = changed, key
+        while "." in name and isinstance(held, dict):  # anything else is told as a fault
+            # a channel with limits may stand there as one key, dots and all
+            inner = max((each for each in held if name.startswith(f"{each}.")), key=len, default="")
+            section = inner or name.partition(".")[0]
+            held, name = held.setdefault(section, {}), name.removeprefix(f"{section}.")
+        if isinstance(held, dict):
             held[name] = value
     return changed
 

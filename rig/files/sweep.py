@@ -63,7 +63,7 @@ class _PointAcquisition:
 class Until:
     """A point's record ends with the `impacts`-th impact on `channels`, together, or after `longest` s.
 
-    `above` in the channels' unit is what an impact has to pass; None: a tenth of the largest.
+    `above` in the channels' unit is what an impact has to pass; None: 15 % of the largest.
     """
 
     impacts: int

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from daq.signals.spectrum import Autospectrum, log_bands
 from rig.live import paths
 
-DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0}
+DRAW_ORDER = {"measured": 2.0, "nominal": 2.5, "predicted": 3.0, "repaired": 3.0, "surrogate": 3.5}
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 _AGAIN = 5
 """Pictures after which unchanged axes are drawn again."""

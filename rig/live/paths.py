@@ -14,10 +14,11 @@ COLOURS = {
     "predicted": (230, 126, 34),
     "nominal": (230, 126, 34),
     "repaired": (150, 150, 150),
+    "surrogate": (90, 143, 41),
 }
 """Blue and orange, apart for every eye, and legible on a dark and on a light theme, as is grey."""
 
-WIDTHS = {"measured": 2.6, "predicted": 1.2, "nominal": 1.2, "repaired": 1.2}
+WIDTHS = {"measured": 2.6, "predicted": 1.2, "nominal": 1.2, "repaired": 1.2, "surrogate": 1.2}
 """Predictions are drawn last, and thin, so that what was measured shows on both sides of them."""
 
 DIM = (105, 110, 118)

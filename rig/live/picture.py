@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
-from daq.log.reader import Origin
+from daq.log.reader import SURROGATE, Origin
 from rig.live import paths
 from rig.rigs import RIGS
 from rig.stream import Record
@@ -120,6 +120,8 @@ class Layout:
 
     def whose(self, origin: str) -> str:
         """The origin as the view names it: beside a nominal twin, the prediction is the repaired one."""
+        if origin == SURROGATE:
+            return "surrogate"
         return "repaired" if origin == "predicted" and self.origins.get("nominal") else origin
 
     @property
@@ -144,6 +146,7 @@ def layout_of(
     window_s: float | None = None,
     nominal: Sequence[Channel] = (),
     derived: Sequence[Channel] = (),
+    surrogate: Sequence[Channel] = (),
 ) -> Layout:
     """Layout of the channels of all origins: the measured first, then what is only predicted."""
     return Layout(
@@ -153,6 +156,7 @@ def layout_of(
             "measured": [channel.name for channel in measured],
             "nominal": [channel.name for channel in nominal],
             "predicted": [channel.name for channel in predicted],
+            **({SURROGATE: [channel.name for channel in surrogate]} if surrogate else {}),
         },
         derived=[channel.name for channel in derived],
         picture=picture,

@@ -25,6 +25,7 @@ _MARKERS = {
     "nominal": MarkerShape.Cross,
     "predicted": MarkerShape.Diamond,
     "repaired": MarkerShape.Diamond,
+    "surrogate": MarkerShape.Square,
 }
 
 

@@ -21,8 +21,9 @@ BLUE: Final = "#1a6fb5"
 ORANGE: Final = "#d95f02"
 BLACK: Final = "#111111"
 GREY: Final = "#8a929c"
+GREEN: Final = "#5a8f29"
 """Blue is measured and orange predicted, apart for every kind of colour blindness and in a grey print; black
-is what was added, grey what was asked for."""
+is what was added, grey what was asked for, green what learnt from recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +43,17 @@ STYLES: Final[Mapping[str, Style]] = {
     "predicted": Style(ORANGE, 1.1),
     "nominal": Style(ORANGE, 1.1),
     "repaired": Style(BLACK, 1.1),
+    "surrogate": Style(GREEN, 1.1),
     "set": Style(GREY, 1.0),
+    "event": Style(GREY, 1.0, dash="dot"),
+    "limit": Style("#b3261e", 1.2, dash="dash"),
 }
 """Predictions are drawn last and thin, so that what was measured shows on both sides of them."""
 
 FROM_ZERO: Final[Mapping[str, Any]] = {"rangemode": "tozero"}
 """Of an axis that begins at 0."""
 
+SCATTER: Final = "rgba(26, 111, 181, 0.22)"
 _HEALTHY = "rgba(120, 130, 145, 0.25)"
 _HEAT = ("#f4f6f4", "#fdeebf", "#fdc56c", "#f08a3c", "#cc3d2c", "#6d0f33")
 _DOUBLINGS = len(_HEAT) - 1
@@ -193,13 +198,23 @@ class Plots:
         data = {"type": "bar", "orientation": "h", "x": packed(lengths), "y": packed(rows)}
         self._add(cell, name, {**data, "marker": marker})
 
-    def band(self, cell: int, x: ArrayLike, low: ArrayLike, high: ArrayLike, shape: str) -> None:
-        """Fill what lies between two lines: a healthy rig."""
+    def band(
+        self,
+        cell: int,
+        x: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        shape: str = "linear",
+        name: str = "healthy rig",
+        colour: str = _HEALTHY,
+        subject: str = "",
+    ) -> None:
+        """Fill what lies between two lines: by default a healthy rig."""
         common = {"type": "scatter", "mode": "lines", "x": packed(x), "hoverinfo": "skip"}
         common |= {"line": {"width": 0, "shape": shape}}
-        self._add(cell, "healthy", {**common, "y": packed(low), "showlegend": False})
-        filled = {"fill": "tonexty", "fillcolor": _HEALTHY}
-        self._add(cell, "healthy rig", {**common, **filled, "y": packed(high)})
+        self._add(cell, name, _with_words({**common, "y": packed(low), "showlegend": False}, subject, ()))
+        filled = {"fill": "tonexty", "fillcolor": colour}
+        self._add(cell, name, _with_words({**common, **filled, "y": packed(high)}, subject, ()))
 
     def heat(self, cell: int, x: list[Any], rows: Sequence[str], gaps: NDArray[np.float64]) -> None:
         """Colour a gap for each row and column; `x` are the columns' edges, or their names."""

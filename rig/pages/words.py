@@ -11,10 +11,20 @@ _LARGE = 1e5
 _SHORT_TIMES = ((1e-3, 1e6, "µs"), (0.1, 1e3, "ms"))
 
 
+_AS_WRITTEN: Final = {"m/s2": (1.0, "m/s²"), "rad/s": (60 / math.tau, "rpm")}
+
+
+def as_written(unit: str) -> tuple[float, str]:
+    """A unit as people write it, and how many of it one of `unit` is."""
+    return _AS_WRITTEN.get(unit, (1.0, unit))
+
+
 def number(value: float | None, unit: str = "") -> str:
-    """What was measured or computed, with four significant digits and the unit."""
+    """What was measured or computed, with four significant digits and the unit as people write it."""
     if value is None or not math.isfinite(value):
         return DASH
+    factor, unit = as_written(unit)
+    value *= factor
     size = abs(value)
     if 1e4 <= size < 1e7:
         text = f"{value:.0f}"
@@ -45,7 +55,8 @@ def spread(mean: float, deviation: float, unit: str) -> str:
     """Mean and standard deviation with the unit."""
     if not math.isfinite(deviation):
         return number(mean, unit)
-    return f"{mean:.1f} ± {deviation:.1f} {unit}"
+    factor, unit = as_written(unit)
+    return f"{factor * mean:.1f} ± {factor * deviation:.1f} {unit}"
 
 
 def change(share: float, decimals: int = 1) -> str:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock
-from daq.log.reader import Origin
+from daq.log.reader import SURROGATE, Origin
 from rig.derived.order_lines import OrderLines
-from rig.derived.settings import RECORD, from_record
+from rig.derived.settings import RECORD, Settings, from_record
 from rig.derived.turns import Turns, turns_from
 from rig.pages.content import Sentence
 from rig.report.record import ORIGINS, RunRecord, Trace
@@ -34,7 +34,7 @@ def turns_of(run: RunRecord, origin: Origin) -> NDArray[np.float64] | None:
     if follower is None:
         return None
     channel = follower.channel
-    trace = run.traces[origin, channel]
+    trace = run.traces[_turning(run, origin), channel]
     turns = np.full(len(trace.values), np.nan)
     for first, end in _pieces(len(trace.values), trace.sample_rate):
         known = follower.known_until
@@ -58,7 +58,7 @@ def beside_turns(run: RunRecord, origin: Origin, channels: Sequence[str]) -> dic
     told_by = counted_by(run, origin)
     if told_by is None:
         return {}
-    rate = run.traces[origin, told_by].sample_rate
+    rate = run.traces[_turning(run, origin), told_by].sample_rate
     found = {name: run.traces[origin, name] for name in channels if (origin, name) in run.traces}
     return {name: trace for name, trace in found.items() if trace.sample_rate == rate}
 
@@ -86,7 +86,13 @@ def in_pieces(
         yield np.array([trace.values[first:end] for trace in traces]), turns[first:end]
 
 
+def _turning(run: RunRecord, origin: Origin) -> Origin:
+    """Whose angle is an origin's: a surrogate predicts over the measured one."""
+    return "measured" if any(whose == origin == SURROGATE for whose, _ in run.traces) else origin
+
+
 def _follower(run: RunRecord, origin: Origin) -> Turns | None:
+    origin = _turning(run, origin)
     names = tuple(name for whose, name in run.traces if whose == origin)
     return turns_from(names, run.roles.angle, run.roles.marker)
 
@@ -140,16 +146,12 @@ def set_rpm(run: RunRecord) -> float | None:
     return None if cycle_s is None else 60 / cycle_s
 
 
-_Levels = dict[tuple[str, str], float]
-"""By origin and channel, the peak from which an impact counts, in the channel's unit."""
-
-
 @dataclass(frozen=True, slots=True)
 class GroupImpacts:
     """Impacts on one group of channels: shaft angles in degrees where they begin, peaks in `unit`, channels.
 
     All of shape (n,). An angle is NaN where nothing told it. `revolutions` are those of the run, NaN where
-    they are not known. `counts_from` is the peak from which an impact counts, in `unit`, on the channel where
+    they are not known. `counts_from` is the rise from which an impact counts, in `unit`, on the channel where
     it is least and on the one where it is largest; NaN where the log does not tell.
     """
 
@@ -171,35 +173,14 @@ class GroupImpacts:
 
 
 def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:
-    """Impacts by group and by whose they are; only of groups and origins whose channels the run has.
-
-    All origins count from one level, the highest of those that each settled for itself: an origin whose
-    first second was softer would count more, and softer ones. Where nothing that was measured on a channel
-    reaches that, a twin that strikes far too hard must not hide it: there each origin counts from its own.
-    """
+    """Impacts by group and by whose they are; only of groups and origins whose channels the run has."""
     settings = from_record(run.metadata.get(RECORD, {}))
-    own = {
-        (origin, name): levels.counts_from_n
-        for origin, each in settings.items()
-        for name, levels in each.levels.items()
-    }
-    highest: dict[str, float] = {}
-    for (_, name), level in own.items():
-        highest[name] = max(highest.get(name, 0.0), level)
-    largest: dict[str, float] = {}
-    for each in run.impacts:
-        if each.origin == "measured":
-            largest[each.channel] = max(largest.get(each.channel, 0.0), each.peak)
-    levels = {
-        (origin, name): highest[name]
-        if ("measured", name) not in own or largest.get(name, -1.0) >= highest[name]
-        else level
-        for (origin, name), level in own.items()
-    }
     turned = {whose: speed_figures(speed).revolutions for whose, speed in speeds(run).items()}
     return {
         group: {
-            run.whose(origin): _of_group(run, origin, names, levels, turned.get(run.whose(origin), nan))
+            run.whose(origin): _of_group(
+                run, origin, names, settings.get(origin), turned.get(run.whose(origin), nan)
+            )
             for origin in ORIGINS
             if any((origin, name) in run.traces for name in names)
         }
@@ -208,17 +189,12 @@ def impacts_by_group(run: RunRecord) -> dict[str, dict[str, GroupImpacts]]:
 
 
 def _of_group(
-    run: RunRecord, origin: Origin, names: tuple[str, ...], levels: _Levels, revolutions: float
+    run: RunRecord, origin: Origin, names: tuple[str, ...], settled: Settings | None, revolutions: float
 ) -> GroupImpacts:
-    chosen = [
-        each
-        for each in run.impacts
-        if each.origin == origin
-        and each.channel in names
-        and each.peak >= levels.get((origin, each.channel), 0.0)
-    ]
+    chosen = [each for each in run.impacts if each.origin == origin and each.channel in names]
     turns = np.array([each.turns for each in chosen], dtype=np.float64)
-    known = [levels[origin, name] for name in names if (origin, name) in levels]
+    levels = {} if settled is None else settled.levels
+    known = [levels[name].counts_from_n for name in names if name in levels]
     return GroupImpacts(
         unit=run.channels[names[0]].unit,
         angle_deg=360.0 * (turns % 1.0),

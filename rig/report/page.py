@@ -9,7 +9,7 @@ from typing import TypeAlias
 from daq.plugins import UNUSED, plugins
 from rig.pages.content import Part, Section, Sentence, page
 from rig.report.record import RunRecord
-from rig.report.sections import impacts, log, overlays, spectra, speed, summary
+from rig.report.sections import impacts, log, overlays, spectra, speed, summary, whole_run
 
 ReportSection: TypeAlias = Section[RunRecord]
 GROUP = "rattle.report_sections"
@@ -17,7 +17,8 @@ GROUP = "rattle.report_sections"
 
 SECTIONS: Mapping[str, ReportSection] = {
     "summary": Section("Summary", summary.parts),
-    "overlays": Section("First impacts and one cycle", overlays.parts),
+    "overlays": Section("In time and over the cycle", overlays.parts),
+    "whole": Section("The whole run", whole_run.parts),
     "speed": Section("Speed of the crank", speed.parts),
     "impacts": Section("Impacts over the crank angle", impacts.parts),
     "revolution": Section("One revolution", overlays.revolution),

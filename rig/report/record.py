@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock, values_of
+from daq.block import Flag, SampleBlock, sample_time_ns, values_of
 from daq.channel import Channel
 from daq.errors import ConfigurationError
-from daq.log.reader import CRANK_SPEED, LogReader, Origin, derived_name
+from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
@@ -24,6 +24,8 @@ from rig.stream import Block, Consumer, Record, Stream
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 _UNWRAPPED = ".angle"
+CALIBRATION = "calibrated."
+"""Of a sensor: so begins its key in the `run` record, before the channel's name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,9 @@ class Roles:
 
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
-"""In the order in which they are drawn, the last on top."""
+"""Those that have a shaft's angle, impacts and speeds, in the order in which they are drawn."""
+DRAWN: tuple[Origin, ...] = (*ORIGINS, SURROGATE)
+"""All, the last on top. A surrogate goes by the measured angle."""
 
 _KEPT_SAMPLES = 64_000_000
 """All traces together (256 MB). A longer run is drawn from its beginning; its numbers are of all of it."""
@@ -118,10 +122,22 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a run lies within what healthy rigs do, None where nobody can tell.
+
+    `sentences` say so, then where and by how much, and what to do next.
+    """
+
+    well: bool | None
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RunRecord:
     """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived.
 
-    Traces, numbers, impacts and speeds are of its first `until_stop_s` where it was stopped before its time.
+    `begins_ns` is the time of sample 0. Traces, numbers, impacts and speeds are of its first `until_stop_s`
+    where it was stopped before its time.
     """
 
     path: Path
@@ -138,6 +154,8 @@ class RunRecord:
     until_stop_s: float | None
     impacts: list[Impact]
     speeds: dict[Origin, Trace]
+    verdict: Verdict | None = None
+    begins_ns: int | None = None
 
     @property
     def facts(self) -> ScenarioFacts:
@@ -180,12 +198,23 @@ class RunRecord:
         return sum(tally.missing for tally in self.measured.values())
 
     @property
+    def still(self) -> frozenset[str]:
+        """Channels of which every prediction is 0 throughout: what they show is noise, or not in the twin."""
+        predicted: dict[str, float] = {}
+        for (origin, name), tally in self.tallies.items():
+            if origin != "measured":
+                predicted[name] = max(predicted.get(name, 0.0), tally.largest)
+        return frozenset(name for name, largest in predicted.items() if largest == 0.0)
+
+    @property
     def repaired(self) -> bool:
         """True where the prediction has effects and the nominal twin lies beside it."""
         return any(origin == "nominal" for origin, _ in self.traces)
 
     def whose(self, origin: Origin) -> str:
         """The origin as a report names it: beside a nominal twin, the prediction is the repaired one."""
+        if origin == SURROGATE:
+            return "surrogate"
         return "repaired" if self.repaired and origin == "predicted" else origin
 
     @property
@@ -209,9 +238,9 @@ class RunCollector:
 
     def __init__(self, reader: LogReader) -> None:
         self._reader, self._stopped_ns = reader, reader.stopped_ns
-        self._declared = {origin: reader.channels(origin) for origin in ORIGINS}
+        self._declared = {origin: reader.channels(origin) for origin in DRAWN}
         keys: list[tuple[Origin, str]] = [
-            (origin, name) for origin in ORIGINS for name in self._declared[origin]
+            (origin, name) for origin in DRAWN for name in self._declared[origin]
         ]
         self._limits = {
             key: (_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
@@ -222,11 +251,16 @@ class RunCollector:
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
         self._speeds: dict[Origin, _Kept] = defaultdict(_Kept)
         self._impacts: list[Impact] = []
+        self._begins_ns: int | None = None
 
     def __call__(self, record: Record) -> None:
         match record:
             case Block(origin, whole) if len(samples := whole.before(self._stopped_ns)):
                 key = origin, samples.channel
+                if self._begins_ns is None and origin != "derived":
+                    self._begins_ns = sample_time_ns(
+                        samples.time_ns, -samples.first_sample, samples.sample_rate
+                    )
                 if origin == "derived" and samples.channel in self._whose_speed:
                     _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
                 elif key in self._limits:
@@ -252,6 +286,7 @@ class RunCollector:
             until_stop_s=reader.until_stop_s,
             impacts=list(self._impacts),
             speeds={origin: _joined(kept.blocks) for origin, kept in self._speeds.items() if kept.blocks},
+            begins_ns=self._begins_ns,
         )
 
 
@@ -263,7 +298,7 @@ def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
     with LogReader(log) as reader:
         collector = RunCollector(reader)
         stream = Stream([collector, *consumers])
-        for origin, block in reader.blocks((*ORIGINS, "derived")):
+        for origin, block in reader.blocks((*DRAWN, "derived")):
             stream(Block(origin, block))
         for impact in reader.impacts():
             stream(impact)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from daq.log.reader import Origin
 from daq.signals.impacts import HalfCycles, half_cycles
 from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
-from rig.report.record import RunRecord, Trace
+from rig.report.record import ORIGINS, RunRecord, Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,34 @@ def mean_and_deviation(values: NDArray[np.floating]) -> tuple[float, float]:
         float(values.mean()) if len(values) else math.nan,
         float(np.std(values, ddof=1)) if len(values) > 1 else math.nan,
     )
+
+
+def as_json(run: RunRecord) -> dict[str, Any]:
+    """What a run comes to, for another program; null where a number has no meaning."""
+
+    def plain(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    def figures(name: str) -> dict[str, Any]:
+        tallies = {origin: run.tallies[origin, name] for origin in ORIGINS if (origin, name) in run.tallies}
+        return {
+            origin: {"rms": plain(each.rms), "peak": plain(each.peak)} for origin, each in tallies.items()
+        }
+
+    statistics = {origin: half_cycle_statistics(run, origin) for origin in ORIGINS}
+    return {
+        "duration_s": run.duration_s,
+        "channels": {name: {"unit": each.unit, **figures(name)} for name, each in run.channels.items()},
+        "half_cycles": {
+            origin: {key: plain(value) for key, value in asdict(each).items()}
+            for origin, each in statistics.items()
+            if each is not None
+        },
+        "impacts": Counter(impact.origin for impact in run.impacts),
+        "missing": run.missing,
+        "overloaded_blocks": run.overloaded_blocks,
+        "events": [asdict(event) for event in run.events if event.level != "info"],
+    }
 
 
 _BANDS = 42

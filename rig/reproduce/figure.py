@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -209,6 +210,8 @@ class Effort:
     """How much is computed: all that the page promises, or a short version to see that everything works."""
 
     quick: bool = False
+    recordings: Path | None = None
+    """Where those lie that some figures are of."""
 
     def of(self, full: T, quick: T) -> T:
         return quick if self.quick else full
@@ -231,6 +234,8 @@ class PaperFigure:
     title: str
     place: str
     compute: Callable[[Effort], Outcome]
+    recorded: bool = False
+    """Whether it is of recordings, which are made before."""
 
 
 LEVEL = (

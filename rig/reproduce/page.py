@@ -9,10 +9,10 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from daq.errors import SimulationFailed
+from daq.errors import LogError, SimulationFailed
 from rig.pages.content import BigNumber, BigNumbers, Sentence, page
 from rig.reproduce import figure as paper
-from rig.reproduce.figures import ibs_10, ibs_base, ibs_rigid, psc, ssc
+from rig.reproduce.figures import ibs_10, ibs_base, ibs_rigid, psc, psc_networks, ssc
 
 SCHEMA = "rattle.reproduction/1"
 
@@ -30,16 +30,17 @@ FIGURES: dict[str, paper.PaperFigure] = {
         ssc.FIGURE_16,
         ssc.FIGURE_17,
         psc.FIGURE,
+        *psc_networks.FIGURES,
     )
 }
 """Adding one means adding a line."""
 
 
 def compute(name: str, effort: paper.Effort) -> paper.Outcome:
-    """One figure; what its simulation failed of is in the outcome."""
+    """One figure; what it failed of is in the outcome."""
     try:
         return FIGURES[name].compute(effort)
-    except SimulationFailed as error:
+    except (SimulationFailed, LogError) as error:
         return paper.Outcome([], [Sentence(f"Not computed: {error}", warning=True)], str(error))
 
 

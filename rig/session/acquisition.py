@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 
 import numpy as np
 
 from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
-from daq.errors import InterlockTripped, RattleError
+from daq.errors import InterlockTripped, RattleError, show_fault
 from daq.log.records import Event
 from daq.time_base.clocks import CardClock
 from drivers.protocols.card import AcquisitionCard, CardReading
@@ -149,8 +146,7 @@ class Acquisition:
         with self.changed:
             self.changed.notify_all()
         if isinstance(self.error, AcquisitionFault):
-            with suppress(OSError, ValueError):  # words after deeds: the terminal may be gone
-                traceback.print_exception(self.error.__cause__, file=sys.stderr)
+            show_fault(self.error.__cause__)
 
     def _watch_limits(self, reading: CardReading) -> None:
         rows = dict(zip(self._names, reading.values, strict=True))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
 import threading
-import traceback
 from collections import deque
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 from daq.angle.unwrap import Unwrapper
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
-from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError
+from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, RattleError, show_fault
 from daq.log.records import ClockRecord, Event, Gap
 from daq.time_base.clocks import CardClock, DeviceClock
 from drivers.protocols.encoder import PositionBlock, PositionEncoder
@@ -188,8 +186,7 @@ class EncoderRecord:
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
             self.error = AcquisitionFault(f"encoder stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
-            with suppress(OSError):  # words after deeds: the terminal may be gone
-                traceback.print_exc(file=sys.stderr)
+            show_fault(error)
 
     def _stretch(self, block: PositionBlock, low: int, high: int) -> _Stretch:
         number = int(block.number[low])

@@ -49,6 +49,13 @@ def run_record(
         for c in bench.daq_card.channels
     ]
     calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
+    days = {
+        f"calibrated.{c.name}": ", valid until ".join(
+            str(day) for day in (c.calibrated, c.valid_until) if day
+        )
+        for c in bench.daq_card.channels
+        if c.calibrated
+    }
     beside = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
     beside |= {f"instrument.{table}": logger.identity for table, logger in devices.loggers.items()}
     return {
@@ -61,6 +68,7 @@ def run_record(
         "actuator": devices.actuator.identity,
         "card": devices.card.address,
         **beside,
+        **days,
         **notes,
     }
 

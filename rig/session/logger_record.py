@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import sys
 import threading
-import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
 
 from daq.block import Flag, SampleBlock, as_logged
-from daq.errors import InstrumentSilent, RattleError
+from daq.errors import InstrumentSilent, RattleError, show_fault
 from daq.log.records import Event, Gap
 from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Logger
@@ -63,6 +61,7 @@ class LoggerRecord:
 
     def _run(self) -> None:
         number = due = wanted = 0  # of the next reading; behind the last that was due, and that is in the log
+        fault: Exception | None = None
         try:
             period_s = self._logger.period_s
             while (due_s := self._begin_s + number * period_s) < self._end_s:
@@ -82,11 +81,13 @@ class LoggerRecord:
         except RattleError as error:
             self._lose(str(error))
         except Exception as error:  # top of a thread: nothing that moves hangs on it
-            traceback.print_exc(file=sys.stderr)
+            fault = error
             self._lose(f"stopped by {type(error).__name__}: {error}")
         finally:
             with suppress(RattleError):
                 self._miss(wanted, due - wanted, self._base.unix_ns(self._now_s()))
+            if fault is not None:
+                show_fault(fault)
 
     def _put(self, number: int, missing: int, card_s: float, values: Sequence[float]) -> None:
         time_ns = self._base.unix_ns(card_s)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log.codec import decode_block
-from daq.log.reader import LogReader, Origin
-from daq.log.records import Impact
+from daq.log.reader import SURROGATE, LogReader, Origin
+from daq.log.records import Event, Impact
 from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
@@ -23,6 +25,9 @@ from rig.twin.prediction_file import removed_if_it_fails, twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
 from sim_twin.twin import AnyTwin
 
+if TYPE_CHECKING:
+    from sim_twin.surrogates.surrogate import Surrogate
+
 
 def overlay_run(
     run: Path,
@@ -30,6 +35,7 @@ def overlay_run(
     effects: Path | None = None,
     model: Path | None = None,
     warn: Callable[[str], None] = lambda _: None,
+    surrogate: Path | None = None,
 ) -> None:
     """Copy `run` to the new log `target` with /predicted/... of every measured channel in it.
 
@@ -37,7 +43,8 @@ def overlay_run(
 
     The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets;
     the twin without them then comes too, as /nominal/... `model`: one that every twin is matched by, of which
-    `warn` hears what does not hold for this run.
+    `warn` hears what does not hold for this run. `surrogate`: one that says what it learnt, as
+    /predicted/surrogate/...
     """
     with LogReader(run) as log:
         scenario = followed_scenario(log)
@@ -48,6 +55,11 @@ def overlay_run(
         fitted = None if model is None else load_model(model, scenario.rig)
         if fitted is not None:
             twin = with_model(twin, fitted, warn)
+        learnt = None
+        if surrogate is not None:
+            from rig.files.surrogate_file import load_surrogate  # with scikit-learn
+
+            learnt = load_surrogate(surrogate, scenario.rig, measured)
         twins: dict[Origin, AnyTwin] = {"predicted": twin}
         if effects is not None:
             twins = {"predicted": with_effects(twin, effects), "nominal": twin}
@@ -68,6 +80,28 @@ def overlay_run(
             for origin, each in twins.items():
                 _predict(log, copy, scenario, origin, each, derived)
             derived.finish()
+            if learnt is not None:
+                _speak(log, copy, learnt, twin, warn)
+
+
+def _speak(
+    log: LogReader, copy: LogWriter, learnt: Surrogate, twin: AnyTwin, warn: Callable[[str], None]
+) -> None:
+    """Add what a surrogate predicts, and that a run lies outside of what it learnt."""
+    from rig.twin.recorded_samples import beside
+
+    blocks, outside = beside(log, learnt)
+    for channel in predicted_channels(twin):
+        if channel.name in learnt.channels:
+            copy.declare(SURROGATE, channel)
+    for index, block in enumerate(blocks):
+        if index == 0:
+            for text in outside.values():
+                warn(f"the surrogate is asked beyond what it learnt: {text}")
+                copy.add_event(Event(block.time_ns, "warning", "surrogate", "surrogate.outside", text))
+        copy.add_block(SURROGATE, block, sample_time_ns(block.time_ns, len(block), block.sample_rate))
+    record = {"network": learnt.kind, "over": learnt.over, "logs": json.dumps(dict(learnt.learnt_from))}
+    copy.add_metadata("surrogate", record)
 
 
 def _derivation(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 import threading
@@ -24,6 +25,7 @@ real instruments. Whatever simulates first compiles for all."""
 _READ_S: Final = 1.0
 """How long the last words may take to be read."""
 _LOOK_S: Final = 0.1
+_LINES: Final = 1 << 16
 
 
 class Terminal(Console):
@@ -77,6 +79,11 @@ class Screen:
                 if select.select([sys.stdin], [], [], _LOOK_S)[0]:
                     sys.stdin.readline()
                     return
+
+    def entered(self) -> bool:
+        """Whether Enter was pressed, or a line came by a pipe, since this was asked last; never waits."""
+        there = sys.stdin is not None and select.select([sys.stdin], [], [], 0)[0]
+        return bool(there) and b"\n" in os.read(sys.stdin.fileno(), _LINES)
 
     def confirm(self, text: str) -> None:
         """Wait for Enter; raises RattleError where nobody can press it."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
 from daq.errors import ConfigurationError, LogError
-from daq.log.reader import LogReader, Origin
+from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
@@ -24,6 +24,7 @@ from rig.twin.prediction import AlignedTwin
 from sim_twin.twin import AnyTwin
 
 _ALIGN_ON_S = 2.0
+PLAYED: tuple[Origin, ...] = (*ORIGINS, SURROGATE)
 
 
 def replay_log(
@@ -46,10 +47,11 @@ def replay_log(
             from rig.live.picture import layout_of, picture_of  # only what is shown need load Rerun
             from rig.live.view import LiveView
 
-            origins = {origin: list(log.channels(origin).values()) for origin in ORIGINS}
+            origins = {origin: list(log.channels(origin).values()) for origin in PLAYED}
             picture, derivable = picture_of(twin), derived_channels(origins, scenario)
             measured, predicted, beside = (origins[each] for each in ("measured", "predicted", "nominal"))
-            shown = layout_of(scenario.name, measured, predicted, picture, None, beside, derivable)
+            learnt = origins[SURROGATE]
+            shown = layout_of(scenario.name, measured, predicted, picture, None, beside, derivable, learnt)
             view = stack.enter_context(LiveView(shown))
             screen.say(f"live view  {view.url}")
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
@@ -98,7 +100,7 @@ def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish
 
     events: Iterator[tuple[int, Record]] = ((event.time_ns, event) for event in log.events())
     started_s, first_ns, count = clock.monotonic_s(), None, 0
-    for time_ns, record in heapq.merge(*map(blocks, ORIGINS), events, key=lambda item: item[0]):
+    for time_ns, record in heapq.merge(*map(blocks, PLAYED), events, key=lambda item: item[0]):
         first_ns = time_ns if first_ns is None else first_ns
         stop.check()
         if speed > 0:

@@ -11,7 +11,8 @@ from pathlib import Path
 from daq.clock import Clock
 from daq.errors import EmergencyStop, InterlockTripped, RattleError
 from daq.signals.impact_events import BounceGrouper, ImpactDetector
-from daq.signals.impacts import COUNTS_FROM, FAINTEST_N, Levels
+from daq.signals.impacts import FAINTEST_N, Levels
+from rig.derived.settings import COUNTS_FROM, bounces_within_s, rings_s
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario, edited
@@ -36,9 +37,6 @@ from rig.sweep.state import (
 
 Run = Callable[[RunRequest, Screen, Clock], Path]
 Centre = Callable[[Scenario, Bench, Screen], CentreState]
-
-BOUNCES_WITHIN = 0.25
-"""Of a cycle of the drive: what touches the same side again so soon is a bounce of the same impact."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -206,8 +204,8 @@ def centred(scenario: Scenario, found: CentreState) -> Scenario:
 class ImpactCount:
     """A consumer that counts impacts on several measured forces together, each with its bounces.
 
-    An impact counts if its largest peak passes `above` (in the channels' unit) or, where that is None, a
-    tenth of the largest so far, at least 0.5 N. `cycle_s` is a cycle of the drive.
+    An impact counts if its largest peak passes `above` (in the channels' unit) or, where that is None, 15 %
+    of the largest so far, at least 0.5 N. `cycle_s` is a cycle of the drive.
     """
 
     def __init__(
@@ -220,14 +218,11 @@ class ImpactCount:
     ) -> None:
         self._enough, self._above = enough, above
         level = FAINTEST_N if above is None else above
-        within_s = BOUNCES_WITHIN * cycle_s
-        self._sides = {
-            channel: (
-                ImpactDetector(Levels(level, level / 2), sample_rate),
-                BounceGrouper(sample_rate, within_s),
-            )
-            for channel in channels
-        }
+        self._sides = {}
+        for channel in channels:
+            within_s = bounces_within_s(channel, 1 / cycle_s)
+            detector = ImpactDetector(Levels(level, level / 2), sample_rate, within_s, rings_s(channel))
+            self._sides[channel] = detector, BounceGrouper(sample_rate, within_s)
         self._peaks: list[float] = []
 
     def __call__(self, record: Record) -> None:

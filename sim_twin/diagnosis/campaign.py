@@ -85,6 +85,8 @@ class RunSetting:
         starts, length = cycles.starts(len(records[self.twin.model.reference])), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
+        if len(starts) < self.cycles:
+            return np.empty((0, 0), np.float32)
         signals = []
         for name in self.columns.channels:
             record = records[name]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from drivers.mitsubishi_fr.emulator.line_faults import KINDS
 from drivers.ni_daq.emulator import wiring
 from drivers.ni_daq.emulator.spoilt import SpoiltPlant
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
-from drivers.rehearsal import FAULTS, Rehearsal, rehearsed
+from drivers.rehearsal import FAULTS, Fault, Rehearsal, rehearsed
 from drivers.scpi.emulator import process as generator_process
 from rig.session import spoilt_disk
 
@@ -48,7 +49,7 @@ def test_every_fault_of_the_table_is_somebodys() -> None:
 def test_the_page_of_drills_has_the_table() -> None:
     page = (Path(__file__).parents[2] / "docs" / "drills.md").read_text()
     rows = [
-        f"| `{fault.spelled(name)}` | {fault.number} | {fault.does} | {fault.seen} |"
+        f"| `{fault.spelled(name)}` | {fault.number} | {fault.told} | {fault.seen} |"
         for name, fault in FAULTS.items()
     ]
     assert page.endswith("\n".join(rows) + "\n")
@@ -56,6 +57,12 @@ def test_the_page_of_drills_has_the_table() -> None:
         r"`((?:signal_generator|inverter|daq_card|encoder|disk)\.[^`]*)`", page.partition("## The table")[0]
     ):
         rehearsed(named)
+
+
+def test_what_a_fault_says_it_does_is_no_matter_of_when() -> None:
+    comes = Fault("F3", "jumps, after it was right (from the start)", "")
+    assert not comes.at_start
+    assert replace(comes, does="jumps", at_start=True).told == "jumps (from the start)"
 
 
 def test_a_fault_is_named_with_its_time_and_keys() -> None:

@@ -44,7 +44,7 @@ class Ended:
 class Command:
     """A command that runs; its standard output is read line by line."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: object, typed: str | None = None) -> None:
         self._lines: list[str] = []
         # As the installed `rattle` does it, but for the main module, which every spawned process would import
         # again: half of a short run's time.
@@ -52,11 +52,15 @@ class Command:
             [sys.executable, "-m", "rig.start", *map(str, arguments)],
             cwd=ROOT,
             env=os.environ | {"PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+            stdin=None if typed is None else subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
         self.pid = self._process.pid
+        if typed is not None and self._process.stdin is not None:
+            self._process.stdin.write(typed)
+            self._process.stdin.flush()
 
     def await_line(self, beginning: str) -> str:
         """Read on to the line that begins like that; the test's own time limit is the deadline."""
@@ -82,25 +86,25 @@ class Command:
     def kill(self) -> None:
         if self._process.poll() is None:
             self._process.kill()
-        for stream in (self._process.stdout, self._process.stderr):
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
         self._process.wait()
 
 
 @contextmanager
-def command(*arguments: object) -> Iterator[Command]:
-    """A command that is gone at the end, whatever the test did."""
-    running = Command(*arguments)
+def command(*arguments: object, typed: str | None = None) -> Iterator[Command]:
+    """A command that is gone at the end, whatever the test did; `typed` is on its standard input."""
+    running = Command(*arguments, typed=typed)
     try:
         yield running
     finally:
         running.kill()
 
 
-def rattle(*arguments: object, deadline_s: float = DEADLINE_S) -> Ended:
+def rattle(*arguments: object, deadline_s: float = DEADLINE_S, typed: str | None = None) -> Ended:
     """Run a command to its end."""
-    with command(*arguments) as running:
+    with command(*arguments, typed=typed) as running:
         return running.end(deadline_s)
 
 

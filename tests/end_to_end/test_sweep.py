@@ -18,6 +18,7 @@ from rig.session.centring import what_is_touched
 from tests.end_to_end.command import Ended, command, rattle
 from tests.end_to_end.files import write_bench
 
+pytestmark = pytest.mark.long
 HERTZ = (20.0, 20.6, 20.0)
 SWEEP = """\
 [sweep]
@@ -151,7 +152,6 @@ def test_the_drive_comes_to_a_point_through_those_before_it(swept: tuple[Ended, 
     assert told == [[], [f"{came} {first}"], [f"{came} {first}; {second}"]]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_beam_with_a_hidden_rest_position_is_centred(
     centred: list[Ended], folder: Path, number: int
@@ -170,7 +170,6 @@ def test_a_beam_with_a_hidden_rest_position_is_centred(
     assert found["share_of_clearance"] <= 0.02
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("number", [0, 1])
 def test_what_centring_found_can_be_found_again_in_its_log(
     centred: list[Ended], folder: Path, number: int

@@ -28,8 +28,12 @@ from daq.log.records import ClockRecord, Event, Impact
 from daq.log.writer import LogWriter
 from drivers.mitsubishi_fr.frames import READ, WRITE, Request, checksum
 from drivers.mitsubishi_fr.registers import MARKS, MONITOR_BLOCK, STATUS_BLOCK
+from rig.files.surrogate_file import save_surrogate
+from rig.twin.recorded_samples import RIG
+from sim_twin.surrogates.surrogate import learnt_and_tested
 from tests.fuzz.targets import CORPUS, SCENARIOS
 from tests.rig.files.test_model_file import TEXT
+from tests.sim_twin.surrogates.test_surrogate import CHANNELS, three_clearances
 
 START_NS = 1_790_000_000 * NS_PER_S
 FORCE = Channel("contact.force_upper", "N", "force", "contact", "9301B", "1234", 41.6, "V")
@@ -240,6 +244,13 @@ def files() -> Iterator[tuple[str, str, bytes]]:
     yield "effects", "clearance.json", b'[{"name": "clearance", "parameters": {"scale": 1.5}}]'
 
 
+def surrogates(folder: Path) -> Iterator[tuple[str, str, bytes]]:
+    for kind, units in (("rbf", {"max_units": 3}), ("grnn", {"max_prototypes": 5})):
+        found = learnt_and_tested(three_clearances(), RIG, CHANNELS, "angle", kind, width=1.0, **units)  # type: ignore[arg-type]
+        save_surrogate(found, folder / f"{kind}.npz")
+        yield "surrogate", f"{kind}.npz", (folder / f"{kind}.npz").read_bytes()
+
+
 def main() -> None:
     names = {"numpy": "npz"}
     with tempfile.TemporaryDirectory() as temporary:
@@ -249,7 +260,7 @@ def main() -> None:
             seeds += [("log", name, data), ("recovery", name, data)]
             if name == "finished.mcap":
                 seeds += [("messages", *seed) for seed in messages(folder)]
-        seeds += [*foreign(folder), *frames(), *files()]
+        seeds += [*foreign(folder), *frames(), *files(), *surrogates(folder)]
     for target, name, data in seeds:
         path = CORPUS / names.get(target, target) / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -52,6 +52,7 @@ from rig.files.foreign import Answers, matched_to_rig
 from rig.files.model_file import load_model
 from rig.files.quantity import si_value
 from rig.files.scenario import Scenario, load_scenario, parse_scenario
+from rig.files.surrogate_file import load_surrogate
 from rig.files.sweep import load_sweep
 from rig.rigs import RIGS
 from tests.hostile import MOST_BYTES, most_used_bytes, used_bytes
@@ -365,6 +366,7 @@ TARGETS = {
     "sweep": Target(_sweep, ".toml"),
     "model": Target(_model, ".toml"),
     "effects": Target(_effects, ".json"),
+    "surrogate": Target(lambda path: _all(partial(load_surrogate, path, "planar_slider_crank")), ".npz"),
 }
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.derived.settings import COUNTS_FROM
 from rig.pages.content import Figure, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
-from rig.pages.words import difference, number
+from rig.pages.words import as_written, difference, number
 from rig.report.crank_figures import GroupImpacts, impacts_by_group
 from rig.report.record import ORIGINS, RunRecord
 from rig.report.summary import half_cycles_of, mean_and_deviation
@@ -18,18 +19,15 @@ _ROW_PX = 230
 _COLUMNS = 2
 _BIN_DEG = 10
 _MOST_DOTS = 3_000
-_ONE_LEVEL = (
-    "measured or predicted, whichever was larger; where no measured impact reaches that level, measured and "
-    "predicted count from levels of their own."
+_COUNTS = (
+    f"counts from a rise of {100 * COUNTS_FROM:.0f} % of what is typically the largest of a cycle, in the "
+    "first second or three revolutions as measured, for measured and predicted alike."
 )
 _EXPLANATION = {
-    "N": (
-        "On a force sensor an impact is a contact with its bounces, and its peak the largest force; it "
-        f"counts from a tenth of the largest in the first second or three revolutions, {_ONE_LEVEL}"
-    ),
+    "N": f"On a force sensor an impact is a blow with its bounces, its peak the largest force; it {_COUNTS}",
     "m/s2": (
-        "On a frame that rings an impact is a burst, and its peak the largest magnitude of acceleration; it "
-        f"counts from a fifth of the largest in the first second or three revolutions, {_ONE_LEVEL}"
+        "On a frame that rings an impact is a burst, its peak the largest magnitude of acceleration; it "
+        f"{_COUNTS}"
     ),
 }
 _CAPTION = (
@@ -81,7 +79,10 @@ def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
     for row, (group, by_whose) in enumerate(found.items()):
         left, right = _COLUMNS * row, _COLUMNS * row + 1
         unit = next(iter(by_whose.values())).unit
-        titles = f"peak of each impact, {unit or '-'}", f"impacts a revolution in each {_BIN_DEG}°"
+        titles = (
+            f"peak of each impact, {as_written(unit)[1] or '-'}",
+            f"impacts a revolution in each {_BIN_DEG}°",
+        )
         for cell, title in zip((left, right), titles, strict=True):
             title = f"{group}: {title}"
             plots.axes(cell, title, "crank angle, °", x_axis=degrees, y_axis=FROM_ZERO, share_x_with=0)

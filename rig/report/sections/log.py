@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from daq.block import NS_PER_S
+from daq.channel import Channel
+from rig.derived.settings import RECORD
 from rig.pages.content import Listing, Part, Sentence, Table
-from rig.pages.words import DASH, number
-from rig.report.record import RunRecord
+from rig.pages.words import DASH, as_written, number
+from rig.report.record import CALIBRATION, RunRecord
 
 _MOST_ROWS = 500
 
@@ -18,10 +20,17 @@ def events(run: RunRecord) -> list[Part]:
     parts: list[Part] = [Sentence("No events in this log.")]
     if run.events:
         rows = [
-            [_clock(event.time_ns), event.level, event.source, event.code, event.text]
+            [
+                _clock(event.time_ns),
+                DASH if run.begins_ns is None else f"{(event.time_ns - run.begins_ns) / NS_PER_S:.3f}",
+                event.level,
+                event.source,
+                event.code,
+                event.text,
+            ]
             for event in sorted(run.events, key=lambda event: event.time_ns)
         ]
-        parts = _ledger("events", ("time (UTC)", "level", "source", "code", "text"), rows)
+        parts = _ledger("events", ("time (UTC)", "s of the record", "level", "source", "code", "text"), rows)
     if not run.gaps:
         none = "No gaps: every sample between the first and the last of each channel is there."
         return [*parts, Sentence(none)]
@@ -33,6 +42,15 @@ def events(run: RunRecord) -> list[Part]:
         *parts,
         *_ledger("gaps", ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows),
     ]
+
+
+def _sensitivity(channel: Channel) -> str:
+    if not channel.scale:
+        return DASH
+    unit = as_written(channel.unit)[1]
+    if channel.raw_unit == "V":
+        return f"{number(1e3 / channel.scale)} mV/{f'({unit})' if '/' in unit else unit}"
+    return f"{number(1 / channel.scale)} {channel.raw_unit}/{unit}"
 
 
 def _ledger(what: str, headings: Sequence[str], rows: list[list[str]]) -> list[Part]:
@@ -60,16 +78,17 @@ def provenance(run: RunRecord) -> list[Part]:
     state = "complete" if run.complete else f"not finished by its writer ({run.damage or 'no summary'})"
     rows = [["log", run.path.name], ["log file", state], ["written by", run.library or DASH]]
     for name, record in run.metadata.items():
-        if name != "scenario":
-            rows += [[f"{name}: {key}", value] for key, value in record.items()]
+        if name not in ("scenario", RECORD):  # which stand elsewhere on the page
+            keys = (key for key in record if not key.startswith(CALIBRATION))
+            rows += [[f"{name}: {key}", record[key]] for key in keys]
     facts = Table(("what", "value"), rows, "Log", words=True)
     if not run.channels:
         return [facts, Sentence("The log holds no channel.")]
     sensors = []
     for name, channel in run.channels.items():
         tally = run.tallies.get(("measured", name)) or run.tallies.get(("predicted", name))
-        scale = DASH if channel.scale is None else f"{channel.scale:g} {channel.unit}/{channel.raw_unit}"
-        words = [channel.sensor or DASH, channel.serial or DASH, scale, channel.location or DASH]
+        calibrated = run.metadata.get("run", {}).get(f"{CALIBRATION}{name}", DASH)
+        words = [channel.sensor or DASH, channel.serial or DASH, _sensitivity(channel), calibrated]
         sensors.append([name, *words, number(tally.sample_rate if tally else None, "Hz")])
-    headings = ("channel", "sensor", "serial", "scale", "location", "sample rate")
+    headings = ("channel", "sensor", "serial", "sensitivity", "calibrated", "sample rate")
     return [facts, Table(headings, sensors, "Sensors", words=True)]

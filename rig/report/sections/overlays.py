@@ -11,12 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import ConfigurationError
 from daq.signals.even_angles import CycleAverage
 from daq.signals.impacts import find_impacts, largest_force
+from rig.derived.settings import nominal_of
+from rig.files.scenario import parse_scenario
 from rig.pages.content import Part, Sentence
-from rig.pages.plots import Plots, points_each
+from rig.pages.plots import SCATTER, Plots, points_each
+from rig.pages.words import as_written
 from rig.report.crank_figures import beside_turns, cut, in_pieces, left_out, turns_of
-from rig.report.record import ORIGINS, RunRecord, Trace
+from rig.report.record import DRAWN, ORIGINS, RunRecord, Trace
 
 _CONTACTS_SHOWN = 4
 _BEFORE_S, _AFTER_S = 0.001, 0.002
@@ -25,6 +29,7 @@ _ROW_PX = 150
 _COLUMNS = 2
 _MEAN_POINTS = 400
 
+_SCATTER_CAPTION = "The band is one standard deviation of the measured cycles about their mean. "
 _CAPTION = "Drag to zoom, double-click to go back. The time axes of a column move together."
 _FROM_REST = (
     "The drive began in this run: the first impacts may be compared wave by wave, later ones may not."
@@ -47,27 +52,51 @@ class Cycle(NamedTuple):
 
 
 def cycle_of(run: RunRecord) -> Cycle | None:
-    """The cycle that an overlay notes in its log; None where it does not, or where it makes no sense."""
+    """The cycle that an overlay notes in its log, else that of the measured drive; None where neither is."""
     record = run.metadata.get("twin", {})
     try:
         frequency_hz, phase_rad = float(record["cycle_hz"]), float(record["cycle_phase_rad"])
-    except (KeyError, ValueError):
+    except ValueError:
         return None
+    except KeyError:
+        return _measured_cycle(run)
     if not (math.isfinite(phase_rad) and 0 < frequency_hz < math.inf):
         return None
     return Cycle(frequency_hz, phase_rad, record.get("from_rest") == "true")
 
 
-def mean_cycle(trace: Trace, cycle: Cycle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Shares of a cycle and the mean of all finite samples there, both of shape (m,); empty without one."""
+def _measured_cycle(run: RunRecord) -> Cycle | None:
+    try:
+        nominal = nominal_of(parse_scenario(run.scenario))
+    except ConfigurationError:
+        return None
+    trace = run.traces.get(("measured", nominal.reference.channel))
+    if trace is None or not nominal.reference.channel:
+        return None
+    found = nominal.reference.align(trace.values, trace.sample_rate, 0, nominal.drive)
+    return Cycle(found.frequency, found.phase, found.onset is not None) if found.trusted else None
+
+
+class MeanCycle(NamedTuple):
+    """Shares of a cycle, mean and deviation of all finite samples there, each of shape (m,)."""
+
+    share: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+
+def mean_cycle(trace: Trace, cycle: Cycle) -> MeanCycle:
+    """The mean of all cycles of a trace; empty without a finite sample."""
     finite = np.flatnonzero(np.isfinite(trace.values))
     turns = finite * (cycle.frequency_hz / trace.sample_rate) + cycle.phase_rad / (2 * np.pi)
     count = max(1, min(_MEAN_POINTS, round(trace.sample_rate / cycle.frequency_hz)))
     place = np.minimum((turns % 1.0 * count).astype(np.int64), count - 1)
     seen = np.bincount(place, minlength=count)
-    total = np.bincount(place, trace.values[finite].astype(np.float64), count)
+    values = trace.values[finite].astype(np.float64)
     filled = seen > 0
-    return (np.flatnonzero(filled) + 0.5) / count, total[filled] / seen[filled]
+    mean, square = (np.bincount(place, each, count)[filled] / seen[filled] for each in (values, values**2))
+    deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return MeanCycle((np.flatnonzero(filled) + 0.5) / count, mean, deviation)
 
 
 class _Window(NamedTuple):
@@ -77,7 +106,7 @@ class _Window(NamedTuple):
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """A row of two plots for each channel; with two twins the second is the mean of all cycles.
+    """A row of two plots for each channel: from rest its first impacts, else one cycle; the mean of all.
 
     Nothing for a rig with a shaft, whose channels are shown over its angle.
     """
@@ -88,14 +117,14 @@ def parts(run: RunRecord) -> list[Part]:
     cycle = cycle_of(run)
     impacts = _first_impacts(run)
     windows = [impacts or _Window("the beginning", 0.0, _WITHOUT_IMPACTS_S), _one_cycle(run)]
-    if cycle is not None:  # wave by wave, two twins can be held against a run only from rest on
+    if cycle is not None:  # wave by wave a twin can be held against a run only from rest on
         windows = windows[:1] if cycle.from_rest else windows[1:]
     plots = Plots(rows=len(run.channels), columns=_COLUMNS, row_px=_ROW_PX)
     points = points_each(len(run.traces) * _COLUMNS)
     for row, (name, channel) in enumerate(run.channels.items()):
-        title, left = f"{name} [{channel.unit or '-'}]", _COLUMNS * row
+        title, left = f"{name} [{as_written(channel.unit)[1] or '-'}]", _COLUMNS * row
         traces = {
-            run.whose(origin): run.traces[origin, name] for origin in ORIGINS if (origin, name) in run.traces
+            run.whose(origin): run.traces[origin, name] for origin in DRAWN if (origin, name) in run.traces
         }
         for column, window in enumerate(windows):
             time = f"ms after {window.start_s:.4f} s"
@@ -108,8 +137,13 @@ def parts(run: RunRecord) -> list[Part]:
             whole = {"range": [0, 1]}
             plots.axes(left + 1, f"{title}, mean of all cycles", "share of a cycle", x_axis=whole)
             for whose, trace in traces.items():
-                plots.line(left + 1, whose, *mean_cycle(trace, cycle), subject=name)
-    return [*_remark(run, cycle, impacts), plots.figure("overlays", _CAPTION)]
+                mean = mean_cycle(trace, cycle)
+                if whose == "measured":
+                    ends = mean.mean - mean.deviation, mean.mean + mean.deviation
+                    plots.band(left + 1, mean.share, *ends, name="scatter", colour=SCATTER, subject=name)
+                plots.line(left + 1, whose, mean.share, mean.mean, subject=name)
+    caption = _CAPTION if cycle is None else _SCATTER_CAPTION + _CAPTION
+    return [*_remark(run, cycle, impacts), plots.figure("overlays", caption)]
 
 
 def _remark(run: RunRecord, cycle: Cycle | None, impacts: _Window | None) -> list[Sentence]:
@@ -171,12 +205,21 @@ class _Line(NamedTuple):
     values: NDArray[np.floating]
 
 
+class _Mean(NamedTuple):
+    """Of all revolutions of a channel: their mean, their deviation from it, and how many they are."""
+
+    line: _Line
+    deviation: NDArray[np.float64]
+    revolutions: int
+
+
 def revolution(run: RunRecord) -> list[Part]:
     """A row of two plots for each channel that vibrates; nothing for a rig without a shaft."""
     if not run.roles.turns:
         return []
-    channels = run.roles.vibration
-    every = {origin: turns_of(run, origin) for origin in ORIGINS}
+    channels = tuple(name for name in run.roles.vibration if name not in run.still)
+    still = [name for name in run.roles.vibration if name in run.still]
+    every = {origin: turns_of(run, origin) for origin in DRAWN}
     turns = {origin: way for origin, way in every.items() if way is not None and _whole(way) is not None}
     if not turns:
         none = Sentence("No whole revolution with a known crank angle in this run.")
@@ -188,29 +231,34 @@ def revolution(run: RunRecord) -> list[Part]:
     plots = Plots(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
     for row, name in enumerate(names):
         for column, what in enumerate(("one revolution", "mean of all revolutions")):
-            title = f"{name} [{run.channels[name].unit or '-'}], {what}"
+            title = f"{name} [{as_written(run.channels[name].unit)[1] or '-'}], {what}"
             plots.axes(_COLUMNS * row + column, title, "crank angle, °", x_axis=_DEGREES, share_x_with=0)
     points = points_each(len(run.traces) * _COLUMNS)
     told = []
     for origin, way in turns.items():
         whose, revolutions = run.whose(origin), _revolutions(traces[origin], way)
-        for name, (one, mean, _) in revolutions.items():
-            for cell, line in enumerate((one, mean), _COLUMNS * names.index(name)):
+        for name, (one, mean) in revolutions.items():
+            left = _COLUMNS * names.index(name)
+            if whose == "measured":
+                ends = mean.line.values - mean.deviation, mean.line.values + mean.deviation
+                plots.band(left + 1, mean.line.degrees, *ends, name="scatter", colour=SCATTER, subject=name)
+            for cell, line in enumerate((one, mean.line), left):
                 plots.outline(cell, whose, line.degrees, line.values, subject=name, points=points)
-        counts = [count for *_, count in revolutions.values()] or [0]
+        counts = [mean.revolutions for _, mean in revolutions.values()] or [0]
         least, most = min(counts), max(counts)  # channels with holes may have fewer
         told.append(f"{least} to {most} {whose}" if most > least else f"{most} {whose}")
     return [
         Sentence(_REVOLUTION),
         *cut(run),
         Sentence(f"Revolutions in the mean: {', '.join(told)}."),
+        *[Sentence(f"Not drawn, for the twin says 0 there: {name}.") for name in still],
         *left_out(run, channels),
-        plots.figure("revolution", _TURNED_CAPTION),
+        plots.figure("revolution", _SCATTER_CAPTION + _TURNED_CAPTION),
     ]
 
 
-def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, tuple[_Line, _Line, int]]:
-    """By channel one revolution, the mean of all, and how many they are.
+def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[str, tuple[_Line, _Mean]]:
+    """By channel one revolution, and the mean of all.
 
     The one is from the middle of the run, away from the start's transients.
     """
@@ -222,11 +270,9 @@ def _revolutions(traces: dict[str, Trace], turns: NDArray[np.float64]) -> dict[s
     chosen = min(max(middle, whole[0]), whole[1] - 1)
     inside = np.flatnonzero((turns >= chosen) & (turns <= chosen + 1))
     found = {}
-    for (name, trace), (mean, count) in zip(
-        traces.items(), _means(list(traces.values()), turns), strict=True
-    ):
+    for (name, trace), mean in zip(traces.items(), _means(list(traces.values()), turns), strict=True):
         at = inside[inside < len(trace.values)]
-        found[name] = _Line(360.0 * (turns[at] - chosen), trace.values[at]), mean, count
+        found[name] = _Line(360.0 * (turns[at] - chosen), trace.values[at]), mean
     return found
 
 
@@ -239,15 +285,16 @@ def _whole(turns: NDArray[np.float64]) -> tuple[int, int] | None:
     return (first, end) if end > first else None
 
 
-def _means(traces: list[Trace], turns: NDArray[np.float64]) -> list[tuple[_Line, int]]:
-    """Mean revolution of each trace, NaN without any, and of how many it is.
+def _means(traces: list[Trace], turns: NDArray[np.float64]) -> list[_Mean]:
+    """Mean revolution of each trace, NaN without any.
 
     Where the angle leaps behind a hole, more than half a turn from the last that was known, counting begins
     anew; the mean is over the cycles of all such stretches.
     """
     known = np.flatnonzero(np.isfinite(turns))
     leaps = known[1:][np.abs(np.diff(turns[known])) > _LEAP]
-    total, cycles = np.zeros((len(traces), _POINTS)), np.zeros((len(traces), 1))
+    total, squares = np.zeros((2, len(traces), _POINTS))
+    cycles = np.zeros((len(traces), 1))
     for first, end in pairwise((0, *map(int, leaps), len(turns))):
         if _whole(turns[first:end]) is None:
             continue
@@ -257,8 +304,14 @@ def _means(traces: list[Trace], turns: NDArray[np.float64]) -> list[tuple[_Line,
             average.add(values, way)
         each = average.result()
         if each.cycles.ndim:  # else nothing was added to it
-            total += np.where(each.cycles[:, None] > 0, each.mean * each.cycles[:, None], 0.0)
-            cycles += each.cycles[:, None]
-    mean = np.divide(total, cycles, out=np.full_like(total, np.nan), where=cycles > 0)
+            count = each.cycles[:, None]
+            mean = np.where(count > 0, each.mean, 0.0)
+            total += count * mean
+            squares += count * (mean**2 + np.where(count > 1, each.standard_error, 0.0) ** 2 * (count - 1))
+            cycles += count
+    known = np.where(cycles > 0, cycles, np.nan)
+    mean, square = total / known, squares / known
+    deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
     degrees = 360.0 * np.arange(_POINTS) / _POINTS
-    return [(_Line(degrees, row), int(count)) for row, count in zip(mean, cycles[:, 0], strict=True)]
+    rows = zip(mean, deviation, cycles[:, 0], strict=True)
+    return [_Mean(_Line(degrees, row), off, int(count)) for row, off, count in rows]

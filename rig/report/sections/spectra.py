@@ -12,9 +12,9 @@ from daq.signals.spectrum import autospectrum, log_bands
 from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
-from rig.pages.words import DASH, number
+from rig.pages.words import DASH, as_written, number
 from rig.report.crank_figures import beside_turns, counted_by, cut, left_out, order_lines
-from rig.report.record import ORIGINS, RunRecord
+from rig.report.record import DRAWN, ORIGINS, RunRecord
 
 _ROW_PX = 190
 _BANDS = 500
@@ -29,11 +29,12 @@ def parts(run: RunRecord) -> list[Part]:
     grid = Plots(rows=-(-len(channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
     empty = []
     for cell, (name, channel) in enumerate(channels.items()):
-        unit = channel.unit if channel.unit.isalpha() else f"({channel.unit or '-'})"
+        unit = as_written(channel.unit)[1]
+        unit = unit if unit.isalpha() else f"({unit or '-'})"
         y = {"type": "log", "exponentformat": "power", "nticks": 6}
         x = {"type": "log", "dtick": 1}
         grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
-        for origin in ORIGINS:
+        for origin in DRAWN:
             trace = run.traces.get((origin, name))
             if trace is None:
                 continue
@@ -79,7 +80,7 @@ def orders(run: RunRecord) -> list[Part]:
     x = {"type": "log", "range": [log10(LOWEST_ORDER), log10(HIGHEST_ORDER)], "tickvals": list(_TICKS)}
     rows = []
     for cell, (name, lines) in enumerate(found.items()):
-        unit = run.channels[name].unit
+        unit = as_written(run.channels[name].unit)[1]
         bands = {whose: largest_in_bands(np.arange(len(each)) / TURNS, each) for whose, each in lines.items()}
         y = {"type": "log", "exponentformat": "power", "dtick": 1, "range": [-1.0, 0.0]}
         every = np.concatenate([heard for _, heard in bands.values()])
@@ -108,7 +109,7 @@ def orders(run: RunRecord) -> list[Part]:
 
 def _amplitudes(run: RunRecord, channels: Sequence[str]) -> dict[str, dict[str, Array]]:
     found: dict[str, dict[str, Array]] = {name: {} for name in channels}
-    for origin in ORIGINS:
+    for origin in DRAWN:
         names = list(beside_turns(run, origin, channels))
         lines = order_lines(run, origin, names)
         if lines is None or lines.amplitude is None:

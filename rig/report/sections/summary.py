@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from rig.pages.content import BigNumber, BigNumbers, Part, Sentence, Table
+from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
-from rig.pages.words import DASH, counted, difference, number, spread
+from rig.pages.words import DASH, as_written, counted, difference, number, spread
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Tally
 from rig.report.summary import closeness, half_cycle_statistics, overall
@@ -23,7 +25,7 @@ _NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 
 def parts(run: RunRecord) -> list[Part]:
-    """Duration, state of the data, peaks, and a row for each channel."""
+    """The verdict, duration, state of the data, where the twin is worst, and a row for each channel."""
     state = BigNumber("Measured", "nothing", "a prediction only")
     if run.measured:
         remark = f"{counted(len(run.gaps), 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
@@ -31,10 +33,12 @@ def parts(run: RunRecord) -> list[Part]:
     numbers = [
         BigNumber("Recorded", number(run.duration_s, "s"), run.facts.drive),
         state,
+        *_worst_rms(run),
         *_peak_numbers(run),
         *_speed_numbers(run),
         *_impact_numbers(run),
     ]
+    verdict = [] if run.verdict is None else [Lead(run.verdict.sentences)]
     found = []
     if not run.complete:
         found.append("The log was never finished (a crash). It is read up to its last whole chunk.")
@@ -50,6 +54,7 @@ def parts(run: RunRecord) -> list[Part]:
     if wrong:
         found.append(f"Samples that are no numbers: {', '.join(wrong)}.")
     return [
+        *verdict,
         *_comparison(run),
         BigNumbers(numbers),
         *[Sentence(text, warning=True) for text in found],
@@ -98,12 +103,34 @@ def _peak_numbers(run: RunRecord) -> list[BigNumber]:
     return [_peaks("Peak force, first", "N", first), _peaks("Peak force, max", "N", largest)]
 
 
+def _worst_rms(run: RunRecord) -> Iterator[BigNumber]:
+    """The channel whose rms the last twin misses by most, of those that it says anything of."""
+    apart: dict[str, float] = {}
+    for name, measured in run.measured.items():
+        twin = run.tallies.get(("predicted", name))
+        if twin and measured.rms > 0 and twin.rms > 0 and name not in run.roles.unwrapped:
+            apart[name] = math.log(twin.rms / measured.rms)
+    if apart:
+        name = max(apart, key=lambda each: abs(apart[each]))
+        rms = [run.tallies[origin, name].rms for origin in ("predicted", "measured")]
+        told = f"rms of {name}, {run.whose('predicted')} against measured"
+        yield BigNumber("Largest difference", difference(*rms), told)
+
+
 def _impact_numbers(run: RunRecord) -> Iterator[BigNumber]:
+    """The group of sensors whose peaks a twin misses by most, with how often it is struck."""
+    found: list[tuple[float, BigNumber]] = []
     for group, by_whose in impacts_by_group(run).items():
-        if any(len(each.peak) for each in by_whose.values()):
-            unit = next(iter(by_whose.values())).unit
-            peaks = {whose: each.spread for whose, each in by_whose.items()}
-            yield _peaks(f"Peak of an impact, {group}", unit, peaks)
+        if not any(len(each.peak) for each in by_whose.values()):
+            continue
+        peaks = {whose: each.spread for whose, each in by_whose.items()}
+        means = [mean for mean, _ in peaks.values() if mean > 0]
+        unit = next(iter(by_whose.values())).unit
+        tile = _peaks(f"Peak of an impact, {group}", unit, peaks)
+        often = ", ".join(f"{whose} {number(each.a_revolution)}" for whose, each in by_whose.items())
+        tile = replace(tile, remark=f"{tile.remark}; a revolution {often}".removeprefix("; "))
+        found.append((max(means) / min(means) if len(means) == len(peaks) else math.inf, tile))
+    yield from [tile for _, tile in sorted(found, key=lambda each: -each[0])[:1]]
 
 
 def _peaks(label: str, unit: str, peaks: Mapping[str, tuple[float, float] | None]) -> BigNumber:
@@ -140,26 +167,30 @@ def _channel_table(run: RunRecord) -> Table:
     rows = []
     for name, channel in run.channels.items():
         measured, nominal, predicted = (run.tallies.get((origin, name)) for origin in ORIGINS)
+        unit = channel.unit
         twins = [predicted]
         if run.repaired:
             twins = [nominal, predicted]
             against = [
-                f"{number(twin.rms)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
-                if twin and measured
-                else _value(twin, "rms")
+                f"{_value(twin, 'rms', unit)} ({difference(twin.rms, measured.rms)})".replace(" ", _NARROW)
+                if twin and measured and name not in run.still
+                else _value(twin, "rms", unit)
                 for twin in twins
             ]
         else:
             apart = difference(twins[0].rms, measured.rms) if twins[0] and measured else DASH
-            against = [_value(twins[0], "rms"), apart]
-        peaks_of = [_value(each, "peak") for each in (measured, *twins)]
-        figures = [_value(measured, "rms"), *against, *peaks_of]
+            against = [_value(twins[0], "rms", unit), "not compared" if name in run.still else apart]
+        peaks_of = [_value(each, "peak", unit) for each in (measured, *twins)]
+        figures = [_value(measured, "rms", unit), *against, *peaks_of]
         if name in run.roles.unwrapped:  # these only tell how long the run was
             figures = [DASH] * len(figures)
         lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
-        rows.append([name, channel.unit or DASH, *figures, *map(str, lost)])
-    return Table(headings, rows, "Channels")
+        rows.append([name, as_written(unit)[1] or DASH, *figures, *map(str, lost)])
+    noise = " (not compared: where the twin says 0 the sensor shows noise, or what no twin holds)"
+    return Table(headings, rows, "Channels" + (noise if run.still & run.measured.keys() else ""))
 
 
-def _value(trace: Tally | None, name: str) -> str:
-    return DASH if trace is None else number(trace.rms if name == "rms" else trace.peak)
+def _value(trace: Tally | None, name: str, unit: str) -> str:
+    return (
+        DASH if trace is None else number(as_written(unit)[0] * (trace.rms if name == "rms" else trace.peak))
+    )

@@ -7,7 +7,7 @@ from sim_twin.rigs.channel_table import ChannelTable, RigChannel, Role
 DRIVE = RigChannel("drive", "force", "N", Role.DRIVE)
 UPPER = RigChannel("contact", "force", "N", Role.CONTACT, "upper", group="stops")
 LOWER = RigChannel("contact", "force", "N", Role.CONTACT, "lower", group="stops")
-YOKE = RigChannel("yoke", "force", "N", Role.VIBRATION)
+YOKE = RigChannel("yoke", "force", "N")
 BASE = RigChannel("base", "acceleration", "m/s2")
 COVER = tuple(RigChannel("cover", "acceleration", "m/s2", place=place) for place in ("center", "corner"))
 STATIONS = {

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from daq.errors import LogError
+from daq.formats.recording import within
 from daq.formats.samples import Scratch
 from tests.daq.formats import runs
 from tests.daq.formats.files import COUNT, SINE, export, only, read
@@ -63,6 +67,8 @@ def test_csv_of_several_programs(tmp_path: Path, scratch: Scratch, text: str) ->
         ("time,force\n0,1\n1,2\n2\n", "cannot be read .*[Ee]xpected 2 columns"),
         ("time,force\n0,1\n1,\n2,3\n", "column force has an empty cell in row 2"),
         ("time,force\n0,1\n1,two\n2,3\n", "cannot be read .*two"),
+        ("time,force\n0,1\n1,two\n2,3\n", "row 2 of its numbers, column force: 'two' is no number"),
+        ("time,force\n0,1\n1,2\n2\n", "row 3 of its numbers: expected 2 columns, got 1"),
         ("time,force\n0,1\n1,1\n3,1\n4,1\n", "time column is not even: row 2"),
         ("time,force\n0,1\nnan,1\n2,1\n", "time column is not even: row 2"),
         ("time,force\nnan,1\n1,1\n", "begins or ends with what is no number"),
@@ -74,8 +80,9 @@ def test_csv_of_several_programs(tmp_path: Path, scratch: Scratch, text: str) ->
 def test_a_table_that_makes_no_sense_is_refused(
     tmp_path: Path, scratch: Scratch, text: str, words: str
 ) -> None:
-    with pytest.raises(LogError, match=f"a.csv: .*{words}"):
+    with pytest.raises(LogError, match=f"a.csv: .*{words}") as raised:
         read(written(text, tmp_path / "a.csv"), scratch)
+    assert "Arrow" not in str(raised.value)
 
 
 def test_a_text_in_another_encoding_is_refused_with_what_to_do(tmp_path: Path, scratch: Scratch) -> None:
@@ -101,15 +108,64 @@ def table(path: Path, times: np.ndarray) -> Path:
 def test_a_csv_of_rattle_is_plain_text_with_units(tmp_path: Path, scratch: Scratch) -> None:
     export(runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch), tmp_path / "run.csv")
     lines = (tmp_path / "run.1000Hz.csv").read_text(encoding="utf-8").splitlines()
-    assert lines[0].startswith("# rattle {")
-    assert lines[1:3] == ["time,measured/base.acceleration", "s,m/s2"]
-    assert len(lines) == 3 + 1000
-    times, values = np.loadtxt(lines[3:], delimiter=",", unpack=True)
+    assert lines[0] == "time [s],measured/base.acceleration [m/s2],rattle"
+    assert len(lines) == 1 + 1000
+    times, values = np.loadtxt(lines[1:], delimiter=",", usecols=(0, 1), unpack=True)
     assert np.array_equal(times, np.arange(1000) / 1000.0)
     base = runs.recorded(tmp_path / "run.mcap", scratch).tracks[1]
     assert np.array_equal(values.astype(np.float32), runs.everything(base.samples))
-    gap = (tmp_path / "run.51200Hz.csv").read_text(encoding="utf-8").splitlines()[3 + 20_480]
+    gap = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[1 + 20_480]
     assert gap.split(",")[:2] == ["0.4", ""]
+
+
+def test_the_documented_line_of_pandas_reads_numbers(tmp_path: Path, scratch: Scratch) -> None:
+    recording = runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch)
+    export(recording, tmp_path / "run.csv")
+    found = pd.read_csv(tmp_path / "run.csv")
+    assert [str(kind) for kind in found.dtypes] == [*["float64"] * (found.shape[1] - 1), "str"]
+    assert found.columns[0] == "time [s]"
+    force = recording.tracks[0]
+    values = found[f"{force.name} [N]"].to_numpy(np.float32)
+    assert np.array_equal(values, runs.everything(force.samples), equal_nan=True)
+    impacts = pd.read_csv(tmp_path / "run.impacts.csv")
+    assert impacts["peak"].tolist() == [each.peak for each in runs.IMPACTS]
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "point"), [(",", "."), (";", ","), ("\t", ".")], ids=["plain", "German Excel", "tabs"]
+)
+def test_a_table_that_a_spreadsheet_saved_again_comes_back_whole(
+    tmp_path: Path, scratch: Scratch, delimiter: str, point: str
+) -> None:
+    """Cells in quotes that need none, and the description in pieces that a cell of Excel holds."""
+    recording = runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch)
+    odd = dataclasses.replace(recording.tracks[1].channel, name='a [b], "c"', unit="m]")
+    long = dataclasses.replace(recording.events[0], text='long, "quoted"\n' * 10_000)
+    track = dataclasses.replace(recording.tracks[1], channel=odd)
+    export(dataclasses.replace(recording, tracks=(track,), events=[long], impacts=()), tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert 3 < sum(row[-1] != "" for row in rows[1:]) < 9
+    assert max(len(row[-1]) for row in rows) <= 32_767
+    with (tmp_path / "again.csv").open("w", newline="", encoding="utf-8-sig") as file:
+        again = csv.writer(file, delimiter=delimiter)
+        again.writerow(rows[0])
+        again.writerows([*(cell.replace(".", point) for cell in row[:-1]), row[-1]] for row in rows[1:])
+    contents = read(tmp_path / "again.csv", scratch)
+    (column,) = contents.columns
+    assert (column.name, column.unit, column.stretches) == (odd.name, odd.unit, track.stretches)
+    assert runs.everything(column.samples).tobytes() == runs.everything(track.samples).tobytes()
+    assert contents.rest.events == [long]
+
+
+def test_a_table_shorter_than_its_description_comes_back(tmp_path: Path, scratch: Scratch) -> None:
+    recording = runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch)
+    one = within(dataclasses.replace(recording, tracks=recording.tracks[1:2]), 0.0, 0.001)
+    events = [dataclasses.replace(recording.events[0], text="x" * 3_000_000)]
+    export(dataclasses.replace(one, events=events, impacts=()), tmp_path / "run.csv")
+    contents = read(tmp_path / "run.csv", scratch)
+    assert [len(column.samples) for column in contents.columns] == [1]
+    assert contents.rest.events == events
 
 
 def test_a_csv_that_a_spreadsheet_saved_again_keeps_names_and_units(tmp_path: Path, scratch: Scratch) -> None:
@@ -139,7 +195,7 @@ def test_a_parquet_table_of_another_program(tmp_path: Path, scratch: Scratch) ->
 
 def test_a_parquet_table_of_rattle_has_times_and_units(tmp_path: Path, scratch: Scratch) -> None:
     export(runs.recorded(runs.write_run(tmp_path / "run.mcap"), scratch), tmp_path / "run.parquet")
-    found = pq.read_table(tmp_path / "run.51200Hz.parquet")
+    found = pq.read_table(tmp_path / "run.parquet")
     assert found.schema.field("measured/contact.force_upper").metadata[b"unit"] == b"N"
     assert found["sample"].to_numpy().tolist() == list(range(51_200))
     times = found["time"].cast(pa.int64()).to_numpy() - runs.START_NS

@@ -146,6 +146,13 @@ def test_a_table_with_odd_cells_is_refused_at_once(
     assert time.process_time() - begun < 5.0
 
 
+def test_a_description_without_end_is_refused(tmp_path: Path, scratch: Scratch) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("a,rattle\n" + f"1,{'x' * 1000}\n" * 70_000)
+    with bounded(256 << 20), pytest.raises(LogError, match=r"run\.csv: its description has no end"):
+        read(path, scratch)
+
+
 def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch: Scratch) -> None:
     path = tmp_path / "run.impacts.csv"
     description = '{"rattle":1,"tracks":[],"metadata":{},"events":[],"gaps":null,"clocks":[]}'

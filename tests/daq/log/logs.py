@@ -29,10 +29,12 @@ def host_ns(each: SampleBlock) -> int:
     return sample_time_ns(each.time_ns, len(each), RATE)
 
 
-def write_ramp(path: Path, blocks: int = 30, channels: tuple[str, ...] = ("a", "b")) -> Path:
+def write_ramp(
+    path: Path, blocks: int = 30, channels: tuple[str, ...] = ("a", "b"), scenario: str = 'name = "ramp"'
+) -> Path:
     """A log of `blocks` x 0.1 s of every channel."""
     with LogWriter(path) as log:
-        log.add_metadata("scenario", {"toml": 'name = "ramp"'})
+        log.add_metadata("scenario", {"toml": scenario})
         for name in channels:
             log.declare("measured", Channel(name, "N"))
         for number in range(blocks):

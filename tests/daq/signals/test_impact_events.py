@@ -13,7 +13,7 @@ from daq.signals.impact_events import (
     ImpactEvents,
     impact_events,
 )
-from daq.signals.impacts import Impacts, Levels, contacts_above, find_impacts, levels_of
+from daq.signals.impacts import Impacts, Levels, contacts_above, find_impacts, joined, levels_of
 from tests.daq.signals.cuts import blocks, cuts_of
 from tests.daq.signals.test_impacts import RATE, force
 
@@ -42,17 +42,20 @@ def records(draw: st.DrawFn) -> tuple[np.ndarray, list[int]]:
 
 
 @settings(deadline=None, max_examples=150)
-@given(records())
-def test_blocks_of_any_size_give_what_the_whole_gives(record: tuple[np.ndarray, list[int]]) -> None:
+@given(records(), st.sampled_from([0.0, 0.03]))
+def test_blocks_of_any_size_give_what_the_whole_gives(
+    record: tuple[np.ndarray, list[int]], rings_s: float
+) -> None:
     values, cuts = record
-    detector, grouper = ImpactDetector(LEVELS, SLOW, LONGEST_S), BounceGrouper(SLOW, WITHIN_S)
+    detector, whole_detector = (ImpactDetector(LEVELS, SLOW, WITHIN_S, rings_s, LONGEST_S) for _ in range(2))
+    grouper = BounceGrouper(SLOW, WITHIN_S)
     impacts, events = [], []
     for block in blocks(len(values), cuts):
         impacts.append(detector.add(values[block]))
         events.append(grouper.add(impacts[-1], detector.settled))
     impacts.append(detector.finish())
     events += [grouper.add(impacts[-1], detector.settled), grouper.finish()]
-    whole = contacts_above(LEVELS, values, SLOW, LONGEST_S)
+    whole = joined([whole_detector.add(values), whole_detector.finish()])
     assert equal(impacts, whole)
     assert equal(events, impact_events(whole, SLOW, WITHIN_S))
 
@@ -65,16 +68,52 @@ def test_the_levels_of_a_run_find_its_impacts() -> None:
 
 
 def test_a_preload_is_no_impact_and_is_not_remembered() -> None:
-    values = np.full(2000, 8.0)
-    detector = ImpactDetector(LEVELS, SLOW, LONGEST_S)
-    for first in range(0, 2000, 100):
-        assert len(detector.add(values[first : first + 100])) == 0
-        assert first + 100 - detector.settled == 11
-    assert len(detector.finish()) == 0
+    # carried from the first sample on, and rising for ever
+    for values, waits in ((np.full(2000, 8.0), 0), (8.0 + 2.0 * np.arange(2000), 11)):
+        detector = ImpactDetector(LEVELS, SLOW, WITHIN_S, longest_s=LONGEST_S)
+        for first in range(0, 2000, 100):
+            assert len(detector.add(values[first : first + 100])) == 0
+            assert first + 100 - detector.settled == waits
+        assert len(detector.finish()) == 0
+
+
+def test_blows_on_what_a_joint_carries_are_single_impacts() -> None:
+    """Five blows of 30 N, 60 ms apart, on a preload that swings slowly from 40 to 120 N and never ends."""
+    times = np.arange(round(0.4 * RATE)) / RATE
+    carried = 80.0 - 40.0 * np.cos(2 * np.pi * 2.5 * times)
+    blows = [(0.05 + 0.06 * number, 30.0) for number in range(5)]
+    values = carried + force(*blows)[: len(times)]
+    levels = Levels(counts_from_n=15.0, released_below_n=2.0)
+    detector, grouper = ImpactDetector(levels, RATE, 5e-3), BounceGrouper(RATE, 5e-3)
+    found = detector.add(values)
+    events = [grouper.add(found, detector.settled), grouper.finish()]
+    assert began(events) == pytest.approx([at for at, _ in blows], abs=2e-4)
+    peaks = np.concatenate([each.peak_n for each in events])
+    at_peak = np.interp([at + 5e-4 for at, _ in blows], times, carried) + 30.0
+    assert peaks == pytest.approx(at_peak, abs=1.0)
+
+
+def test_what_rings_is_one_impact_until_it_is_hit_again() -> None:
+    times = np.arange(round(0.5 * RATE)) / RATE
+    values = sum(
+        size * np.where(times >= at, np.exp(-(times - at) / 0.02) * np.sin(1400.0 * (times - at)), 0.0)
+        for at, size in ((0.1, 50.0), (0.3, -30.0))
+    )
+    detector, grouper = ImpactDetector(Levels(5.0, 1.0), RATE, 0.04, rings_s=0.01), BounceGrouper(RATE, 0.04)
+    found = detector.add(np.asarray(values))
+    assert len(found) == 2  # no half period of the ring is a rise of its own
+    events = [grouper.add(found, detector.settled), grouper.finish()]
+    assert began(events) == pytest.approx([0.1, 0.3], abs=1e-3)
+
+
+def began(parts: Sequence[ImpactEvents]) -> np.ndarray:
+    """When they begin, in s."""
+    return np.concatenate([each.start for each in parts]) / RATE
 
 
 def test_an_event_is_out_once_no_bounce_can_follow() -> None:
-    detector, grouper = ImpactDetector(LEVELS, SLOW, LONGEST_S), BounceGrouper(SLOW, WITHIN_S)
+    detector = ImpactDetector(LEVELS, SLOW, WITHIN_S, longest_s=LONGEST_S)
+    grouper = BounceGrouper(SLOW, WITHIN_S)
     pulse, pause, more = np.array([0.0, 20.0, 20.0, 0.0]), np.zeros(5), np.full(3, 30.0)
     for block, expected in ((pulse, 0), (pause, 1), (pulse, 0), (more, 0), (pause, 0), (pause, 1)):
         assert len(grouper.add(detector.add(block), detector.settled)) == expected

@@ -6,13 +6,14 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 
 from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.log.reader import LogReader
-from daq.log.records import Event
+from daq.log.reader import SURROGATE, LogReader
+from daq.log.records import Event, Impact
 from daq.log.recover import verify_log
 from daq.log.writer import LogWriter
 from tests.daq.formats.test_foreign_files import dataset, pyuff_file
@@ -25,6 +26,7 @@ RUN = f'{SCENARIO}\n[acquisition]\nsample_rate = "51.2 kHz"\nduration = "1 s"\n'
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
 SUFFIX = {"uff": ".uff", "tdms": ".tdms", "mat": ".mat", "csv": ".csv", "parquet": ".parquet"}
 COUNT = 1000
+HIT = Impact(START_NS + 15_000_000, "measured", FORCE.name, 760, 790, 770, 40.0, 39.0, 0.1, 5e-4, 0, 0.3)
 
 
 @pytest.fixture
@@ -43,9 +45,11 @@ def run(tmp_path: Path) -> Path:
         log.add_metadata("scenario", {"toml": RUN})
         log.add_metadata("run", {"id": "run-7", "started": "2026-09-21T14:13:20Z"})
         log.add_event(Event(START_NS, "info", "sequencer", "recording", "recording started"))
+        log.add_impact(HIT, HIT.time_ns)
         for origin, channel, rate in (
             ("measured", FORCE, 51_200.0),
             ("predicted", FORCE, 51_200.0),
+            (SURROGATE, FORCE, 51_200.0),
             ("measured", BASE, 1000.0),
         ):
             log.declare(origin, channel)
@@ -64,12 +68,13 @@ def run(tmp_path: Path) -> Path:
 def test_a_log_comes_back_from_every_format(
     call: Call, run: Path, scenario: Path, tmp_path: Path, name: str
 ) -> None:
-    answer = call("export", run, "--to", name)
+    answer = call("export", run, "--to", name, "--all-rates")
     assert answer.code == 0, answer.err
     files = sorted(tmp_path.glob(f"run*{SUFFIX[name]}"))
-    assert [line.split()[1] for line in answer.out.splitlines() if line.startswith("file ")] != []
-    assert len(files) == (2 if name in ("csv", "parquet") else 1)
-    assert answer.out.rstrip().endswith(f"run{'.1000Hz' if len(files) > 1 else ''}{SUFFIX[name]}")
+    told = [line.split()[1] for line in answer.out.splitlines() if line.startswith("file ")]
+    assert sorted(told) == sorted(map(str, files))
+    plain = ["", ".1000Hz", ".impacts"] if name in ("csv", "parquet") else [""]
+    assert told == [str(tmp_path / f"run{each}{SUFFIX[name]}") for each in plain]
     answer = call("import", *files, "--scenario", scenario, "-o", tmp_path / "back.mcap")
     assert answer.code == 0, answer.err
     assert "!" not in answer.out
@@ -77,7 +82,7 @@ def test_a_log_comes_back_from_every_format(
     with LogReader(run) as log, LogReader(tmp_path / "back.mcap") as back:
         assert back.scenario == RUN
         assert back.metadata["run"]["id"] == ("run" if name == "uff" else "run-7")
-        for origin in ("measured", "predicted"):
+        for origin in ("measured", "predicted", SURROGATE):
             assert back.channels(origin) == log.channels(origin)
             for channel, whole in log.table(origin).items():
                 found = back.series(origin, channel)
@@ -87,6 +92,90 @@ def test_a_log_comes_back_from_every_format(
             (gap.channel, gap.first_sample, gap.count) for gap in log.gaps()
         }
         assert back.events() == ([] if name == "uff" else log.events())
+        assert back.impacts() == ([] if name == "uff" else [HIT])
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet"])
+def test_one_plain_file_of_what_is_asked_for(call: Call, run: Path, tmp_path: Path, name: str) -> None:
+    """The first table is in exactly the file that was named; what is left out is said."""
+    file = tmp_path / "plain" / f"p.{name}"
+    file.parent.mkdir()
+    answer = call("export", run, "--to", name, "-o", file)
+    assert answer.code == 0, answer.err
+    assert "left out   measured/base.acceleration: other rates (--all-rates)" in answer.out
+    assert list(file.parent.iterdir()) == [file]
+    found = table(file)
+    force = f"contact.force_upper{' [N]' if name == 'csv' else ''}"
+    assert {f"measured/{force}", f"predicted/{force}"} < set(found.columns)
+    with LogReader(run) as log:
+        whole = log.series("measured", FORCE.name).values
+        base = log.series("measured", BASE.name, 0.25, 0.75).values
+    assert np.array_equal(found[f"measured/{force}"].astype("f4"), whole, equal_nan=True)
+    # another rate alone, by its name
+    file.unlink()
+    asked = ("--channels", "base.*", "--from", "250 ms", "--to-time", "0.75")
+    assert call("export", run, "--to", name, "-o", file, *asked).code == 0
+    assert list(file.parent.iterdir()) == [file]
+    found = table(file)
+    column = f"measured/base.acceleration{' [m/s2]' if name == 'csv' else ''}"
+    assert np.array_equal(found[column].astype("f4"), base)
+    if name == "csv":
+        assert np.array_equal(found["time [s]"], np.arange(250, 750) / 1000)
+    answer = call("import", file, "-o", tmp_path / "back.mcap")
+    assert answer.code == 0, answer.err
+    with LogReader(tmp_path / "back.mcap") as back, LogReader(run) as log:
+        found_base = back.series("measured", BASE.name, 0.25)
+        wanted = log.series("measured", BASE.name, 0.25, 0.75)
+        assert (found_base.first_sample, found_base.time_ns) == (250, wanted.time_ns)
+        assert found_base.values.tobytes() == base.tobytes()
+    assert verify_log(tmp_path / "back.mcap").sound
+
+
+def table(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+
+
+def test_what_is_left_out_is_named_and_counted(call: Call, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "run.mcap") as log:
+        for number in range(6):
+            channel = Channel(f"c{number}", "N")
+            log.declare("derived" if number else "measured", channel)
+            values, rate = np.ones(100, np.float32), 1000.0 if number == 0 else 20.0
+            block = SampleBlock(channel.name, 0, START_NS, rate, values)
+            log.add_block("derived" if number else "measured", block, START_NS)
+    answer = call("export", tmp_path / "run.mcap", "--to", "csv", "--channels", "c*")
+    assert "left out" not in answer.out
+    answer = call("export", tmp_path / "run.mcap", "--to", "parquet")
+    assert "left out   derived/c1, derived/c2, derived/c3 and 2 more: other rates (--all-rates)" in answer.out
+
+
+def test_channels_of_several_rates_lie_beside_the_first(call: Call, run: Path, tmp_path: Path) -> None:
+    asked = ("--channels", "contact.force_upper, base.acceleration", "--origin", "measured")
+    assert call("export", run, "--to", "csv", "-o", tmp_path / "p.csv", *asked).code == 0
+    assert sorted(path.name for path in tmp_path.glob("p*")) == ["p.1000Hz.csv", "p.csv"]
+    assert list(table(tmp_path / "p.csv").columns) == [
+        "time [s]",
+        "measured/contact.force_upper [N]",
+        "rattle",
+    ]
+
+
+@pytest.mark.parametrize("name", list(SUFFIX))
+def test_every_format_takes_a_part_of_a_run(call: Call, run: Path, tmp_path: Path, name: str) -> None:
+    file = tmp_path / f"part{SUFFIX[name]}"
+    asked = ("--channels", FORCE.name, "--origin", "predicted", "--from", "0.01", "--to-time", "0.03 s")
+    answer = call("export", run, "--to", name, "-o", file, *asked)
+    assert answer.code == 0, answer.err
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(RUN, encoding="utf-8")
+    answer = call("import", file, "--scenario", scenario, "-o", tmp_path / "back.mcap")
+    assert answer.code == 0, answer.err
+    with LogReader(tmp_path / "back.mcap") as back, LogReader(run) as log:
+        assert not back.channels("measured")
+        found = back.series("predicted", FORCE.name, 0.01)
+        wanted = log.series("predicted", FORCE.name, 0.01, 0.03)
+        assert found.values.tobytes() == wanted.values.tobytes()
+        assert (found.first_sample, found.time_ns) == (512, wanted.time_ns)
 
 
 def test_the_scenario_that_a_file_carries_is_enough(call: Call, run: Path, tmp_path: Path) -> None:
@@ -291,6 +380,17 @@ def test_an_array_with_a_rate_is_a_run(call: Call, scenario: Path, tmp_path: Pat
         (["export", "run.mcap", "--to", "xlsx"], 2, "--to xlsx: one of uff, tdms, mat, csv, parquet"),
         (["export", "run.mcap", "--to", "numpy"], 2, "--to numpy: one of uff"),
         (["export", "gone.mcap", "--to", "csv"], 1, "gone.mcap: No such file"),
+        (
+            ["export", "run.mcap", "--to", "csv", "--channels", "contact.force_uper,yoke"],
+            2,
+            '"contact.force_uper": unknown channel of this log; did you mean contact.force_upper?',
+        ),
+        (["export", "run.mcap", "--to", "csv", "--origin", "nominal"], 2, "known here: measured, predicted"),
+        (["export", "run.mcap", "--to", "csv", "--from", "7"], 1, "no sample in it between 7 s and the end"),
+        (["export", "run.mcap", "--to", "tdms", "--from", "7", "--to-time", "8"], 1, "between 7 s and 8 s"),
+        (["export", "run.mcap", "--to", "csv", "--from", "soon"], 2, "--from soon: a time such as"),
+        (["export", "run.mcap", "--to", "csv", "--to-time", "1 N"], 2, "--to-time 1 N: a time such as"),
+        (["export", "run.mcap", "--to", "csv", "--from", "-1"], 2, "--from -1: not before the start"),
         (["export", "run.mcap", "--to", "mat", "-o", "run.mcap"], 1, "exists already"),
         (["export", "run.mcap", "--to", "mat", "-o", "no/a.mat"], 1, "cannot write to"),
         (["import", "a.xlsx", "--scenario", "s.toml"], 1, "cannot be told from its ending"),
@@ -368,7 +468,7 @@ def test_an_encoder_and_what_was_derived_come_back(call: Call, tmp_path: Path, n
                 at_ns = sample_time_ns(START_NS, number * 100, rate) + number * off_ns
                 values = rng.normal(size=100).astype(np.float64 if channel is encoder else np.float32)
                 log.add_block(origin, SampleBlock(channel.name, number * 100, at_ns, rate, values), at_ns)
-    exported = call("export", run, "--to", name)
+    exported = call("export", run, "--to", name, "--all-rates")
     assert exported.code == 0, exported.err
     assert "off the start and rate" not in exported.out  # by less than half a sample
     assert exported.out.count("too long for the ID lines") <= 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,9 @@ from daq.log.records import Gap
 from daq.log.writer import LogWriter
 from tests.daq.log.logs import START_NS, block, write_ramp
 from tests.rig.commands.cli import Call
+from tests.rig.synthetic_run import SCENARIO
+
+ACQUISITION = '[acquisition]\nsample_rate = "1 kHz"\nduration = "7 s"\n'
 
 
 def test_a_sound_log_is_called_sound(call: Call, tmp_path: Path) -> None:
@@ -66,6 +70,42 @@ def test_who_reads_a_damaged_log_is_told_what_to_do(call: Call, tmp_path: Path) 
     answer = call("export", path, "--to", "csv")
     assert answer.code == 1
     assert "rattle verify says where, rattle recover saves the rest" in answer.err
+
+
+def test_a_recovered_log_says_where_the_one_before_was_cut(call: Call, tmp_path: Path) -> None:
+    """On the terminal as it is recovered, and whenever it is verified; with what the run was to come to."""
+    path = write_ramp(tmp_path / "log.mcap", scenario=f"{SCENARIO}{ACQUISITION}")
+    cut = path.read_bytes()[: path.stat().st_size * 3 // 7]
+    path.write_bytes(cut)
+    assert "s of the 7 s asked for" in call("verify", path).out.splitlines()[-1]
+    recovered = tmp_path / "whole.mcap"
+    call("recover", path, "-o", recovered)
+    found = json.loads(call("verify", recovered, "--json").out)
+    assert 0 < found["whole_bytes"] < found["size_bytes"] == len(cut)
+    assert 0 < found["seconds"] < 3
+    again = tmp_path / "again.mcap"
+    for answer in (call("verify", recovered), call("recover", recovered, "-o", again), call("verify", again)):
+        assert answer.code == 0
+        verdict = answer.out.splitlines()[-1]
+        assert f"{found['seconds']:.4g} s of the 7 s asked for" in verdict
+        assert "sound as far as it goes" in verdict
+        assert "it ends in the middle, as a crash leaves it" in verdict
+        assert f"{found['whole_bytes'] / 1e6:.2f} of {len(cut) / 1e6:.2f} MB" in verdict
+
+
+def test_the_verdict_is_the_last_line_and_counts(call: Call, tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        log.declare("measured", Channel("a", "N"))
+        for number in (0, 2):
+            log.add_block("measured", block(number), START_NS)
+    verdict = f"{path}: 0.3 s, 200 samples, 100 more missing by its ledger: sound"
+    assert call("verify", path).out.splitlines()[-1] == verdict
+
+
+def test_it_says_its_version(call: Call) -> None:
+    answer = call("--version")
+    assert (answer.code, answer.out) == (0, f"rattle {version('rattle')}\n")
 
 
 @pytest.mark.parametrize(

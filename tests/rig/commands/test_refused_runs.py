@@ -46,6 +46,52 @@ duration = "1 s"
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize("command", ["run", "sweep", "dwell"])
+@pytest.mark.parametrize("deep", ["", "deep/er"])
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_read(
+    call: Call, tmp_path: Path, command: str, deep: str
+) -> None:
+    (tmp_path / "runs").write_text("mine")
+    more = ["--speeds", "60 rpm"] if command == "dwell" else []
+    answer = call(command, "not read.toml", *more, "--out", tmp_path / "runs" / deep)
+    assert answer.code == 2
+    assert f"'--out': {tmp_path / 'runs'} is a file; name a folder" in answer.err
+    assert (tmp_path / "runs").read_text() == "mine"
+
+
+def test_a_folder_on_a_disk_that_takes_nothing_is_refused(call: Call) -> None:
+    answer = call("run", "not read.toml", "--out", "/proc/self")
+    assert answer.code == 2
+    assert "cannot write to /proc/self: " in answer.err
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        (
+            ("--set", "drive.frequenzy=21 Hz"),
+            'drive.frequenzy = "21 Hz": unknown key; did you mean frequency?',
+        ),
+        (("--set", "drve.frequency=21 Hz"), "did you mean drive?"),
+        (("--set", "drive=21"), "drive = 21: "),
+        (("--set", "drive.frequency=21 N"), 'drive.frequency = "21 N": '),
+        (("--set", "limits.contact.force_uper.abort=9 N"), "did you mean contact.force_upper?"),
+        (("--set", "drive.frequency"), "--set drive.frequency: KEY=VALUE"),
+        (("--set", "=21 Hz"), "--set =21 Hz: KEY=VALUE"),
+        (("--duration", "3 N"), 'acquisition.duration = "3 N": '),
+        (("--duration", "0", "--until-stopped"), "acquisition.duration = 0: "),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
+    call: Call, tmp_path: Path, setting: tuple[str, ...], words: str
+) -> None:
+    file = write_scenario(tmp_path / "s.toml")
+    answer = call("run", file, *setting, "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert words in answer.err
+    assert not (tmp_path / "runs").exists()
+
+
 def test_every_fault_of_a_bench_is_listed_at_once(call: Call, tmp_path: Path) -> None:
     bench = write_bench(tmp_path / "bench.toml")
     text = bench.read_text().replace('"3.6 N/V"', '"0 N/V"').replace('kind = "voltage"', 'kind = "sound"')

@@ -221,6 +221,7 @@ MICROPHONE = """
 name = "room.sound"
 physical = "cDAQ1Mod4/ai0"
 kind = "voltage"
+modelled = false
 sensitivity = 1.0
 range = "5 V"
 """
@@ -234,11 +235,22 @@ def test_a_channel_that_no_rig_has_is_of_its_sensor() -> None:
     assert wiring_of(bench).wires["cDAQ1Mod4/ai0"].plant_channel == ""
 
 
-@pytest.mark.parametrize("name", ["crank_frame.acceleration_z", "crank_frme.acceleration_x"])
-def test_a_name_that_is_nearly_one_of_a_rig_is_meant_to_be_it(name: str) -> None:
-    text = TEXT + MICROPHONE.replace("room.sound", name)
-    problem = only_problem(lambda: parse(text), f'daq_card.channels."{name}".name')
-    assert "did you mean crank_frame.acceleration" in problem.allowed
+def test_a_name_that_no_rig_has_is_taken_for_a_mistake_unless_it_is_said_not_to_be_modelled() -> None:
+    key = 'daq_card.channels."crank_frme.acceleration_x"'
+    mistyped = MICROPHONE.replace("room.sound", "crank_frme.acceleration_x").replace("modelled = false\n", "")
+    problem = only_problem(lambda: parse(TEXT + mistyped), f"{key}.name")
+    assert "did you mean crank_frame.acceleration_x" in problem.allowed
+
+
+def test_a_name_that_has_a_meaning_is_no_name_for_what_is_not_modelled() -> None:
+    text = TEXT.replace(
+        'name = "crank_frame.acceleration_y"', 'name = "crank_frame.acceleration_y"\nmodelled = false'
+    )
+    text += MICROPHONE.replace("room.sound", "encoder.angle")
+    assert set(problems_of(lambda: parse(text))) == {
+        'daq_card.channels."crank_frame.acceleration_y".modelled',
+        'daq_card.channels."encoder.angle".name',
+    }
 
 
 @pytest.mark.parametrize(

@@ -308,3 +308,20 @@ def test_any_value_gives_a_scenario_or_a_configuration_error(key: str, value: ob
 def test_any_text_gives_a_configuration_error(text: str) -> None:
     with pytest.raises(ConfigurationError, match="scenario:"):
         parse_scenario(text)
+
+
+@pytest.mark.parametrize("written", ['[limits."contact.force_upper"]', "[limits.contact.force_upper]"])
+def test_other_values_stand_in_the_scenario_as_if_they_had_been_written(tmp_path: Path, written: str) -> None:
+    """Also of a channel with limits, whichever way its table is written."""
+    file = tmp_path / "s.toml"
+    file.write_text(f'{SOUND}\n{written}\nwarning = "50 N"\nabort = "90 N"\n')
+    settings = {"limits.contact.force_upper.abort": "80 N", "limits.yoke.force.warning": 7, "name": "other"}
+    found = load_scenario(file, settings)
+    assert found.name == "other"
+    assert found.drive == load_scenario(file).drive
+    assert sorted(found.limits, key=lambda limit: limit.channel) == [
+        Limit("contact.force_upper", "N", 50.0, 80.0),
+        Limit("yoke.force", "N", 7.0, None),
+    ]
+    again = parse_scenario(found.text)
+    assert (again.name, again.drive, set(again.limits)) == (found.name, found.drive, set(found.limits))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rig.files.scenario import parse_scenario
+from rig.live.blueprint import channel_view
 from rig.live.crank_picture import CrankPicture
 from rig.live.picture import layout_of, picture_of
 from rig.live.rigs.impact_beam import BeamPicture
@@ -55,6 +56,13 @@ def test_beside_a_nominal_twin_the_prediction_is_called_repaired() -> None:
     alone, both = layout_of("run", CHANNELS, CHANNELS), layout_of("run", CHANNELS, CHANNELS, nominal=CHANNELS)
     assert [layout.whose("predicted") for layout in (alone, both)] == ["predicted", "repaired"]
     assert list(both.origins) == ["measured", "nominal", "predicted"]  # drawn in this order, the last on top
+
+
+def test_a_surrogate_is_drawn_in_the_view_of_its_channel() -> None:
+    layout = layout_of("run", CHANNELS, CHANNELS, surrogate=CHANNELS[:1])
+    assert layout.whose(list(layout.origins)[-1]) == "surrogate"
+    drawn = [channel_view(layout, channel.name).contents for channel in CHANNELS[:2]]
+    assert [len(paths) for paths in drawn] == [3, 2]
 
 
 @pytest.mark.parametrize("rig", RIGS)

@@ -19,7 +19,8 @@ from tests.rig.synthetic_run import CHANNELS, START_NS, blocks, damaged, write_l
 
 BEAM = {
     "Summary",
-    "First impacts and one cycle",
+    "In time and over the cycle",
+    "The whole run",
     "Peak forces",
     "Autospectra",
     "Events and gaps",

@@ -75,7 +75,7 @@ def test_peaks_of_both_twins_stand_against_the_measured_ones(run: RunRecord) -> 
 def test_waves_are_drawn_over_one_cycle_and_as_their_mean(run: RunRecord) -> None:
     *_, figure = overlays(run)
     assert isinstance(figure, Figure)
-    assert tuple(figure.key) == THREE
+    assert tuple(name for name in figure.key if name != "scatter") == THREE
     titles = [each["text"] for each in figure.layout["annotations"][:2]]
     assert "one drive cycle" in titles[0]
     assert "mean of all cycles" in titles[1]
@@ -93,18 +93,21 @@ def test_the_mean_of_all_cycles_of_a_sine_is_the_sine(run: RunRecord) -> None:
     cycle = cycle_of(run)
     assert cycle == Cycle(DRIVE_HZ, 0.0, False)
     assert cycle is not None
-    share, mean = mean_cycle(run.traces["measured", "drive.force"], cycle)
+    share, mean, deviation = mean_cycle(run.traces["measured", "drive.force"], cycle)
     expected = 0.2 * PEAK_N["measured"] * np.sin(2 * np.pi * share)
     # 256 samples in each of 400 places: 0.02 N / 16, five sigma; half a sample beside the place's middle
     assert mean == pytest.approx(expected, abs=5 * 0.02 / 16 + 8.0 * 2 * np.pi * 0.5 / 2560)
+    # noise of 0.02 N, and the sine within a place
+    assert deviation.max() == pytest.approx(0.02, abs=8.0 * 2 * np.pi / 400)
 
 
 def test_missing_samples_are_left_out_of_the_mean() -> None:
     values = np.full(100, 3.0, dtype=np.float32)
     values[::3] = np.nan
-    share, mean = mean_cycle(Trace(values, 10.0), Cycle(1.0, 0.0, False))
+    share, mean, deviation = mean_cycle(Trace(values, 10.0), Cycle(1.0, 0.0, False))
     assert len(share) == 10
     assert np.array_equal(mean, np.full(10, 3.0))
+    assert not deviation.any()
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,9 @@ from rig.reproduce.beam_runs import beam
 from rig.reproduce.figure import Effort, Outcome, Statement, Verdict
 from rig.reproduce.figures import ibs_rigid
 from rig.reproduce.page import FIGURES, Reproduced, compute, compute_all
+from rig.surrogates.recordings import PAPER, QUICK_SECONDS
 from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.surrogates.crank_logs import write_recordings
 
 # On a cold cache every kernel of three rigs is compiled first.
 pytestmark = pytest.mark.timeout(400)
@@ -26,6 +28,7 @@ DRAWN = """() => [...document.querySelectorAll(".plot")].map(plot => plot.calcda
 QUICK = Effort(quick=True)
 ASKED_FOR = {
     *(f"ibs-{number}" for number in range(7, 14)), "ibs-table-3", "ssc-16", "ssc-17", "psc",
+    *(f"psc-{number}" for number in range(3, 12)),
 }  # fmt: skip
 
 # Section 3D of Deck and Dubowsky, its Table 3, and section 4D.
@@ -52,9 +55,11 @@ SAID = [
 
 
 @pytest.fixture(scope="module")
-def quick_figures() -> list[Reproduced]:
-    """All figures, the quick version, computed once."""
-    outcomes = compute_all(list(FIGURES), QUICK, None, lambda done: None)
+def quick_figures(tmp_path_factory: pytest.TempPathFactory) -> list[Reproduced]:
+    """All figures, the quick version, computed once; recordings are of a crank that can be learnt."""
+    folder = tmp_path_factory.mktemp("recordings")
+    write_recordings(folder, PAPER, QUICK_SECONDS)
+    outcomes = compute_all(list(FIGURES), replace(QUICK, recordings=folder), None, lambda done: None)
     return [Reproduced(FIGURES[name], outcome) for name, outcome in outcomes.items()]
 
 
@@ -100,6 +105,21 @@ def test_ours_is_what_the_physics_says(
     quick_figures: list[Reproduced], figure: str, subject: str, value: float, tolerance: float
 ) -> None:
     assert statement(quick_figures, figure, subject).ours == pytest.approx(value, abs=tolerance)
+
+
+@pytest.mark.parametrize("number", [5, 7, 9])
+def test_a_crank_that_can_be_learnt_is_learnt(quick_figures: list[Reproduced], number: int) -> None:
+    subject = "variance of the test points that the GRNN explains"
+    # six widths are tried, a factor of four apart; of the smallest channel noise is 0.5 %
+    assert statement(quick_figures, f"psc-{number}", subject).ours > 90
+    of_rbf = "variance of the test points that the RBF network explains, ten units"
+    assert statement(quick_figures, f"psc-{number + 1}", of_rbf).ours > 50
+
+
+def test_a_figure_of_recordings_that_are_not_there_says_so(tmp_path: Path) -> None:
+    outcomes = compute_all(["psc-4", "psc-5"], Effort(True, tmp_path), None, lambda done: None)
+    assert outcomes["psc-4"].failure == ""
+    assert "no recording of 1-1-mm-150-rpm-steel" in outcomes["psc-5"].failure
 
 
 def test_the_known_gaps_are_told_as_gaps(quick_figures: list[Reproduced]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +18,7 @@ from daq.errors import DeviceLost, InterlockTripped
 from daq.time_base.clocks import CardClock
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
 from drivers.protocols.instrument import Notice
+from rig.session.acquisition import AcquisitionFault
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.interlock import guards_of_shaft
 from rig.stream import Stream
@@ -315,3 +318,19 @@ def test_a_clock_that_drifts_or_is_set_is_said_and_moves_no_sample(ppm: float, s
     shared = min(len(drifted), len(right))
     assert abs(len(drifted) - len(right)) <= 2  # where the record ends is by its clock
     assert np.array_equal(drifted[:shared], right[:shared])
+
+
+def test_a_fault_of_ours_is_told_though_the_terminal_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def angle(taken_s: Array) -> Array:
+        raise ZeroDivisionError("a fault")
+
+    uncaught, terminal, lab = list[object](), io.StringIO(), Lab(angle=angle)
+    terminal.close()
+    monkeypatch.setattr(threading, "excepthook", uncaught.append)
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stderr", terminal)
+        with lab.record:
+            lab.advance(1)
+    with pytest.raises(AcquisitionFault, match="encoder stopped by ZeroDivisionError"):
+        lab.record.check()
+    assert uncaught == []

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import math
+import sys
 import threading
 from collections.abc import Sequence
+
+import pytest
 
 from daq.block import Flag
 from daq.channel import Channel
@@ -39,8 +43,8 @@ class Thermometer:
         return answer
 
 
-def recorded(logger: Thermometer, end_s: float = 60.0) -> list[Record]:
-    kept: list[Record] = []
+def recorded(logger: Thermometer, end_s: float = 60.0, kept: list[Record] | None = None) -> list[Record]:
+    kept = [] if kept is None else kept
     base = CardClock(SystemClock(), 51_200.0)
     base.start(lambda: None)
     asked: Logger = logger
@@ -97,3 +101,33 @@ def test_one_that_is_lost_ends_its_own_record_with_a_warning() -> None:
     assert "unplugged" in told.text
     behind = max(each.samples.end_sample for each in kept if isinstance(each, Block))
     assert {gap.first_sample for gap in kept if isinstance(gap, Gap)} == {behind}
+
+
+class GoneTerminal(io.StringIO):
+    """Takes nothing, and notes what was in the log by then."""
+
+    def __init__(self, kept: list[Record], error: Exception) -> None:
+        super().__init__()
+        self._kept, self._error = kept, error
+        self.by_then: list[Record] = []
+
+    def write(self, text: str) -> int:
+        self.by_then = self.by_then or self._kept.copy()
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(28, "No space left on device"), ValueError("I/O operation on closed file")]
+)
+def test_a_fault_in_its_driver_is_told_before_a_terminal_that_is_gone(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    kept: list[Record] = []
+    terminal = GoneTerminal(kept, error)
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stderr", terminal)
+        recorded(Thermometer((293.0, 313.0), ZeroDivisionError("a fault of its driver")), kept=kept)
+    (told,) = (each for each in kept if isinstance(each, Event))
+    assert (told.code, told.text) == ("logger.lost", "stopped by ZeroDivisionError: a fault of its driver")
+    assert kept == terminal.by_then
+    assert [gap.channel for gap in kept if isinstance(gap, Gap)] == ["hall.temperature", "oil.temperature"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import pty
 import threading
 import time
@@ -11,7 +12,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from rig.session.progress import Screen
+from rig.session.progress import Screen, Terminal
 
 
 def said(total: float, unit: str, steps: int) -> list[str]:
@@ -87,3 +88,19 @@ def test_a_count_is_told_by_quarters_and_seconds_are_not() -> None:
     assert said(3000, "rigs", 1) == ["simulating (3000 rigs) ...", "simulating 75 %"]
     assert said(0, "rigs", 1)[0] == "simulating (0 rigs) ..."
     assert said(60, "s", 7) == ["simulating (60 s) ..."]
+
+
+def test_whether_enter_was_pressed_is_told_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a line is none, and neither is the end of the input."""
+    reading, writing = os.pipe()
+    with open(reading) as there, open(writing, "wb", buffering=0) as typed:
+        monkeypatch.setattr("sys.stdin", there)
+        screen = Screen(Terminal())
+        assert not screen.entered()
+        typed.write(b"half a li")
+        assert not screen.entered()
+        typed.write(b"ne\n")
+        assert screen.entered()
+        assert not screen.entered()
+        typed.close()
+        assert not screen.entered()

@@ -1,0 +1,164 @@
+"""Whether a run lies within what healthy rigs do, which is simulated once for a scenario and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from contextlib import suppress
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+from zipfile import BadZipFile
+
+import numpy as np
+
+from daq.errors import RattleError
+from daq.log.reader import LogReader
+from rig.diagnosis.recordings import AloneRun, recorded_alone
+from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.model_file import parse_model
+from rig.report.record import Verdict
+from rig.session.progress import Screen
+from rig.twin.logged import campaign_with_model
+from sim_twin.diagnosis.fingerprint import Cell
+from sim_twin.diagnosis.gap import GapMeasure
+from sim_twin.diagnosis.healthy_band import HealthyBand, Place, healthy_band
+from sim_twin.diagnosis.subject import Draw
+
+HEALTHY_RIGS: Final = "RATTLE_HEALTHY_RIGS"
+"""Of the environment: how many are simulated for a band; none and no verdict at 0."""
+_RIGS, _FEWEST = 48, 0.5
+_BLOCKS = 2
+_SIMULATED_S = 600.0
+_LOOKED_AT_S = 30.0
+"""Of a run, from its beginning: a verdict must be there at once, and thirty cycles are plenty."""
+_NAMED = 3
+
+
+def verdict_on(log: Path, screen: Screen) -> Verdict:
+    """Judge the run of a log by its scenario's healthy band, which is simulated first where none is kept."""
+    try:
+        rigs = int(os.environ.get(HEALTHY_RIGS, _RIGS))
+    except ValueError:
+        rigs = _RIGS
+    if not rigs:
+        return Verdict(None, (f"Not judged: {HEALTHY_RIGS} is 0.",))
+    try:
+        run = recorded_alone(log, _LOOKED_AT_S)
+        with LogReader(log) as reader:
+            model = reader.metadata.get("twin", {}).get("model", "")
+        if model:
+            fitted = parse_model(model, f"model in {log}", run.scenario.rig)
+            campaign = campaign_with_model(run.campaign, fitted, lambda _: None)
+            run = AloneRun(run.scenario, campaign, run.measured)
+        band = band_of(run, model, rigs, screen)
+    except RattleError as error:
+        return Verdict(None, (f"Not judged: {error}.",))
+    except KeyboardInterrupt:
+        return Verdict(None, ("Not judged: interrupted while healthy rigs were simulated.",))
+    if band is None:
+        return Verdict(None, ("Not judged: too few healthy rigs of this scenario could be simulated.",))
+    return _told(band.places(run.measured), band.rigs, log)
+
+
+def _told(places: list[Place], rigs: int, log: Path) -> Verdict:
+    whole, *channels = places
+    beyond = [place for place in channels if place.beyond]
+    known = f"Gap {whole.gap:.2f}: a typical healthy rig has 1, the farthest of {rigs} {whole.farthest:.2f}."
+    if not beyond and not whole.beyond:
+        first = channels[0]
+        most = f"Farthest off is {first.channel}, {_size(first)}."
+        return Verdict(True, ("Within what healthy rigs do.", f"{known} {most}"))
+    named = [
+        f"{place.channel}, {_size(place)}, {_spot(place.worst)}" for place in (beyond or channels)[:_NAMED]
+    ]
+    more = len(beyond) - len(named)
+    where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
+    next_step = f"What causes it: rattle diagnose {log} --out answer"
+    return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", next_step))
+
+
+def _size(place: Place) -> str:
+    return f"gap {place.gap:.2f} (healthy up to {place.farthest:.2f})"
+
+
+def _spot(cell: Cell) -> str:
+    """Where in a channel a cell lies, in words."""
+    if cell.band is not None:
+        return f"above all its {cell.what} at {cell.band[0]:.0f} to {cell.band[1]:.0f} Hz"
+    if cell.phase is not None:
+        return f"above all its {cell.what} from {cell.phase[0]:.2f} to {cell.phase[1]:.2f} of the cycle"
+    return f"above all its {cell.what}"
+
+
+def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand | None:
+    """The band of the run's scenario that is kept, or simulated now; None where too few rigs could be."""
+    file = _folder() / f"{_key(run, model, rigs)}.npz"
+    layout = run.campaign.layout
+    with suppress(OSError, ValueError, KeyError, BadZipFile), file.open("rb") as opened:
+        kept = np.load(opened)
+        numbers = {name: kept[name] for name in kept.files}
+        measure = GapMeasure(layout, numbers["twin"], numbers["floor"], float(numbers["unit"]))
+        if len(measure.twin) == layout.size:
+            ends = numbers["typical"], numbers["spread"], numbers["farthest"]
+            return HealthyBand(measure, *ends, numbers["limits"], int(numbers["rigs"]))
+    draws = [Draw((), seed, blocks=_BLOCKS) for seed in range(rigs)]
+    what = "simulating healthy rigs, once for this scenario"
+    with worker_processes(cores()) as workers, screen.bar(what, len(draws), "rigs") as bar:
+        shown = Simulated(run.campaign, workers.executor, time.monotonic() + _SIMULATED_S, bar)(draws)
+    healthy = [each[0] for each in shown if each and each[0] is not None]
+    if len(healthy) < max(_FEWEST * rigs, 3):
+        return None
+    band = healthy_band(healthy, layout)
+    measure = band.measure
+    with suppress(OSError):  # without a place to keep it, it is simulated again
+        file.parent.mkdir(parents=True, exist_ok=True)
+        new = file.with_suffix(f".{os.getpid()}.npz")
+        np.savez(
+            new,
+            twin=measure.twin,
+            floor=measure.floor,
+            unit=measure.unit,
+            typical=band.typical,
+            spread=band.spread,
+            farthest=band.farthest,
+            limits=band.limits,
+            rigs=band.rigs,
+        )
+        new.replace(file)
+    return band
+
+
+def _folder() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rattle" / "healthy"
+
+
+def _key(run: AloneRun, model: str, rigs: int) -> str:
+    """A digest of all that the band follows from."""
+    (setting,) = run.campaign.runs
+    told = (
+        _sources(),
+        repr(setting.twin.rig),
+        repr(setting.twin.drive),
+        repr(sorted(setting.twin.sensors.items())),
+        repr(setting.columns),
+        setting.oversampling,
+        setting.cycles,
+        setting.quiet,
+        model,
+        rigs,
+        _BLOCKS,
+    )
+    return hashlib.sha256("\n".join(map(str, told)).encode()).hexdigest()[:32]
+
+
+@cache
+def _sources() -> str:
+    """A digest of the physics and of what is made of it."""
+    digest = hashlib.sha256()
+    root = Path(str(files("sim_twin")))
+    for file in sorted(root.rglob("*.py")):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\n" + file.read_bytes())
+    return digest.hexdigest()

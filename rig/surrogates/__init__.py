@@ -1,0 +1,1 @@
+"""Surrogates of recorded runs: how they are trained, and how far they may be trusted."""

@@ -1,0 +1,129 @@
+"""Samples of a log as a surrogate learns from them, and what a surrogate says beside a log."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import SampleBlock, as_logged, sample_time_ns
+from daq.errors import LogError
+from daq.log.reader import LogReader
+from rig.files.scenario import Scenario
+from rig.twin.logged import followed_scenario
+from rig.twin.prediction import BLOCK_S
+from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE
+from sim_twin.rigs.planar_slider_crank.model import MATERIALS
+from sim_twin.surrogates.samples import COLUMNS, SETTINGS, Samples
+
+if TYPE_CHECKING:
+    from sim_twin.surrogates.surrogate import Surrogate
+
+Array = NDArray[np.float64]
+RIG = "planar_slider_crank"
+"""The one whose settings a surrogate knows."""
+
+
+def samples_of(log: LogReader, every: int = 1) -> Samples:
+    """Every so many of its samples before a stop of the run, where all of them are known.
+
+    Raises LogError where it is no run of the planar slider-crank, or lacks a channel.
+    """
+    scenario = learnable(log)
+    table = log.table("measured", (*ACCELERATIONS, ANGLE), end_s=log.until_stop_s)
+    if len({each.sample_rate for each in table.values()}) > 1:
+        raise LogError(f"{log.path}: channels of different rates cannot be learnt together")
+    first = max(each.first_sample for each in table.values())
+    end = min(each.end_sample for each in table.values())
+    rows = {
+        name: np.asarray(each.values[first - each.first_sample : end - each.first_sample : every], np.float64)
+        for name, each in table.items()
+    }
+    for name, row in rows.items():
+        if not np.isfinite(row).any():
+            raise LogError(f"{log.path}: {name} has no value that is finite; nothing can be learnt from it")
+    known = np.all([np.isfinite(row) for row in rows.values()], axis=0)
+    times = (first + every * np.arange(len(known))) / table[ANGLE].sample_rate
+    inputs = asked(scenario, times[known], rows[ANGLE][known])
+    turns = np.floor(rows[ANGLE][known] / math.tau).astype(np.int64)
+    outputs = np.array([rows[name][known] for name in ACCELERATIONS]).T
+    return Samples(inputs, outputs, np.zeros(len(turns), np.int64), turns)
+
+
+def learnable(log: LogReader) -> Scenario:
+    """The scenario of a log that a surrogate can learn from or speak beside; raises LogError of another."""
+    scenario = followed_scenario(log)
+    if scenario.rig != RIG:
+        raise LogError(f"{log.path}: a run of the {scenario.rig}; surrogates are of the {RIG} alone")
+    lacking = [name for name in (*ACCELERATIONS, ANGLE) if name not in log.channels("measured")]
+    if lacking:
+        raise LogError(f"{log.path}: {', '.join(lacking)} not measured, which a surrogate goes by")
+    return scenario
+
+
+def asked(scenario: Scenario, times_s: Array, angles: Array) -> Array:
+    """What a surrogate takes for a scenario at times and crank angles (rad), shape (n, inputs)."""
+    rig = twin_of(scenario).rig
+    settings = {
+        "speed": scenario.drive.speed * 60 / math.tau,
+        "clearance_1": 1e3 * rig.clearance_1,
+        "clearance_2": 1e3 * rig.clearance_2,
+        "density": MATERIALS[str(scenario.model.get("material", "steel"))].density,
+    }
+    columns = {"time": times_s, "angle": angles}
+    columns |= {name: np.full(len(angles), value) for name, value in settings.items()}
+    return np.column_stack([columns[name] for name in COLUMNS])
+
+
+def digest_of(log: LogReader) -> str:
+    """SHA-256 of the file."""
+    with log.path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def beside(log: LogReader, surrogate: Surrogate) -> tuple[Iterator[SampleBlock], Mapping[str, str]]:
+    """What `surrogate` says at every sample of the crank's angle, and what lies outside of what it learnt.
+
+    Not a number where the angle is not known.
+    """
+    scenario = learnable(log)
+    angle = log.series("measured", ANGLE, end_s=log.until_stop_s)
+    rate, known = angle.sample_rate, np.flatnonzero(np.isfinite(angle.values))
+    times = (angle.first_sample + known) / rate
+    inputs = asked(scenario, times, np.asarray(angle.values, np.float64)[known])
+    told = {
+        name: f"{name} {low:g}"
+        + (f" to {high:g}" if high > low else "")
+        + f" {COLUMNS[name]}, where it learnt"
+        f" {surrogate.ranges[name][0]:g} to {surrogate.ranges[name][1]:g}"
+        for name, (low, high) in (surrogate.outside(inputs) if len(inputs) else {}).items()
+    }
+
+    def blocks() -> Iterator[SampleBlock]:
+        most = max(1, round(BLOCK_S * rate))
+        for first in range(0, len(angle), most):
+            count = min(most, len(angle) - first)
+            here = slice(*np.searchsorted(known, (first, first + count)))
+            values = np.full((len(surrogate.channels), count), np.nan)
+            if here.stop > here.start:
+                values[:, known[here] - first] = surrogate.predict(inputs[here]).T
+            time_ns = sample_time_ns(angle.time_ns, first, rate)
+            for name, row in zip(surrogate.channels, values, strict=True):
+                yield SampleBlock(name, angle.first_sample + first, time_ns, rate, as_logged(name, row))
+
+    return blocks(), told
+
+
+def settings_words(surrogate: Surrogate) -> dict[str, str]:
+    """The range of each setting that it learnt, in words."""
+    words = {}
+    for name in SETTINGS:
+        low, high = surrogate.ranges[name]
+        span = f"{low:g}" if name in surrogate.features.constants else f"{low:g} to {high:g}"
+        words[name] = f"{span} {COLUMNS[name]}"
+    return words

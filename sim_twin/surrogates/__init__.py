@@ -1,0 +1,1 @@
+"""What predicts a rig's channels from recordings alone, without its physics."""

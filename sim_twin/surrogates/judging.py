@@ -1,0 +1,85 @@
+"""How well chaotic motion is predicted: by point and in distribution, against the rig's own scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import wasserstein_distance
+
+from sim_twin.surrogates.samples import Samples, mean_cycle
+
+Array = NDArray[np.float64]
+_LEAST_FLOOR = 1e-3
+"""Of a standard deviation: two halves of a run are never taken to be closer."""
+
+_FLOORS, _HARDLY = 2.0, 0.05
+"""Of floors, and of standard deviations: up to where a distribution is right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Of one channel, in standard deviations of what was measured; the mean over runs.
+
+    `rmse` point by point, `rmse_floor` what the run's mean revolution leaves, were it known without error:
+    nothing that knows only angle and settings passes it. `distance` is Wasserstein's between the
+    distributions of values (how far a value has to be moved, on average), `distance_floor` that of the run's
+    two halves from each other.
+    """
+
+    rmse: float
+    rmse_floor: float
+    distance: float
+    distance_floor: float
+
+    @property
+    def rmse_over_floor(self) -> float:
+        return self.rmse / max(self.rmse_floor, _LEAST_FLOOR)
+
+    @property
+    def distance_over_floor(self) -> float:
+        return self.distance / max(self.distance_floor, _LEAST_FLOOR)
+
+    @property
+    def distribution_right(self) -> bool:
+        """Not farther off than twice what two halves of a run are, or than hardly anything."""
+        return self.distance <= max(_FLOORS * self.distance_floor, _HARDLY)
+
+
+def scores(measured: Samples, predicted: Array, all_measured: Samples | None = None) -> list[Score]:
+    """One for each channel of `measured`, shape of `predicted` (n, channels).
+
+    `all_measured`: what `measured` was thinned from, which tells the mean revolutions.
+    """
+    each, whole = [], measured if all_measured is None else all_measured
+    for run in np.unique(measured.runs):
+        here = measured.runs == run
+        each.append(_scores(measured[here], predicted[here], whole[whole.runs == run]))
+    return [mean_of(rows) for rows in zip(*each, strict=True)]
+
+
+def _scores(measured: Samples, predicted: Array, whole: Samples) -> list[Score]:
+    """Of one run."""
+    own, half = mean_cycle(whole, measured.column("angle")), len(measured) // 2
+    turns = max(len(np.unique(whole.turns)), 2)
+    unbiased = np.sqrt(turns / (turns - 1))  # each revolution is in the mean that it is held against
+    found = []
+    for shown, guess, mean in zip(measured.outputs.T, predicted.T, own.T, strict=True):
+        unit = float(shown.std()) or 1.0
+        found.append(
+            Score(
+                float(np.sqrt(np.mean((shown - guess) ** 2))) / unit,
+                float(unbiased * np.sqrt(np.mean((shown - mean) ** 2))) / unit,
+                float(wasserstein_distance(shown, guess)) / unit,
+                float(wasserstein_distance(shown[:half], shown[half:])) / unit,
+            )
+        )
+    return found
+
+
+def mean_of(each: Sequence[Score]) -> Score:
+    """Their mean, figure by figure."""
+    rows = np.array([(one.rmse, one.rmse_floor, one.distance, one.distance_floor) for one in each])
+    return Score(*(float(value) for value in rows.mean(axis=0)))

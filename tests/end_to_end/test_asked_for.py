@@ -1,0 +1,42 @@
+"""What the command line says beside the files: other values, how long, and an answer for another program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from daq.log.reader import LogReader
+from daq.log.recover import verify_log
+from rig.files.scenario import parse_scenario
+from tests.end_to_end.command import rattle
+from tests.end_to_end.files import CHANNELS, write_scenario
+
+
+@pytest.mark.long
+def test_a_run_with_other_values_until_enter_for_another_program(tmp_path: Path) -> None:
+    """Enter was pressed before the first reading: the record ends with that."""
+    settings = ("--set", "drive.frequency=21 Hz", "--set", "model.clearance=0.2 mm", "--set", 'name="other"')
+    asked = (*settings, "--until-stopped", "--json", "--out", tmp_path)
+    ended = rattle("run", write_scenario(tmp_path / "s.toml", duration_s=60.0), *asked, typed="\n")
+    assert ended.code == 0, ended.err
+    answer = json.loads(ended.out)
+    path = Path(answer["log"])
+    assert path.parent == tmp_path
+    assert Path(answer["report"]).is_file()
+    assert "Enter ends the record, at the latest after " in ended.err
+    assert 0.05 < answer["duration_s"] < 1.0
+    assert list(answer["channels"]) == list(CHANNELS)
+    assert answer["channels"]["drive.force"]["unit"] == "N"
+    assert 3.0 < answer["channels"]["drive.force"]["measured"]["rms"] < 10.0
+    assert (answer["missing"], answer["overloaded_blocks"]) == (0, 0)
+    assert verify_log(path).sound
+    with LogReader(path) as log:
+        assert "record.end" in [event.code for event in log.events()]
+        ran = parse_scenario(log.scenario)
+        remark = log.scenario.splitlines()[0]
+    assert (ran.name, ran.drive.frequency, ran.model["clearance"]) == ("other", 21.0, 0.0002)
+    assert remark.startswith(
+        '# s.toml with drive.frequency = "21 Hz", model.clearance = "0.2 mm", name = "other"'
+    )

@@ -1,0 +1,173 @@
+"""`rattle surrogate`: it learns from logs, speaks beside a log, and says what it cannot do."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.log.reader import SURROGATE, LogReader
+from daq.log.recover import verify_log
+from rig.surrogates.recordings import Setting
+from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE
+from tests.rig.commands.cli import Answer, Call
+from tests.rig.commands.test_overlay import RUN as BEAM
+from tests.rig.surrogates.crank_logs import NOISE, write_log
+from tests.rig.synthetic_run import write_log as write_beam_log
+
+SETTINGS = [Setting(gap, 1, speed) for gap in (1, 2) for speed in (150, 200)]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("logs")
+    return [write_log(folder / f"{each.name}.mcap", each) for each in SETTINGS]
+
+
+def train(call: Call, logs: list[Path], out: Path, *more: object) -> Answer:
+    return call("surrogate", "train", *logs, "-o", out, "--network", "grnn", *more)
+
+
+def test_it_learns_and_says_from_what_and_how_well(call: Call, logs: list[Path], tmp_path: Path) -> None:
+    answer = train(call, logs, tmp_path / "crank.npz")
+    assert answer.code == 0, answer.err
+    assert "learnt     speed 150 to 200 rpm" in answer.out
+    assert "learnt     clearance_2 1 mm; the same in all runs, so nothing was learnt of it" in answer.out
+    assert str(tmp_path / "crank.npz") in answer.out.splitlines()[-1]
+    with zipfile.ZipFile(tmp_path / "crank.npz") as packed:
+        about = json.loads(packed.read("surrogate.json"))
+    assert about["logs"] == {log.name: hashlib.sha256(log.read_bytes()).hexdigest() for log in logs}
+    # noise of 0.05 about what repeats; a mean of but two revolutions is taken to lack a share of sqrt(2)
+    assert all(0.6 < each["rmse"] / each["rmse_floor"] < 2.5 for each in about["tested"].values())
+
+
+def test_it_speaks_beside_measurement_and_twin(call: Call, logs: list[Path], tmp_path: Path) -> None:
+    assert train(call, logs, tmp_path / "crank.npz").code == 0
+    before, target = logs[0].read_bytes(), tmp_path / "beside.mcap"
+    answer = call("surrogate", "predict", logs[0], tmp_path / "crank.npz", "-o", target)
+    assert answer.code == 0, answer.err
+    assert logs[0].read_bytes() == before
+    assert verify_log(target).sound
+    with LogReader(target) as log:
+        assert list(log.channels(SURROGATE)) == list(ACCELERATIONS)
+        assert set(log.channels("predicted")) == {*ACCELERATIONS, ANGLE}
+        measured, said = log.table("measured"), log.table(SURROGATE)
+        for name in ACCELERATIONS:
+            apart = said[name].values - measured[name].values
+            assert (said[name].first_sample, said[name].time_ns) == (0, measured[name].time_ns)
+            assert np.sqrt(np.mean(apart**2)) < 4 * NOISE
+        assert "crank" not in log.metadata["surrogate"]["network"]
+        assert len(json.loads(log.metadata["surrogate"]["logs"])) == len(logs)
+        assert not [event for event in log.events() if event.code == "surrogate.outside"]
+    page = target.with_suffix(".html").read_text(encoding="utf-8")
+    assert '<span class="surrogate">surrogate</span>' in page
+    assert "Revolutions in the mean:" in page
+    replayed = call("replay", target, "--speed", "0")
+    assert replayed.code == 0, replayed.err
+
+
+def test_what_lies_outside_of_what_it_learnt_is_flagged(call: Call, logs: list[Path], tmp_path: Path) -> None:
+    assert train(call, logs, tmp_path / "crank.npz").code == 0
+    faster = write_log(tmp_path / "faster.mcap", Setting(1, 2, 230), seconds=1.0)
+    answer = call("surrogate", "predict", faster, tmp_path / "crank.npz", "-o", tmp_path / "beside.mcap")
+    assert answer.code == 0, answer.err
+    told = "speed 230 rpm, where it learnt 150 to 200"
+    assert told in " ".join(answer.out.split())
+    with LogReader(tmp_path / "beside.mcap") as log:
+        texts = [event.text for event in log.events() if event.code == "surrogate.outside"]
+    assert texts == [told, "clearance_2 2 mm, where it learnt 1 to 1"]
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "told"),
+    [
+        (
+            lambda folder: write_beam_log(folder / "a.mcap", 0.2, scenario=BEAM),
+            1,
+            "surrogates are of the planar_slider_crank",
+        ),
+        (
+            lambda folder: write_log(folder / "a.mcap", SETTINGS[0], leave_out=ACCELERATIONS[1]),
+            1,
+            f"{ACCELERATIONS[1]} not measured",
+        ),
+        (
+            lambda folder: write_log(folder / "a.mcap", SETTINGS[0], spoil=ACCELERATIONS[2]),
+            1,
+            f"{ACCELERATIONS[2]} has no value that is finite",
+        ),
+        (
+            lambda folder: write_log(folder / "a.mcap", SETTINGS[0], seconds=0.5),
+            1,
+            "fewer than 3 revolutions",
+        ),
+        (lambda folder: folder / "none.mcap", 1, "No such file"),
+    ],
+)
+def test_what_cannot_be_learnt_from_is_refused(
+    call: Call, tmp_path: Path, given, code: int, told: str
+) -> None:
+    answer = train(call, [given(tmp_path)], tmp_path / "crank.npz")
+    assert answer.code == code
+    assert told in answer.err
+    assert not (tmp_path / "crank.npz").exists()
+
+
+def test_a_log_counts_once(call: Call, logs: list[Path], tmp_path: Path) -> None:
+    answer = train(call, [logs[0], logs[0]], tmp_path / "crank.npz")
+    assert answer.code == 1
+    assert "each counts once" in answer.err
+
+
+def test_a_file_in_the_way_and_a_damaged_one_are_said(call: Call, logs: list[Path], tmp_path: Path) -> None:
+    (tmp_path / "crank.npz").write_bytes(b"in the way")
+    answer = train(call, logs, tmp_path / "crank.npz")
+    assert answer.code == 1
+    assert "is there already" in answer.err
+    answer = call("surrogate", "predict", logs[0], tmp_path / "crank.npz", "-o", tmp_path / "beside.mcap")
+    assert answer.code == 1
+    assert "damaged, or no surrogate" in answer.err
+    assert not (tmp_path / "beside.mcap").exists()
+
+
+def test_a_run_of_another_rig_or_without_a_channel_is_refused(
+    call: Call, logs: list[Path], tmp_path: Path
+) -> None:
+    assert train(call, logs, tmp_path / "crank.npz").code == 0
+    beam = write_beam_log(tmp_path / "beam.mcap", 0.2, scenario=BEAM)
+    answer = call("surrogate", "predict", beam, tmp_path / "crank.npz")
+    assert answer.code == 2
+    assert 'rig = planar_slider_crank: "impact_beam", the rig that is asked for' in answer.err
+    fewer = write_log(tmp_path / "fewer.mcap", SETTINGS[0], 0.5, leave_out=ACCELERATIONS[0])
+    answer = call("surrogate", "predict", fewer, tmp_path / "crank.npz")
+    assert answer.code == 2
+    assert f"channels = {ACCELERATIONS[0]}: only what the run has" in answer.err
+    no_angle = write_log(tmp_path / "no_angle.mcap", SETTINGS[0], 0.5, leave_out=ANGLE)
+    answer = call("surrogate", "predict", no_angle, tmp_path / "crank.npz")
+    assert answer.code == 1
+    assert f"{ANGLE} not measured, which a surrogate goes by" in answer.err
+    assert not list(tmp_path.glob("*.surrogate.mcap"))
+
+
+@pytest.mark.long
+def test_runs_are_judged_and_the_second_call_has_it_at_once(
+    call: Call, logs: list[Path], tmp_path: Path
+) -> None:
+    answer = call("surrogate", "report", *logs, "--out", tmp_path / "judged")
+    assert answer.code == 0, answer.err
+    assert "the RBF network is ahead of the GRNN (RBF explains" in answer.out
+    assert "other speeds" not in answer.out  # there are but two
+    table = json.loads((tmp_path / "judged" / "surrogates.json").read_text(encoding="utf-8"))
+    by = {(row["split"], row["over"], row["method"]): row["score"] for row in table["rows"]}
+    assert by["held-out cycles", "angle", "GRNN"]["rmse"] < 0.2  # noise of 0.05, and smooth
+    assert by["held-out cycles", "time", "GRNN"]["rmse"] > 0.5
+    first = (tmp_path / "judged" / "surrogates.html").read_text(encoding="utf-8")
+    begun = time.monotonic()
+    assert call("surrogate", "report", *logs, "--out", tmp_path / "judged").code == 0
+    assert time.monotonic() - begun < 30.0
+    assert (tmp_path / "judged" / "surrogates.html").read_text(encoding="utf-8") == first

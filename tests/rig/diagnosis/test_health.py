@@ -1,0 +1,110 @@
+"""The verdict on a run: within what healthy rigs do, or where it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from rig.diagnosis import health
+from rig.diagnosis.health import HEALTHY_RIGS, verdict_on
+from rig.ensembles import Workers
+from rig.session.progress import Screen, Terminal
+from tests.rig.synthetic_run import SCENARIO, write_log
+
+SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
+RUN = SCENARIO + '[acquisition]\nsample_rate = "51.2 kHz"\nduration = "5 s"\n'
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Eight healthy rigs in this process, and where their band is kept."""
+
+    @contextmanager
+    def here(count: int) -> Iterator[Workers]:
+        with ThreadPoolExecutor(1) as executor:
+            yield Workers(executor, 1)
+
+    monkeypatch.setattr(health, "worker_processes", here)
+    monkeypatch.setenv(HEALTHY_RIGS, "8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "rattle" / "healthy"
+
+
+def screen() -> Screen:
+    return Screen(Terminal(file=StringIO()))
+
+
+def test_a_run_of_pulses_is_not_what_healthy_beams_do_and_the_band_is_kept(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = write_log(tmp_path / "run.mcap", 4.5, origins=["measured"], scenario=RUN)
+    found = verdict_on(log, screen())
+    assert found.well is False
+    first, where, next_step = found.sentences
+    assert first == "Not what healthy rigs do."
+    assert "contact.force" in where
+    assert next_step == f"What causes it: rattle diagnose {log} --out answer"
+    assert len(list(kept.iterdir())) == 1
+
+    def none(*_: object) -> None:
+        raise AssertionError("simulated again")
+
+    monkeypatch.setattr(health, "Simulated", none)
+    assert verdict_on(log, screen()) == found
+
+
+def test_a_band_that_cannot_be_read_is_made_anew(kept: Path, tmp_path: Path) -> None:
+    log = write_log(tmp_path / "run.mcap", 4.5, origins=["measured"], scenario=RUN)
+    found = verdict_on(log, screen())
+    (file,) = kept.iterdir()
+    file.write_bytes(file.read_bytes()[:100])
+    assert verdict_on(log, screen()) == found
+
+
+@pytest.mark.parametrize(
+    ("seconds", "scenario", "why"),
+    [
+        (0.3, RUN, "6 sound cycles; a diagnosis needs 10"),
+        (1.0, "", "no scenario in it"),
+        (1.4, RUN.replace("duration", 'settle = "0 s"\nduration'), "once the motion has set in"),
+    ],
+)
+def test_what_cannot_be_judged_is_told_with_the_reason(
+    kept: Path, tmp_path: Path, seconds: float, scenario: str, why: str
+) -> None:
+    found = verdict_on(
+        write_log(tmp_path / "run.mcap", seconds, origins=["measured"], scenario=scenario), screen()
+    )
+    assert found.well is None
+    assert found.sentences[0].startswith("Not judged: ")
+    assert why in found.sentences[0]
+    assert not kept.exists()
+
+
+def test_who_wants_none_gets_none(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(HEALTHY_RIGS, "0")
+    log = write_log(tmp_path / "run.mcap", 1.0, scenario=RUN)
+    assert verdict_on(log, screen()).sentences == (f"Not judged: {HEALTHY_RIGS} is 0.",)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
+@pytest.mark.parametrize(
+    ("name", "well"),
+    [
+        ("beam_healthy", True),
+        ("beam_base_flexibility", False),
+        ("crank_healthy", True),
+        ("crank_joint_friction", False),
+    ],
+)
+def test_recordings_of_another_program_are_judged_right(
+    name: str, well: bool, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(HEALTHY_RIGS, "48")
+    assert verdict_on(SAMPLES / f"{name}.mcap", screen()).well is well

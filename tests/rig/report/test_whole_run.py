@@ -1,0 +1,133 @@
+"""The whole run over time, what of it is not compared, and units as people write them."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.channel import Channel
+from daq.log.records import Event
+from rig.pages.content import BigNumbers, Figure, Lead, Sentence, Table
+from rig.pages.words import number, spread
+from rig.report.record import RunRecord, Verdict, read_run
+from rig.report.sections import log as log_sections
+from rig.report.sections import overlays, summary, whole_run
+from tests.rig.synthetic_run import PEAK_N, SCENARIO, START_NS, write_log
+
+LIMITED = (
+    SCENARIO
+    + '[acquisition]\nsample_rate = "51.2 kHz"\nduration = "2 s"\n'
+    + '[limits."contact.force_upper"]\nwarning = "60 N"\nabort = "400 N"\n'
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunRecord:
+    return read_run(write_log(tmp_path_factory.mktemp("run") / "run.mcap", 2.0, scenario=LIMITED))
+
+
+def drawn(run: RunRecord) -> tuple[list[str], Figure]:
+    *told, figure = whole_run.parts(run)
+    assert isinstance(figure, Figure)
+    return [part.text for part in told if isinstance(part, Sentence)], figure
+
+
+def values(trace: dict[str, dict[str, str]], axis: str = "y") -> np.ndarray:
+    return np.frombuffer(base64.b64decode(trace[axis]["bdata"]), "<f4")
+
+
+def test_a_lone_peak_of_a_run_is_seen_in_its_waveform(run: RunRecord) -> None:
+    trace = run.traces["measured", "contact.force_upper"]
+    struck = trace.values.copy()
+    struck[70_001] = 99.0
+    key = ("measured", "contact.force_upper")
+    _, figure = drawn(replace(run, traces={**run.traces, key: replace(trace, values=struck)}))
+    line = next(
+        each
+        for each in figure.traces
+        if each["name"] == "measured" and each.get("meta") == "contact.force_upper"
+    )
+    at = int(np.argmax(values(line)))
+    assert values(line)[at] == 99.0
+    assert values(line, "x")[at] == pytest.approx(70_001 / 51_200, abs=1e-4)
+
+
+def test_events_and_limits_are_marked_where_they_lie(run: RunRecord) -> None:
+    event = Event(START_NS + 1_250_000_000, "warning", "rig", "limit.warning", "too much")
+    told, figure = drawn(replace(run, events=[event]))
+    marks = [each for each in figure.traces if each["name"] == "event"]
+    assert len(marks) == len(run.channels)
+    assert values(marks[0], "x") == pytest.approx([1.25, 1.25])
+    assert marks[0]["text"] == ["limit.warning: too much"] * 2
+    # 60 N and -60 N about peaks of 40 N; 400 N would leave nothing else to be seen
+    limits = [float(values(each)[0]) for each in figure.traces if each["name"] == "limit"]
+    assert limits == [60.0, -60.0]
+    assert told == ["Limits of this run: contact.force_upper 60 N, contact.force_upper 400 N."]
+
+
+def test_events_are_told_in_seconds_of_the_record_too(run: RunRecord) -> None:
+    table = next(part for part in log_sections.events(run) if isinstance(part, Table))
+    assert table.rows[0][1] == "0.000"
+
+
+def test_the_verdict_comes_before_any_percentage(run: RunRecord) -> None:
+    verdict = Verdict(False, ("Not what healthy rigs do.", "Most in yoke.force."))
+    first, *_ = summary.parts(replace(run, verdict=verdict))
+    assert isinstance(first, Lead)
+    assert first.sentences == verdict.sentences
+
+
+def test_the_tile_shows_the_channel_that_is_worst(run: RunRecord) -> None:
+    numbers = next(part for part in summary.parts(run) if isinstance(part, BigNumbers)).numbers
+    tile = next(each for each in numbers if each.label == "Largest difference")
+    # every channel is a tenth too small, base.acceleration has the same noise
+    assert tile.text == "\N{MINUS SIGN}10.0 %" == f"\N{MINUS SIGN}{100 * (1 - 36 / PEAK_N['measured']):.1f} %"
+    assert "base.acceleration" not in tile.remark
+
+
+def test_what_the_twin_says_nothing_of_is_not_compared(run: RunRecord) -> None:
+    key = ("predicted", "base.acceleration")
+    still = replace(run.tallies[key], square_sum=0.0, largest=0.0)
+    quiet = replace(run, tallies={**run.tallies, key: still})
+    assert quiet.still == {"base.acceleration"}
+    table = next(part for part in summary.parts(quiet) if isinstance(part, Table))
+    row = next(row for row in table.rows if row[0] == "base.acceleration")
+    assert row[1] == "m/s²"
+    assert row[4] == "not compared"
+    assert "100.0 %" not in str(summary.parts(quiet))
+
+
+def test_a_run_that_was_going_shows_its_mean_cycle_and_says_why(run: RunRecord) -> None:
+    told, figure = overlays.parts(run)
+    assert isinstance(told, Sentence)
+    assert "running before this run" in told.text
+    assert isinstance(figure, Figure)
+    titles = [each["text"] for each in figure.layout["annotations"][:2]]
+    assert "one drive cycle" in titles[0]
+    assert "mean of all cycles" in titles[1]
+    assert "scatter" in figure.key
+
+
+def test_units_are_as_people_write_them() -> None:
+    assert number(9.81, "m/s2") == "9.81 m/s²"
+    assert number(2 * np.pi, "rad/s") == "60 rpm"
+    assert spread(2 * np.pi, np.pi, "rad/s") == "60.0 ± 30.0 rpm"
+
+
+def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord, tmp_path: Path) -> None:
+    channels = {
+        "contact.force_upper": Channel("contact.force_upper", "N", scale=100.0, raw_unit="V"),
+        "base.acceleration": Channel("base.acceleration", "m/s2", scale=98.1, raw_unit="V"),
+    }
+    known = {"calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02"}
+    parts = log_sections.provenance(replace(run, channels=channels, metadata={"run": known}))
+    facts, sensors = (part for part in parts if isinstance(part, Table))
+    assert [row[3:5] for row in sensors.rows] == [
+        ["10 mV/N", "2026-01-02, valid until 2027-01-02"],
+        ["10.19 mV/(m/s²)", "\N{EN DASH}"],
+    ]
+    assert not any("calibrated" in row[0] for row in facts.rows)

@@ -1,0 +1,63 @@
+"""A run judged by a band of healthy rigs whose distribution is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
+from sim_twin.diagnosis.healthy_band import HealthyBand, healthy_band
+
+CHANNELS = ("left", "right")
+LAYOUT = Layout(
+    tuple(
+        Cell(0, channel, "energy", band=(100.0 * k, 100.0 * (k + 1)))
+        for channel in CHANNELS
+        for k in range(20)
+    )
+)
+RIGS, BLOCKS = 48, 2
+
+
+def rig(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Each number scatters by 1 from rig to rig and by 0.5 from block to block."""
+    return 5.0 + rng.normal(size=LAYOUT.size) + 0.5 * rng.normal(size=(BLOCKS, LAYOUT.size))
+
+
+@pytest.fixture(scope="module")
+def band() -> HealthyBand:
+    rng = np.random.default_rng(1)
+    return healthy_band([rig(rng) for _ in range(RIGS)], LAYOUT)
+
+
+def test_healthy_rigs_lie_within_the_band(band: HealthyBand) -> None:
+    rng = np.random.default_rng(2)
+    judged = [band.places(rig(rng)) for _ in range(200)]
+    assert np.mean([places[0].gap for places in judged]) == pytest.approx(1.0, abs=0.02)
+    # one in 49 is expected to lie beyond all of the 48; 5 % are four deviations more
+    assert np.mean([any(place.beyond for place in places) for places in judged]) < 0.06
+
+
+def test_what_is_off_is_named_with_its_channel_and_its_worst_cell(band: HealthyBand) -> None:
+    blocks = rig(np.random.default_rng(3))
+    seventh = 20 + 7
+    blocks[:, seventh * SLICES : (seventh + 1) * SLICES] += 12.0
+    whole, first, second = band.places(blocks)
+    assert (whole.channel, first.channel, second.channel) == ("", "right", "left")
+    assert first.beyond
+    assert not second.beyond
+    assert first.worst == LAYOUT.cells[seventh] == whole.worst
+    assert first.gap > whole.gap > first.farthest > 1.0
+
+
+def test_one_rig_that_is_alone_somewhere_hides_nothing_elsewhere() -> None:
+    """A point that one healthy rig in 48 touches, and all others never."""
+    rng = np.random.default_rng(4)
+    rigs = [rig(rng) for _ in range(RIGS)]
+    rigs[5][:, : 20 * SLICES] += 30.0
+    band = healthy_band(rigs, LAYOUT)
+    blocks = rig(rng)
+    blocks[:, 20 * SLICES :] += 1.5
+    _, *channels = band.places(blocks)
+    assert [place.channel for place in channels if place.beyond] == ["right"]
