@@ -37,14 +37,13 @@ from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.spoilt_disk import disk_of
-from rig.session.supervisor import UNASKED, Supervisor, kept
+from rig.session.supervisor import Latching, Supervisor
 from rig.stream import Stream
 
 _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
-_UNLATCHED = f"the disk hangs, and does not keep that an emergency stop was seen: the {UNASKED}"
 STOPPED = "stopped before its time"
 
 
@@ -148,8 +147,7 @@ class DrivenRig:
         self._deciding = threading.Lock()  # of guard and sequence: over `_met`, `_stops`, `_unsafe`
         self._met = self._unsafe = 0  # dangers answered with a stop; stops not yet done
         self._unsafe_until_s = math.inf  # by when the first of these has to be done, monotonic s
-        self._latching: threading.Thread | None = None
-        self._unlatched = _UNLATCHED  # what went wrong with it
+        self._latching: Latching
         self._hung = ""  # who hung, said once: what comes back to life later must not go on
         self._force: ForceWatch | None = None
         self._stopped_ns = 0
@@ -272,6 +270,7 @@ class DrivenRig:
 
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
+            self._latching = Latching(self.devices.latch)
             running.callback(self._tell_of_latch)
             running.callback(lambda: self._account(asked_s))
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
@@ -322,27 +321,13 @@ class DrivenRig:
         """What was seen of its line, for good."""
         return self._supervisor.emergency_stop or self.devices.emergency_stop()
 
-    def _latch(self) -> None:
-        """Have the next run ask a person, in a thread that keeps nobody from switching off."""
-        latch, seen = self.devices.latch, self.emergency_stop
-        if latch is None or seen is None or self._latching is not None:
-            return
-
-        def keep() -> None:
-            self._unlatched = kept(latch, seen)
-
-        self._latching = threading.Thread(target=keep, name="latch", daemon=True)
-        self._latching.start()
-
     def _tell_of_latch(self) -> None:
-        self._latch()  # where it was seen after the guard had ended
-        if self._latching is not None:
-            self._latching.join(HUNG_S)
-            if wrong := self._unlatched:
-                with suppress(RecorderFailed):
-                    self.logbook.tell("error", "emergency_stop.latch", wrong)
-                with suppress(OSError):
-                    self.screen.warn(wrong)
+        self._latching.give(self.emergency_stop)  # where it was seen after the guard had ended
+        if wrong := self._latching.end():
+            with suppress(RecorderFailed):
+                self.logbook.tell("error", "emergency_stop.latch", wrong)
+            with suppress(OSError):
+                self.screen.warn(wrong)
 
     def heed_emergency_stop(self) -> None:
         if (seen := self.emergency_stop) is not None:
@@ -452,7 +437,7 @@ class DrivenRig:
             self.acquisition.alarm.wait(LOOK_S)
             self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
-            self._latch()
+            self._latching.give(self.emergency_stop)
             with self._deciding:
                 if (found := self._dangers()) > self._met:
                     # what comes while it stops already, a person who asks twice, an emergency stop: no ramp

@@ -67,6 +67,22 @@ class FileLine:
     def close(self) -> None: ...
 
 
+class LastThreadLine(FileLine):
+    """From its opening on the machine starts no thread more."""
+
+    def open(self) -> None:
+        threading.Thread.start = refuse_latch  # type: ignore[method-assign]
+
+
+START = threading.Thread.start
+
+
+def refuse_latch(thread: threading.Thread) -> None:
+    if thread.name != "emergency stop":
+        raise RuntimeError("can't start new thread")
+    START(thread)
+
+
 @pytest.fixture(autouse=True)
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
@@ -224,6 +240,19 @@ def test_it_latches_an_emergency_stop_whatever_becomes_of_the_run(
     with launched(line=True):
         await_true("latched", latch.told)
     assert latch.told() == "emergency stop at here ended a run: its line is open"
+
+
+def test_a_machine_that_starts_no_thread_more_costs_neither_the_word_nor_the_latch(tmp_path: Path) -> None:
+    latch = Latch("generator", "here")
+    supervisor = Supervisor(
+        partial(FarGenerator, tmp_path), line=partial(LastThreadLine, tmp_path), latch=latch
+    )
+    supervisor.launch()
+    with supervisor:
+        (tmp_path / "pressed").touch()
+        await_true("seen", lambda: supervisor.emergency_stop)
+        await_true("latched", latch.told)
+        supervisor.check()
 
 
 def test_a_latch_that_cannot_be_kept_is_told(
