@@ -159,7 +159,7 @@ class DrivenRig:
         stack.callback(self._supervisor.close)
         if (spare := self.devices.spare) is not None:  # whoever arms it may fail to switch it off
             actuator = self.devices.actuator
-            stack.enter_context(drive_off_after(actuator, spare, self.screen, self._hand_over))
+            stack.enter_context(drive_off_after(actuator, spare, self.screen, self._supervisor))
 
     def open_log(self, stack: ExitStack, folder: Path, name: str) -> Path:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
@@ -278,7 +278,7 @@ class DrivenRig:
                     running.enter_context(each)
             running.callback(ask)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
-            running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
+            running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._supervisor))
             try:
                 yield
             except InstrumentError:
@@ -363,6 +363,10 @@ class DrivenRig:
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.cut if self.emergency_stop else self.motion.off)
 
+    def close(self) -> None:
+        """Hang up to what moves it, which nothing is sent to any more."""
+        self.devices.actuator.close()
+
     def warn(self, code: str, text: str) -> None:
         self.logbook.tell("warning", code, text)
         self.screen.warn(text)
@@ -411,10 +415,6 @@ class DrivenRig:
                 for channel in logger.channels:
                     because = why(logger.name, record.lost)
                     recorder.due("measured", channel.name, record.due(asked_s), because)
-
-    def _hand_over(self) -> str:
-        self.devices.actuator.close()
-        return self._supervisor.go_on()
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

@@ -116,16 +116,19 @@ class Supervisor:
         with suppress(OSError):
             self._child.pipe.send(self._silence_s)
 
-    def go_on(self) -> str:
-        """Have it switch the drive off for as long as that takes; what a person should know of that."""
-        self._watches()  # a run may fail while it is still to come up
+    def take_over(self) -> None:
+        """Have it switch the drive off for as long as that takes; one that is still to come up, then."""
         with suppress(OSError):
             self._child.pipe.send(_OFF)
+
+    def go_on(self) -> str:
+        """What a person should know of that."""
+        self._watches()
         process = self._heard(_ANSWER_S)
         if process == _TRIPPED:
-            return "; the supervisor says that it is off by now"
+            return "the supervisor says that it is off by now"
         return process and (
-            f"; process {process} goes on trying, says when it is off, and keeps the bench until then "
+            f"process {process} goes on trying, says when it is off, and keeps the bench until then "
             f"(kill {process} ends it)"
         )
 
@@ -165,6 +168,8 @@ class Supervisor:
                         self._line_seen = told
                     elif told == _HEARD:
                         self._unanswered = 0
+                    elif told == _READY:
+                        self._up = True
                     else:
                         self._told = told
         finally:
