@@ -12,7 +12,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing.reduction import DupFd
 from typing import Any, Final
 
@@ -65,26 +65,34 @@ class InstrumentLock:
 class Latch:
     """What the instrument at an address is set to outlives its program, until it is set to nothing.
 
+    It goes by every name: a serial adapter may come back as another device.
+
     Raises `InstrumentRefused` where it cannot be kept or read.
     """
 
     def __init__(self, instrument: str, address: str) -> None:
-        self._instrument, self._address, self._path = instrument, address, _path(address, "latch")
+        self._instrument, self._address = instrument, address
+        self._paths = [_path(name, "latch") for name in _names(address)]
 
     def set(self, text: str) -> None:
-        with self._translated("set"), open(_opened(self._path), "r+", encoding="utf-8") as file:
-            file.truncate()
-            file.write(text[:_LONGEST])
+
+        def write(path: str) -> None:
+            with open(_opened(path), "r+", encoding="utf-8") as file:
+                file.truncate()
+                file.write(text[:_LONGEST])
+
+        with self._translated("set"), ExitStack() as every:  # also where one of them fails
+            for path in self._paths:
+                every.callback(write, path)
 
     def told(self) -> str:
         """What it is set to; empty where it is not."""
-        if not os.path.lexists(self._path):
-            return ""
-        with (
-            self._translated("read"),
-            open(_opened(self._path), encoding="utf-8", errors="replace") as file,
-        ):
-            return "".join(filter(str.isprintable, file.read(_LONGEST)))
+        with self._translated("read"):
+            for path in filter(os.path.lexists, self._paths):
+                with open(_opened(path), encoding="utf-8", errors="replace") as file:
+                    if text := "".join(filter(str.isprintable, file.read(_LONGEST))):
+                        return text
+        return ""
 
     @contextmanager
     def _translated(self, doing: str) -> Iterator[None]:
@@ -92,12 +100,14 @@ class Latch:
             yield
         except OSError as error:
             what = f"the latch of its emergency stop cannot be {doing}: {error}"
-            raise InstrumentRefused(self._instrument, self._address, what, self._path) from error
+            raise InstrumentRefused(
+                self._instrument, self._address, what, " and ".join(self._paths)
+            ) from error
 
 
 def lock(instrument: str, address: str) -> InstrumentLock:
     """Hold the instrument at an address; raises `InstrumentRefused`, which says who has it."""
-    path = _path(address, "lock")
+    path = _path(_names(address)[-1], "lock")
     try:
         while True:
             file = _opened(path)
@@ -118,17 +128,17 @@ def lock(instrument: str, address: str) -> InstrumentLock:
         raise InstrumentRefused(instrument, address, f"cannot be locked: {error}", path) from error
 
 
-def _path(address: str, kind: str) -> str:
-    name = f"rattle-{hashlib.sha256(_one_name(address).encode()).hexdigest()[:16]}.{kind}"
-    return os.path.join(next((each for each in FOLDERS if os.access(each, os.W_OK)), FOLDERS[-1]), name)
+def _path(name: str, kind: str) -> str:
+    file = f"rattle-{hashlib.sha256(name.encode()).hexdigest()[:16]}.{kind}"
+    return os.path.join(next((each for each in FOLDERS if os.access(each, os.W_OK)), FOLDERS[-1]), file)
 
 
-def _one_name(address: str) -> str:
-    """A device and a place on the network have many names."""
+def _names(address: str) -> list[str]:
+    """A device and a place on the network have many names: as it is written, and last as it is now."""
     serial = re.fullmatch(r"(?:ASRL)?(/.+?)(?:::INSTR)?", address)
     if serial is not None:
-        return os.path.realpath(serial[1])
-    return address.casefold().replace("localhost", "127.0.0.1").replace("tcpip0::", "tcpip::")
+        return list(dict.fromkeys([serial[1], os.path.realpath(serial[1])]))
+    return [address.casefold().replace("localhost", "127.0.0.1").replace("tcpip0::", "tcpip::")]
 
 
 def _opened(path: str) -> int:

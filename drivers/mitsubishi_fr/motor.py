@@ -244,7 +244,8 @@ class Motor:
         Where that cannot be seen, hush, so that the drive's watchdog stops it, and raise InstrumentSilent.
         """
         if self.orders.run and not (self.state and self.state.fault):
-            does = "coasts" if self.parameters.coasts else "goes on down its ramp, no faster"
+            coasts = "coasts: inverter.off does not mean that the shaft stands"
+            does = coasts if self.parameters.coasts else "ramps down by itself (Pr.8)"
             text = f"run is withdrawn at once; by Pr.250 the motor {does}"
             self._notices.note("warning", "inverter.cut", text)
         with Errand(self.orders, is_stop=True):

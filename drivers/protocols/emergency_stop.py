@@ -17,8 +17,10 @@ from daq.quantity import Key, Text
 
 STOP_TABLE: Final = "emergency_stop"
 LOOK_S: Final = 0.02  # as the guard of a run looks
-_UNREAD: Final = 25
-"""Looks without a reading: half a second, of which a machine that stands still takes nothing."""
+SILENCE_S: Final = 0.5
+"""25 looks, of something that waits for nothing: only what is frozen misses as many."""
+_UNREAD: Final = round(SILENCE_S / LOOK_S)
+"""Looks without a reading, of which a machine that stands still takes nothing."""
 _LEFT_S: Final = 0.5
 """How long a reading that is under way is waited for at the end; one that hangs is left behind."""
 

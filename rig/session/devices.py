@@ -17,12 +17,10 @@ from drivers.protocols.encoder import PositionEncoder
 from drivers.protocols.instrument import Actuator, Logger
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
+from rig.session.acquisition import JOIN_S
 from rig.session.drive import Motion, drive_off_after
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
-
-_CLOSE_S = 5.0
-"""For each, at the end of a run: a driver may have no deadline of its own."""
 
 
 class InstrumentsMissing(InstrumentError):
@@ -80,7 +78,7 @@ class Devices:
             if device is not None:
                 closing = threading.Thread(target=device.close, name=f"{device.name} close", daemon=True)
                 closing.start()
-                closing.join(_CLOSE_S)
+                closing.join(JOIN_S)
         while self.locks:
             self.locks.pop().close()
 

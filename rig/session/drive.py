@@ -74,34 +74,52 @@ class SwitchedOff(Protocol):
 
     def off(self) -> None: ...
 
+    def close(self) -> None:
+        """Hang up, after which `off` sends nothing."""
+
+
+class Successor(Protocol):
+    """Whoever goes on trying to switch a drive off."""
+
+    def take_over(self) -> None:
+        """Begin; waits for nothing."""
+
+    def go_on(self) -> str:
+        """What a person should know of that; may take its time."""
+
 
 @contextmanager
 def drive_off_after(
     drive: SwitchedOff,
     spare: Callable[[], Actuator] | None,
     screen: Screen,
-    hand_over: Callable[[], str] = lambda: "",
+    successor: Successor | None = None,
 ) -> Iterator[None]:
-    """Switch the drive off on every way out, by a new connection where the old one fails.
+    """Switch the drive off on every way out, by a new connection where the old one fails, which is closed.
 
-    If even that fails, `hand_over` to whoever goes on trying, and say so without hiding why the run ended.
-    Where nothing else ended it, the drive's failure to go off is raised, whether the new connection helped or
-    not.
+    If even that fails, a `successor` takes over, which is said without hiding why the run ended. Where
+    nothing else ended it, the drive's failure to go off is raised, whether the new connection helped or not.
     """
 
     def switched_off() -> None:
         try:
             drive.off()
         except Exception as error:
-            told = ""
+            told, taker = [f"{error}"], None
             if spare is None:
-                told = "THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear"
-            elif not switch_off(spare):
-                told = f"THE DRIVE MAY STILL BE ON: switch it off by hand{hand_over()}"
+                told.append("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
+            else:
+                obeyed = switch_off(spare)
+                drive.close()
+                if not obeyed:
+                    told.append("THE DRIVE MAY STILL BE ON: switch it off by hand")
+                    if (taker := successor) is not None:
+                        taker.take_over()
             with suppress(OSError):  # words after deeds: the terminal may be gone
-                screen.warn(f"{error}")
-                if told:
-                    screen.warn(told)
+                for each in told:
+                    screen.warn(each)
+                if taker is not None and (words := taker.go_on()):
+                    screen.warn(words)
             raise  # the caller must not take it for off
 
     try:

@@ -19,6 +19,7 @@ from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
+from drivers.protocols.emergency_stop import LOOK_S
 from rig.files.bench import Bench
 from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
@@ -36,15 +37,13 @@ from rig.session.progress import Screen
 from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.spoilt_disk import disk_of
-from rig.session.supervisor import Supervisor, kept
+from rig.session.supervisor import Latching, Supervisor
 from rig.stream import Stream
 
-_LOOK_S = 0.02  # of guard and sequence; 25 of these fit into what the supervisor bears (0011)
 _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
-_UNLATCHED = "that an emergency stop was seen could not be kept (the disk hangs): no run will ask for it"
 STOPPED = "stopped before its time"
 
 
@@ -91,7 +90,7 @@ class Watch:
         end = self._clock.monotonic_s() + seconds
         while (left := end - self._clock.monotonic_s()) > 0:
             self.check()
-            self._clock.sleep(min(left, _LOOK_S))
+            self._clock.sleep(min(left, LOOK_S))
         self.check()
 
     def until(
@@ -148,8 +147,7 @@ class DrivenRig:
         self._deciding = threading.Lock()  # of guard and sequence: over `_met`, `_stops`, `_unsafe`
         self._met = self._unsafe = 0  # dangers answered with a stop; stops not yet done
         self._unsafe_until_s = math.inf  # by when the first of these has to be done, monotonic s
-        self._latching: threading.Thread | None = None
-        self._unlatched = _UNLATCHED  # what went wrong with it
+        self._latching: Latching
         self._hung = ""  # who hung, said once: what comes back to life later must not go on
         self._force: ForceWatch | None = None
         self._stopped_ns = 0
@@ -161,7 +159,7 @@ class DrivenRig:
         stack.callback(self._supervisor.close)
         if (spare := self.devices.spare) is not None:  # whoever arms it may fail to switch it off
             actuator = self.devices.actuator
-            stack.enter_context(drive_off_after(actuator, spare, self.screen, self._hand_over))
+            stack.enter_context(drive_off_after(actuator, spare, self.screen, self._supervisor))
 
     def open_log(self, stack: ExitStack, folder: Path, name: str) -> Path:
         """A new log that `recorder` writes; where the stack unwinds by an error its path is said."""
@@ -272,6 +270,7 @@ class DrivenRig:
 
         with self.screen.apart(), ExitStack() as running:
             running.callback(gc.unfreeze)
+            self._latching = Latching(self.devices.latch)
             running.callback(self._tell_of_latch)
             running.callback(lambda: self._account(asked_s))
             for each in (self.logbook, self.acquisition, self.encoder, *self.loggers, self._supervisor):
@@ -279,7 +278,7 @@ class DrivenRig:
                     running.enter_context(each)
             running.callback(ask)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
-            running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._hand_over))
+            running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._supervisor))
             try:
                 yield
             except InstrumentError:
@@ -322,27 +321,13 @@ class DrivenRig:
         """What was seen of its line, for good."""
         return self._supervisor.emergency_stop or self.devices.emergency_stop()
 
-    def _latch(self) -> None:
-        """Have the next run ask a person, in a thread that keeps nobody from switching off."""
-        latch, seen = self.devices.latch, self.emergency_stop
-        if latch is None or seen is None or self._latching is not None:
-            return
-
-        def keep() -> None:
-            self._unlatched = kept(latch, seen)
-
-        self._latching = threading.Thread(target=keep, name="latch", daemon=True)
-        self._latching.start()
-
     def _tell_of_latch(self) -> None:
-        self._latch()  # where it was seen after the guard had ended
-        if self._latching is not None:
-            self._latching.join(HUNG_S)
-            if wrong := self._unlatched:
-                with suppress(RecorderFailed):
-                    self.logbook.tell("error", "emergency_stop.latch", wrong)
-                with suppress(OSError):
-                    self.screen.warn(wrong)
+        self._latching.give(self.emergency_stop)  # where it was seen after the guard had ended
+        if wrong := self._latching.end():
+            with suppress(RecorderFailed):
+                self.logbook.tell("error", "emergency_stop.latch", wrong)
+            with suppress(OSError):
+                self.screen.warn(wrong)
 
     def heed_emergency_stop(self) -> None:
         if (seen := self.emergency_stop) is not None:
@@ -377,6 +362,10 @@ class DrivenRig:
                     self.stream(Event(stopped_ns, "warning", "rig", STOPPING, text))
         finally:  # nothing that goes wrong with a log may keep the drive on
             self._bring_to_rest(self.motion.cut if self.emergency_stop else self.motion.off)
+
+    def close(self) -> None:
+        """Hang up to what moves it, which nothing is sent to any more."""
+        self.devices.actuator.close()
 
     def warn(self, code: str, text: str) -> None:
         self.logbook.tell("warning", code, text)
@@ -427,10 +416,6 @@ class DrivenRig:
                     because = why(logger.name, record.lost)
                     recorder.due("measured", channel.name, record.due(asked_s), because)
 
-    def _hand_over(self) -> str:
-        self.devices.actuator.close()
-        return self._supervisor.go_on()
-
     @contextmanager
     def _guarded(self) -> Iterator[None]:
         """A thread that does nothing else stops the rig and gives the signs of life, whoever else waits."""
@@ -449,10 +434,10 @@ class DrivenRig:
 
     def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
         while not ended.is_set():
-            self.acquisition.alarm.wait(_LOOK_S)
+            self.acquisition.alarm.wait(LOOK_S)
             self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
-            self._latch()
+            self._latching.give(self.emergency_stop)
             with self._deciding:
                 if (found := self._dangers()) > self._met:
                     # what comes while it stops already, a person who asks twice, an emergency stop: no ramp

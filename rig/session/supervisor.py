@@ -18,12 +18,10 @@ from daq.clock import SystemClock
 from daq.errors import EmergencyStop, InstrumentRefused, RattleError
 from daq.process import Child
 from drivers.lock import InstrumentLock, Latch
-from drivers.protocols.emergency_stop import LOOK_S, LineReader, LineWatch
+from drivers.protocols.emergency_stop import LOOK_S, SILENCE_S, LineReader, LineWatch
 from drivers.protocols.instrument import Actuator
 from rig.session.signals import STOP_SIGNALS
 
-SILENCE_S = 0.5
-"""25 beats of the guard, which waits for nothing; only a process that is frozen misses as many."""
 LET_GO_S = 4.0
 """An inverter's own watchdog is quicker, and a run that is killed cannot close its log."""
 _HURRY_S = 0.06
@@ -48,6 +46,9 @@ _GOES_ON = (
     "rattle: the run is gone or hangs, and THE DRIVE MAY STILL BE ON: switch it off by hand; process "
     "{process} goes on trying (kill {process} ends it)"
 )
+
+_UNASKED = "next run may not ask whether anybody is in danger: see to that yourself"
+_UNLATCHED = f"the disk hangs, and does not keep that an emergency stop was seen: the {_UNASKED}"
 
 
 class SupervisorTripped(RattleError, RuntimeError):
@@ -115,16 +116,19 @@ class Supervisor:
         with suppress(OSError):
             self._child.pipe.send(self._silence_s)
 
-    def go_on(self) -> str:
-        """Have it switch the drive off for as long as that takes; what a person should know of that."""
-        self._watches()  # a run may fail while it is still to come up
+    def take_over(self) -> None:
+        """Have it switch the drive off for as long as that takes; one that is still to come up, then."""
         with suppress(OSError):
             self._child.pipe.send(_OFF)
+
+    def go_on(self) -> str:
+        """What a person should know of that."""
+        self._watches()
         process = self._heard(_ANSWER_S)
         if process == _TRIPPED:
-            return "; the supervisor says that it is off by now"
+            return "the supervisor says that it is off by now"
         return process and (
-            f"; process {process} goes on trying, says when it is off, and keeps the bench until then "
+            f"process {process} goes on trying, says when it is off, and keeps the bench until then "
             f"(kill {process} ends it)"
         )
 
@@ -164,6 +168,8 @@ class Supervisor:
                         self._line_seen = told
                     elif told == _HEARD:
                         self._unanswered = 0
+                    elif told == _READY:
+                        self._up = True
                     else:
                         self._told = told
         finally:
@@ -184,8 +190,11 @@ def _supervise(
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
         spare()  # so that all that its driver needs is loaded while everything is still well
-    with nullcontext() if line is None else LineWatch(line, SystemClock()) as watch:
-        why = _await_silence(pipe, watch, latch, hurry_s)
+    with (
+        Latching(latch, _say) as latching,
+        nullcontext() if line is None else LineWatch(line, SystemClock()) as watch,
+    ):
+        why = _await_silence(pipe, watch, latching, hurry_s)
         if why is None:
             return
         if spare is None:
@@ -243,23 +252,22 @@ def _say(text: str) -> None:
 
 
 def _await_silence(
-    pipe: Connection, line: LineWatch | None, latch: Latch | None, hurry_s: float
+    pipe: Connection, line: LineWatch | None, latching: Latching, hurry_s: float
 ) -> str | None:
     """Wait until the run dies or beats no more, and say which; None where it has ended as it should.
 
-    Once `line` is seen open, which `latch` keeps and the run is told, it may be silent for `hurry_s` at most.
+    Once `line` is seen open, which `latching` and the run are told, it may be silent for `hurry_s` at most.
     """
     until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
     try:
         pipe.send(_READY)
         while True:
             if line is not None and (seen := line.look()) is not None:
-                if latch is not None:
-                    threading.Thread(target=_keep, args=(latch, seen), daemon=True).start()
-                pipe.send(seen)
                 line, longest_s = None, hurry_s
                 if until_s < math.inf:  # else nothing moves yet
                     until_s = min(until_s, time.monotonic() + hurry_s)
+                latching.give(seen)
+                pipe.send(seen)
             wait_s = min(max(until_s - time.monotonic(), 0.0), math.inf if line is None else LOOK_S)
             if pipe.poll(None if wait_s == math.inf else wait_s):
                 message = pipe.recv()
@@ -278,18 +286,49 @@ def _await_silence(
         return _GONE
 
 
-def _keep(latch: Latch, seen: EmergencyStop) -> None:
-    if wrong := kept(latch, seen):
-        _say(wrong)
+class Latching:
+    """Has the next run ask a person, in a thread that keeps nobody from switching off.
 
+    It is there before it is needed, for a machine may start none by then.
+    """
 
-def kept(latch: Latch, seen: EmergencyStop) -> str:
-    """Have the next run ask a person; what went wrong with that."""
-    try:
-        latch.set(f"{seen.instrument} at {seen.address} ended a run: {seen.what}")
-    except InstrumentRefused as error:
-        return f"{error}. The next run may not ask whether anybody is in danger: see to that yourself"
-    return ""
+    def __init__(self, latch: Latch | None, say: Callable[[str], None] = lambda text: None) -> None:
+        self._latch, self._say = latch, say
+        self._seen: EmergencyStop | None = None
+        self._given, self._wrong = threading.Event(), _UNLATCHED
+        self._thread = threading.Thread(target=self._keep, name="latch", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Latching:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+    def give(self, seen: EmergencyStop | None) -> None:
+        """Keep it, if anything was seen; waits for nothing."""
+        if seen is not None and self._latch is not None:
+            self._seen = seen
+            self._given.set()
+
+    def end(self) -> str:
+        """What went wrong; one that hangs is left behind."""
+        self._given.set()
+        if self._seen is None:
+            return ""
+        self._thread.join(SILENCE_S)
+        return self._wrong
+
+    def _keep(self) -> None:
+        self._given.wait()
+        wrong = ""
+        if (seen := self._seen) is not None and self._latch is not None:
+            try:
+                self._latch.set(f"{seen.instrument} at {seen.address} ended a run: {seen.what}")
+            except InstrumentRefused as error:
+                wrong = f"{error}. The {_UNASKED}"
+                self._say(wrong)
+        self._wrong = wrong
 
 
 def switch_off(spare: Callable[[], Actuator]) -> bool:

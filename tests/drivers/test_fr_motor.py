@@ -240,9 +240,9 @@ def test_a_cut_does_not_wait_for_the_ramp_of_a_stop() -> None:
 @pytest.mark.parametrize(
     ("raw", "says", "highest_hz"),
     [
-        (9999, "goes on down its ramp, no faster", HZ - 1.5),
-        (65535, "no faster", HZ - 1.5),
-        (0, "coasts", 0.0),
+        (9999, "by Pr.250 the motor ramps down by itself (Pr.8)", HZ - 1.5),
+        (65535, "ramps down by itself (Pr.8)", HZ - 1.5),
+        (0, "coasts: inverter.off does not mean that the shaft stands", 0.0),
     ],
 )
 def test_a_cut_says_what_the_motor_then_does(raw: int, says: str, highest_hz: float) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from daq.errors import InstrumentRefused
 from drivers import lock as locks
-from drivers.lock import InstrumentLock, lock
+from drivers.lock import InstrumentLock, Latch, lock
 
 PORT = "socket://127.0.0.1:1"  # nothing is sent to it
 HOLDER = """
@@ -97,6 +97,40 @@ def test_every_name_of_a_device_is_that_device(tmp_path: Path) -> None:
         pytest.raises(InstrumentRefused, match="in use"),
     ):
         lock("generator", "tcpip::127.0.0.1::5025::socket")
+
+
+def test_a_latch_is_met_by_whatever_name_also_where_the_adapter_came_back_as_another_device(
+    tmp_path: Path,
+) -> None:
+    before, after, link = tmp_path / "ttyUSB0", tmp_path / "ttyUSB1", tmp_path / "by-id"
+    before.touch()
+    link.symlink_to(before)
+    seen = Latch("inverter", str(link))
+    before.unlink()  # the emergency stop cuts its power
+    seen.set("pressed")
+    assert Latch("generator", f"ASRL{before}::INSTR").told() == "pressed"
+    link.unlink()
+    link.symlink_to(after)
+    found = Latch("inverter", str(link))
+    assert found.told() == "pressed"
+    found.set("")
+    assert found.told() == ""
+
+
+def test_a_latch_whose_one_name_cannot_be_kept_is_kept_under_the_other(tmp_path: Path, folder: Path) -> None:
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
+    by_id, by_device = (Latch("inverter", str(tmp_path / name)) for name in ("by-id", "ttyUSB0"))
+    before = set(folder.iterdir())
+    by_id.set("")
+    by_device.set("")
+    made = set(folder.iterdir()) - before
+    by_device.set("of the device")
+    (as_written,) = (each for each in made if each.read_text() == "")
+    as_written.unlink()
+    as_written.mkdir()
+    with pytest.raises(InstrumentRefused, match="cannot be set"):
+        by_id.set("pressed")
+    assert by_device.told() == "pressed"
 
 
 @pytest.mark.parametrize("planted", ["a link", "a pipe"])

@@ -36,7 +36,7 @@ class Ended:
     @property
     def goes_on(self) -> psutil.Process:
         """What goes on switching off a drive that did not answer, and says so."""
-        said = re.search(r"THE DRIVE MAY STILL BE ON: switch it off by hand; process (\d+) goes on", self.out)
+        said = re.search(r"MAY STILL BE ON: switch it off by hand\n! process (\d+) goes on", self.out)
         assert said is not None, self.out
         return psutil.Process(int(said[1]))
 

@@ -28,7 +28,7 @@ class Part(SimpleNamespace):
 def test_one_that_hangs_at_the_end_keeps_neither_the_others_nor_the_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(devices, "_CLOSE_S", 0.2)
+    monkeypatch.setattr(devices, "JOIN_S", 0.2)
     told, goes_on = list[str](), threading.Event()
     motion: Any = None
     held = SimpleNamespace(close=lambda: told.append("lock"))

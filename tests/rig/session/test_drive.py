@@ -125,6 +125,48 @@ def test_where_the_old_connection_fails_a_new_one_switches_off() -> None:
     assert "THE DRIVE MAY STILL BE ON" not in screen.console.export_text()
 
 
+class HungUpGenerator(RecordingGenerator):
+    """Its off fails as long as it is open."""
+
+    def off(self) -> None:
+        if ("close",) not in self.told:
+            self._note("off")
+            raise InstrumentSilent(self.name, self.address, "no answer")
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_what_a_new_connection_or_the_supervisor_has_taken_over_nobody_switches_off_again(
+    obeys: bool,
+) -> None:
+    spares, said, handed = list[RecordingGenerator](), silent_screen(), list[str]()
+
+    class Taker:
+        def take_over(self) -> None:
+            assert "BE ON" not in said.console.export_text(clear=False), "a terminal may hang"
+            handed.append("taken over")
+
+        def go_on(self) -> str:
+            assert "BE ON" in said.console.export_text(clear=False), "it may take its time"
+            return "process 1 goes on"
+
+    def spare() -> RecordingGenerator:
+        spares.append(RecordingGenerator(fails_at="" if obeys and not spares else "open"))
+        return spares[-1]
+
+    generator = HungUpGenerator()
+    with (
+        pytest.raises(ZeroDivisionError, match="a fault"),
+        drive_off_after(generator, spare, said),
+        drive_off_after(generator, spare, said, Taker()),
+        drive_off_after(generator, spare, said, Taker()),
+    ):
+        raise ZeroDivisionError("a fault")
+    assert (len(spares), len(handed)) == (1, 0 if obeys else 1)
+    text = said.console.export_text()
+    assert text.count("THE DRIVE MAY STILL BE ON") == text.count("! process 1 goes on") == len(handed)
+    assert generator.told.count(("off",)) == 1
+
+
 class BrokenGenerator(RecordingGenerator):
     """Its driver has a fault of its own."""
 

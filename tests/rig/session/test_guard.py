@@ -431,7 +431,7 @@ def test_a_latch_that_cannot_be_kept_or_hangs_is_told_and_delays_no_off(
     ended(bench, EmergencyStop, "its line is open", during)
     goes_on.set()
     (told,) = [event for event in kept.events if event.code == "emergency_stop.latch"]
-    assert "see to that yourself" in told.text
+    assert "he next run may not ask whether anybody is in danger: see to that yourself" in told.text
     assert told.text in " ".join(bench.rig.screen.console.export_text().split())
 
 
@@ -448,6 +448,30 @@ def test_a_latch_waits_for_nothing_else(tmp_path: Path, monkeypatch: pytest.Monk
         rig.watch.check()
 
     ended(bench, EmergencyStop, "its line is open", during)
+
+
+def test_a_machine_that_starts_no_latch_by_then_delays_no_off_and_latches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
+    bench, latch, start = Bench(tmp_path, None), Latch("generator", "here"), threading.Thread.start
+    bench.rig.devices = replace(bench.rig.devices, latch=latch)
+
+    def refuse(thread: threading.Thread) -> None:
+        if thread.name == "latch":
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    def during(rig: DrivenRig) -> None:
+        monkeypatch.setattr(threading.Thread, "start", refuse)
+        monkeypatch.setattr(Beats, "emergency_stop", pressed())
+        since_s = time.monotonic()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        assert (bench.generator.off_s or 0.0) - since_s < SOON_S
+        rig.watch.check()
+
+    ended(bench, EmergencyStop, "its line is open", during)
+    assert latch.told()
 
 
 SERIAL_OFF_S = 0.4

@@ -21,13 +21,14 @@ from daq.errors import EmergencyStop, InstrumentAbsent, InstrumentRefused
 from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
 from drivers.lock import Latch, lock
+from drivers.protocols.emergency_stop import SILENCE_S
 from rig.files.bench import load_bench
 from rig.files.scenario import parse_scenario
 from rig.session.devices import Devices
-from rig.session.drive import Shaker
+from rig.session.drive import Shaker, drive_off_after
 from rig.session.driven_rig import DrivenRig
 from rig.session.signals import StopRequest
-from rig.session.supervisor import SILENCE_S, Supervisor, SupervisorTripped
+from rig.session.supervisor import Supervisor, SupervisorTripped
 from tests.end_to_end.command import await_true
 from tests.end_to_end.files import write_bench
 from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
@@ -66,6 +67,22 @@ class FileLine:
     def close(self) -> None: ...
 
 
+class LastThreadLine(FileLine):
+    """From its opening on the machine starts no thread more."""
+
+    def open(self) -> None:
+        threading.Thread.start = refuse_latch  # type: ignore[method-assign]
+
+
+START = threading.Thread.start
+
+
+def refuse_latch(thread: threading.Thread) -> None:
+    if thread.name != "emergency stop":
+        raise RuntimeError("can't start new thread")
+    START(thread)
+
+
 @pytest.fixture(autouse=True)
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "FOLDERS", (str(tmp_path),))
@@ -85,10 +102,15 @@ def launched(tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
         yield launch
 
 
+def taken_over(supervisor: Supervisor) -> str:
+    supervisor.take_over()
+    return supervisor.go_on()
+
+
 def process_in(words: str) -> int:
     """Which process says that it goes on."""
-    assert words.startswith("; process "), words
-    return int(words.split()[2])
+    assert words.startswith("process "), words
+    return int(words.split()[1])
 
 
 def test_it_goes_on_until_the_drive_is_off_and_keeps_the_bench_until_then(
@@ -96,7 +118,7 @@ def test_it_goes_on_until_the_drive_is_off_and_keeps_the_bench_until_then(
 ) -> None:
     with launched() as supervisor:
         supervisor.beat()
-        number = process_in(supervisor.go_on())
+        number = process_in(taken_over(supervisor))
     trying = psutil.Process(number)
     assert not (tmp_path / "off").exists()
     (tmp_path / "there").touch()
@@ -112,7 +134,7 @@ def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
     supervisor.launch()
     with supervisor:
         supervisor.beat()
-        number = process_in(supervisor.go_on())
+        number = process_in(taken_over(supervisor))
     held.close()
 
     def refused() -> str:
@@ -130,7 +152,7 @@ def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
 def test_an_emulated_drive_is_not_waited_for(launched: Callable[..., Supervisor]) -> None:
     with launched(emulated=True) as supervisor:
         supervisor.beat()
-        assert supervisor.go_on() == ""
+        assert taken_over(supervisor) == ""
 
 
 def test_silence_switches_off_within_half_a_second_and_a_bit(
@@ -143,7 +165,7 @@ def test_silence_switches_off_within_half_a_second_and_a_bit(
         await_true("switched off", (tmp_path / "off").exists, SILENCE_S + 0.4)
         with pytest.raises(SupervisorTripped, match=r"gave no sign of life for 0.5 s"):
             supervisor.check()
-        assert supervisor.go_on() == "; the supervisor says that it is off by now"
+        assert taken_over(supervisor) == "the supervisor says that it is off by now"
 
 
 def test_one_that_is_killed_is_gone(launched: Callable[..., Supervisor]) -> None:
@@ -225,11 +247,24 @@ def test_it_latches_an_emergency_stop_whatever_becomes_of_the_run(
     assert latch.told() == "emergency stop at here ended a run: its line is open"
 
 
+def test_a_machine_that_starts_no_thread_more_costs_neither_the_word_nor_the_latch(tmp_path: Path) -> None:
+    latch = Latch("generator", "here")
+    supervisor = Supervisor(
+        partial(FarGenerator, tmp_path), line=partial(LastThreadLine, tmp_path), latch=latch
+    )
+    supervisor.launch()
+    with supervisor:
+        (tmp_path / "pressed").touch()
+        await_true("seen", lambda: supervisor.emergency_stop)
+        await_true("latched", latch.told)
+        supervisor.check()
+
+
 def test_a_latch_that_cannot_be_kept_is_told(
     launched: Callable[..., Supervisor], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     latch = Latch("generator", "here")
-    os.mkdir(latch._path)
+    os.mkdir(latch._paths[0])
     (tmp_path / "pressed").touch()
     said = ""
 
@@ -288,41 +323,66 @@ def test_one_that_is_frozen_is_noticed_by_the_run(
 
 
 class ArmedGenerator(FarGenerator):
-    """Is out of reach once it is armed."""
+    """Is out of reach once it is armed, until it is hung up."""
 
     def off(self) -> None:
-        self.open()
-        super().off()
+        if ("close",) not in self.told:
+            self.open()
+            super().off()
 
 
-@pytest.mark.parametrize("up", [True, False])
-def test_from_its_arming_on_it_goes_on_where_the_run_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, up: bool
-) -> None:
-    """Whether it is up by then or still on its way."""
+class BrokenCard(SteppedCard):
+    def arm(self) -> None:
+        raise ZeroDivisionError
+
+
+class CountedSpare(FarGenerator):
+    """Writes down in which process it was made to switch off."""
+
+    def open(self) -> None:
+        with (self._folder / "tries").open("a") as tries:
+            tries.write(f"{os.getpid()}\n")
+        super().open()
+
+
+@pytest.mark.parametrize("up", ["up", "not up", "up, and found so by the way"])
+def test_from_its_arming_on_it_goes_on_where_the_run_fails(tmp_path: Path, up: str) -> None:
+    """Whether it is up by then or still on its way; and it is given over once, whoever asks it again."""
     scenario, screen = parse_scenario(SCENARIO, "armed"), silent_screen()
-    generator, card = ArmedGenerator(tmp_path), SteppedCard((Channel("drive.force", "N"),))
+    generator, card = ArmedGenerator(tmp_path), BrokenCard((Channel("drive.force", "N"),))
 
     def shaken(wait: Callable[[float], None], rpm: Callable[[], float]) -> Shaker:
         return Shaker(generator, scenario.drive, 3.6, wait)
 
     bench = load_bench(write_bench(tmp_path / "bench.toml", "TCPIP::127.0.0.1::1::SOCKET"))
-    devices = Devices(generator, partial(FarGenerator, tmp_path), shaken, card)  # type: ignore[arg-type]
+    devices = Devices(generator, partial(CountedSpare, tmp_path), shaken, card)  # type: ignore[arg-type]
     rig = DrivenRig(bench, devices, StopRequest(), screen, RunClock(SystemClock()))
+    failed_s = 0.0
 
     def fail() -> None:
+        nonlocal failed_s
         with ExitStack() as stack:
+            rig.open_log(stack, tmp_path, "armed")
+            stack.enter_context(drive_off_after(generator, devices.spare, screen))  # as `connected` does
             rig.launch(stack)
-            if up:
+            if up == "up":
                 rig._supervisor.__enter__()
+            elif up != "not up":
+                assert rig._supervisor._child.pipe.poll(30.0)
             rig.motion.arm(soft=False)
-            raise ZeroDivisionError
+            rig.record((), None)
+            failed_s = time.monotonic()
+            with rig.moving():
+                pytest.fail("its card is broken")
 
     with pytest.raises(ZeroDivisionError):
         fail()
     said = " ".join(screen.console.export_text().split())
-    found = re.search(r"THE DRIVE MAY STILL BE ON: switch it off by hand; process (\d+) goes on trying", said)
+    found = re.search(r"MAY STILL BE ON: switch it off by hand ! process (\d+) goes on trying", said)
     assert found is not None, said
+    assert said.count("MAY STILL BE ON") == 1
+    assert up == "not up" or time.monotonic() - failed_s < 15.0
+    assert (tmp_path / "tries").read_text().split().count(str(os.getpid())) == 1
     (tmp_path / "there").touch()
     await_true("switched off", (tmp_path / "off").exists)
     await_true("its end", lambda: has_ended(int(found[1])))
