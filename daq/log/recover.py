@@ -14,7 +14,7 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError, RecorderFailed
 from daq.log.codec import decode_block, decode_record
 from daq.log.front import CUT
-from daq.log.reader import LoggedMessage, LogReader, Origin
+from daq.log.reader import LoggedMessage, LogReader, Origin, origin_and_name
 from daq.log.records import Gap
 from daq.log.writer import LogWriter
 
@@ -195,12 +195,12 @@ def recover_log(damaged: Path, recovered: Path) -> LogReport:
                         lasts[message.topic] = message.log_ns, block
                 cause = UNWRITTEN if log.damage == CUT else LOST
                 for topic, (log_ns, block) in lasts.items() if log.damage else ():
-                    _, whose, name = topic.split("/", 2)
+                    whose, name = origin_and_name(topic)
                     # of what is measured at once; a prediction comes later by as much as it likes
                     beside = (at for other, (at, _) in lasts.items() if other.startswith(f"/{whose}/"))
                     late_s = (max(*beside, log.last_ns(topic, log_ns), log_ns) - log_ns) / NS_PER_S
                     behind = len(block) * math.floor(late_s * block.sample_rate / len(block) + _SOONER)
-                    if behind > 0 and whose != "derived":  # which come when a cycle ends
+                    if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
                         writer.due(whose, name, block.end_sample + behind, log_ns, cause)
                         lost += behind if cause == LOST else 0
                 writer.add_metadata(_RECOVERED, _origin(log, lost))
@@ -229,12 +229,12 @@ def _origin(log: LogReader, lost: int) -> dict[str, str]:
 
 def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:
     """Samples missing before this message of which the log knew nothing, and its own, if it has any."""
-    if message.topic == "/gap":
-        writer.add_gap(decode_record(Gap, message.data), message.log_ns)
-    elif message.topic in _SCHEMA_OF_TOPIC:
-        writer.add_message(message.topic, message.data, message.log_ns, message.publish_ns)
-    else:
-        _, origin, name = message.topic.split("/", 2)
+    origin, name = origin_and_name(message.topic)
+    if origin is not None:
         block = decode_block(name, message.data)
         return writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST), block
+    if message.topic == "/gap":
+        writer.add_gap(decode_record(Gap, message.data), message.log_ns)
+    else:
+        writer.add_message(message.topic, message.data, message.log_ns, message.publish_ns)
     return 0, None

@@ -48,7 +48,7 @@ class LogWriter:
         self._topics: dict[str, int] = {}
         self._told_gaps: dict[str, list[tuple[int, int]]] = {}  # first sample and end, of what may come yet
         self._placed: dict[str, tuple[int, int, float]] = {}
-        self._due: dict[str, tuple[int, int, str]] = {}
+        self._due: dict[tuple[str, str], tuple[int, int, str]] = {}
         self._schemas: dict[str, int] = {}
         self._chunk_opened_ns = 0
         self._declarations = bytearray()
@@ -120,7 +120,7 @@ class LogWriter:
             flagged = block.flags & Flag.SAMPLES_MISSING_BEFORE
             cause = "samples missing" if flagged else "not flagged by the source"
         for first, end in untold:
-            self._gap(topic, first, end - first, cause, host_ns)
+            self._gap(origin, block.channel, first, end - first, cause, host_ns)
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
         return sum(end - first for first, end in untold)
@@ -139,8 +139,8 @@ class LogWriter:
 
         What of them is not there, and in no gap, when the log is closed is a gap at its end.
         """
-        if (topic := f"/{origin}/{channel}") in self._topics:
-            self._due[topic] = end_sample, time_ns, cause
+        if f"/{origin}/{channel}" in self._topics:
+            self._due[origin, channel] = end_sample, time_ns, cause
 
     def add_clock(self, clock: ClockRecord) -> None:
         self._record("/clock", "Clock", clock, clock.time_ns)
@@ -188,13 +188,12 @@ class LogWriter:
                 self._file.close()
 
     def _close_tails(self) -> None:
-        for topic, (end, time_ns, cause) in self._due.items():
-            for first, until in self._untold(topic, end):
-                self._gap(topic, first, until - first, cause, time_ns)
+        for (origin, channel), (end, time_ns, cause) in self._due.items():
+            for first, until in self._untold(f"/{origin}/{channel}", end):
+                self._gap(origin, channel, first, until - first, cause, time_ns)
 
-    def _gap(self, topic: str, first: int, count: int, cause: str, host_ns: int) -> None:
-        _, origin, channel = topic.split("/", 2)
-        placed, time_ns, rate = self._placed.get(topic, (first, host_ns, 1.0))
+    def _gap(self, origin: str, channel: str, first: int, count: int, cause: str, host_ns: int) -> None:
+        placed, time_ns, rate = self._placed.get(f"/{origin}/{channel}", (first, host_ns, 1.0))
         time_ns = min(max(sample_time_ns(time_ns, first - placed, rate), 0), LATEST - 1)
         self._record("/gap", "Gap", Gap(time_ns, channel, first, count, cause, origin), host_ns)
 
