@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ import pytest
 
 from daq.channel import Channel
 from daq.log.records import Event
+from rig.commands.logs import show
 from rig.pages.content import BigNumbers, Figure, Lead, Sentence, Table
 from rig.pages.words import number, spread
 from rig.report.record import RunRecord, Verdict, read_run
 from rig.report.sections import log as log_sections
 from rig.report.sections import overlays, summary, whole_run
+from rig.session.progress import Screen, Terminal
 from tests.rig.synthetic_run import PEAK_N, SCENARIO, START_NS, write_log
 
 LIMITED = (
@@ -79,6 +82,15 @@ def test_the_verdict_comes_before_any_percentage(run: RunRecord) -> None:
     first, *_ = summary.parts(replace(run, verdict=verdict))
     assert isinstance(first, Lead)
     assert first.sentences == verdict.sentences
+
+
+def test_the_terminal_ends_with_the_verdict(run: RunRecord) -> None:
+    told = StringIO()
+    verdict = Verdict(False, ("Not what healthy rigs do.", "Most in yoke.force."))
+    show(replace(run, verdict=verdict), Screen(Terminal(file=told, width=120)))
+    *_, first, second = told.getvalue().splitlines()
+    assert first == "verdict    Not what healthy rigs do."
+    assert second == "           Most in yoke.force."
 
 
 def test_the_tile_shows_the_channel_that_is_worst(run: RunRecord) -> None:
