@@ -133,13 +133,18 @@ def test_units_are_as_people_write_them() -> None:
 def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord, tmp_path: Path) -> None:
     channels = {
         "contact.force_upper": Channel("contact.force_upper", "N", scale=100.0, raw_unit="V"),
-        "base.acceleration": Channel("base.acceleration", "m/s2", scale=98.1, raw_unit="V"),
+        "base.acceleration": Channel("base.acceleration", "m/s2"),
+        "crank.angle": Channel("crank.angle", "rad", scale=2 * np.pi / 4096, raw_unit="count"),
     }
-    known = {"calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02"}
+    known = {
+        "calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02",
+        "sensitivity.base.acceleration": "0.0102",
+    }
     parts = log_sections.provenance(replace(run, channels=channels, metadata={"run": known}))
     facts, sensors = (part for part in parts if isinstance(part, Table))
     assert [row[3:5] for row in sensors.rows] == [
         ["10 mV/N", "2026-01-02, valid until 2027-01-02"],
-        ["10.19 mV/(m/s²)", "\N{EN DASH}"],
+        ["100 mV/g", "\N{EN DASH}"],
+        ["651.9 count/rad", "\N{EN DASH}"],
     ]
-    assert not any("calibrated" in row[0] for row in facts.rows)
+    assert not any("calibrated" in row[0] or "sensitivity" in row[0] for row in facts.rows)
