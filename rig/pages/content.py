@@ -14,10 +14,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """What to read if one reads nothing else."""
+    """What to read if one reads nothing else; `warning` makes it stand out."""
 
     kind: ClassVar = "lead"
     sentences: Sequence[str]
+    warning: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -212,7 +212,8 @@ class Plots:
         """Fill what lies between two lines: by default a healthy rig."""
         common = {"type": "scatter", "mode": "lines", "x": packed(x), "hoverinfo": "skip"}
         common |= {"line": {"width": 0, "shape": shape}}
-        self._add(cell, name, _with_words({**common, "y": packed(low), "showlegend": False}, subject, ()))
+        edge = _with_words({**common, "y": packed(low), "showlegend": False}, subject, ())
+        self._add(cell, name.partition(" ")[0], edge)
         filled = {"fill": "tonexty", "fillcolor": colour}
         self._add(cell, name, _with_words({**common, **filled, "y": packed(high)}, subject, ()))
 

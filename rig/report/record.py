@@ -24,8 +24,8 @@ from rig.stream import Block, Consumer, Record, Stream
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 _UNWRAPPED = ".angle"
-CALIBRATION = "calibrated."
-"""Of a sensor: so begins its key in the `run` record, before the channel's name."""
+CALIBRATED, SENSITIVITY = "calibrated.", "sensitivity."
+"""Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit."""
 
 
 @dataclass(frozen=True, slots=True)

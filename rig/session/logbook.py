@@ -49,13 +49,13 @@ def run_record(
         for c in bench.daq_card.channels
     ]
     calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
-    days = {
-        f"calibrated.{c.name}": ", valid until ".join(
-            str(day) for day in (c.calibrated, c.valid_until) if day
-        )
-        for c in bench.daq_card.channels
-        if c.calibrated
-    }
+    sensors: dict[str, str] = {}
+    for c in bench.daq_card.channels:
+        if c.pulses is None:
+            sensors[f"sensitivity.{c.name}"] = repr(c.volts_per_unit)  # V per unit
+        if c.calibrated:
+            until = f", valid until {c.valid_until}" if c.valid_until else ""
+            sensors[f"calibrated.{c.name}"] = f"{c.calibrated}{until}"
     beside = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
     beside |= {f"instrument.{table}": logger.identity for table, logger in devices.loggers.items()}
     return {
@@ -68,7 +68,7 @@ def run_record(
         "actuator": devices.actuator.identity,
         "card": devices.card.address,
         **beside,
-        **days,
+        **sensors,
         **notes,
     }
 

@@ -9,10 +9,11 @@ from daq.block import NS_PER_S
 from daq.channel import Channel
 from rig.derived.settings import RECORD
 from rig.pages.content import Listing, Part, Sentence, Table
-from rig.pages.words import DASH, as_written, number
-from rig.report.record import CALIBRATION, RunRecord
+from rig.pages.words import DASH, number
+from rig.report.record import CALIBRATED, SENSITIVITY, RunRecord
 
 _MOST_ROWS = 500
+_GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901
 
 
 def events(run: RunRecord) -> list[Part]:
@@ -44,13 +45,19 @@ def events(run: RunRecord) -> list[Part]:
     ]
 
 
-def _sensitivity(channel: Channel) -> str:
-    if not channel.scale:
+def _sensitivity(channel: Channel, noted: str) -> str:
+    """By the log's note in V per unit, else by the scale; of an accelerometer per g."""
+    try:
+        volts = float(noted) if noted else 1 / channel.scale if channel.scale else 0.0
+    except ValueError:
         return DASH
-    unit = as_written(channel.unit)[1]
-    if channel.raw_unit == "V":
-        return f"{number(1e3 / channel.scale)} mV/{f'({unit})' if '/' in unit else unit}"
-    return f"{number(1 / channel.scale)} {channel.raw_unit}/{unit}"
+    if not volts:
+        return DASH
+    if not noted and channel.raw_unit != "V":
+        return f"{number(volts)} {channel.raw_unit}/{channel.unit}"
+    if channel.unit == "m/s2":
+        return f"{number(1e3 * volts * _GRAVITY)} mV/g"
+    return f"{number(1e3 * volts)} mV/{f'({channel.unit})' if '/' in channel.unit else channel.unit}"
 
 
 def _ledger(what: str, headings: Sequence[str], rows: list[list[str]]) -> list[Part]:
@@ -79,16 +86,17 @@ def provenance(run: RunRecord) -> list[Part]:
     rows = [["log", run.path.name], ["log file", state], ["written by", run.library or DASH]]
     for name, record in run.metadata.items():
         if name not in ("scenario", RECORD):  # which stand elsewhere on the page
-            keys = (key for key in record if not key.startswith(CALIBRATION))
+            keys = (key for key in record if not key.startswith((CALIBRATED, SENSITIVITY)))
             rows += [[f"{name}: {key}", record[key]] for key in keys]
     facts = Table(("what", "value"), rows, "Log", words=True)
     if not run.channels:
         return [facts, Sentence("The log holds no channel.")]
-    sensors = []
+    sensors, noted = [], run.metadata.get("run", {})
     for name, channel in run.channels.items():
         tally = run.tallies.get(("measured", name)) or run.tallies.get(("predicted", name))
-        calibrated = run.metadata.get("run", {}).get(f"{CALIBRATION}{name}", DASH)
-        words = [channel.sensor or DASH, channel.serial or DASH, _sensitivity(channel), calibrated]
+        calibrated = noted.get(f"{CALIBRATED}{name}", DASH)
+        sensitivity = _sensitivity(channel, noted.get(f"{SENSITIVITY}{name}", ""))
+        words = [channel.sensor or DASH, channel.serial or DASH, sensitivity, calibrated]
         sensors.append([name, *words, number(tally.sample_rate if tally else None, "Hz")])
     headings = ("channel", "sensor", "serial", "sensitivity", "calibrated", "sample rate")
     return [facts, Table(headings, sensors, "Sensors", words=True)]

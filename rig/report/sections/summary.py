@@ -38,7 +38,7 @@ def parts(run: RunRecord) -> list[Part]:
         *_speed_numbers(run),
         *_impact_numbers(run),
     ]
-    verdict = [] if run.verdict is None else [Lead(run.verdict.sentences)]
+    verdict = [] if run.verdict is None else [Lead(run.verdict.sentences, run.verdict.well is False)]
     found = []
     if not run.complete:
         found.append("The log was never finished (a crash). It is read up to its last whole chunk.")

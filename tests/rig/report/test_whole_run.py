@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ import pytest
 
 from daq.channel import Channel
 from daq.log.records import Event
+from rig.commands.logs import show
 from rig.pages.content import BigNumbers, Figure, Lead, Sentence, Table
 from rig.pages.words import number, spread
 from rig.report.record import RunRecord, Verdict, read_run
 from rig.report.sections import log as log_sections
 from rig.report.sections import overlays, summary, whole_run
+from rig.session.progress import Screen, Terminal
 from tests.rig.synthetic_run import PEAK_N, SCENARIO, START_NS, write_log
 
 LIMITED = (
@@ -81,6 +84,15 @@ def test_the_verdict_comes_before_any_percentage(run: RunRecord) -> None:
     assert first.sentences == verdict.sentences
 
 
+def test_the_terminal_ends_with_the_verdict(run: RunRecord) -> None:
+    told = StringIO()
+    verdict = Verdict(False, ("Not what healthy rigs do.", "Most in yoke.force."))
+    show(replace(run, verdict=verdict), Screen(Terminal(file=told, width=120)))
+    *_, first, second = told.getvalue().splitlines()
+    assert first == "verdict    Not what healthy rigs do."
+    assert second == "           Most in yoke.force."
+
+
 def test_the_tile_shows_the_channel_that_is_worst(run: RunRecord) -> None:
     numbers = next(part for part in summary.parts(run) if isinstance(part, BigNumbers)).numbers
     tile = next(each for each in numbers if each.label == "Largest difference")
@@ -121,13 +133,18 @@ def test_units_are_as_people_write_them() -> None:
 def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord, tmp_path: Path) -> None:
     channels = {
         "contact.force_upper": Channel("contact.force_upper", "N", scale=100.0, raw_unit="V"),
-        "base.acceleration": Channel("base.acceleration", "m/s2", scale=98.1, raw_unit="V"),
+        "base.acceleration": Channel("base.acceleration", "m/s2"),
+        "crank.angle": Channel("crank.angle", "rad", scale=2 * np.pi / 4096, raw_unit="count"),
     }
-    known = {"calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02"}
+    known = {
+        "calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02",
+        "sensitivity.base.acceleration": "0.0102",
+    }
     parts = log_sections.provenance(replace(run, channels=channels, metadata={"run": known}))
     facts, sensors = (part for part in parts if isinstance(part, Table))
     assert [row[3:5] for row in sensors.rows] == [
         ["10 mV/N", "2026-01-02, valid until 2027-01-02"],
-        ["10.19 mV/(m/s²)", "\N{EN DASH}"],
+        ["100 mV/g", "\N{EN DASH}"],
+        ["651.9 count/rad", "\N{EN DASH}"],
     ]
-    assert not any("calibrated" in row[0] for row in facts.rows)
+    assert not any("calibrated" in row[0] or "sensitivity" in row[0] for row in facts.rows)

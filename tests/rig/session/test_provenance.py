@@ -36,3 +36,12 @@ def test_notes_and_the_encoders_identity_stand_in_the_record() -> None:
     assert found["emulated"] == "card"
     assert found["encoder"] == "rotary encoder, serial number 1"
     assert "encoder" not in record({})
+
+
+def test_each_sensors_sensitivity_and_calibration_stand_in_the_record() -> None:
+    found, bench = record({}), embedded_bench("planar_slider_crank")
+    frame, encoder = (bench.daq_card.channels[k] for k in (0, 3))
+    assert float(found[f"sensitivity.{frame.name}"]) == frame.volts_per_unit
+    assert found[f"calibrated.{frame.name}"] == f"{frame.calibrated}, valid until {frame.valid_until}"
+    assert encoder.pulses is not None
+    assert f"sensitivity.{encoder.name}" not in found
