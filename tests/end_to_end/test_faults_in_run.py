@@ -106,6 +106,9 @@ def test_a_generator_that_falls_silent_while_it_is_armed_moves_nothing(
         ended = run.end()
     assert ended.code == 1
     assert f"signal generator at {bench.generator.address}: no answer" in ended.err
+    goes_on = ended.goes_on  # it may have been armed; one that is gone before it answers would keep this
+    os.kill(bench.generator.pid, signal.SIGCONT)
+    await_gone([goes_on])
     assert not bench.spy.moved
 
 

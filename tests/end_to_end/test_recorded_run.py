@@ -141,5 +141,6 @@ def test_emulated_rig_never_gives_the_twins_own_numbers(settled_log: Path) -> No
     with LogReader(settled_log) as log:
         measured, predicted = log.table("measured"), log.table("predicted")
     for name in CHANNELS:
-        # Equal values come by chance alone, where a force is near zero and quantised.
-        assert np.mean(measured[name].values == predicted[name].values) < 1e-3, name
+        # Equal values come by chance alone, where a force is near zero and quantised: of the base, which is
+        # predicted to stand, one in 1300 by the card's steps and its noise.
+        assert np.mean(measured[name].values == predicted[name].values) < 2e-3, name

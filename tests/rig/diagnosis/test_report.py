@@ -302,6 +302,7 @@ def test_a_latent_force_is_told_and_drawn_where_it_is_largest() -> None:
     assert "crank bearing in run2.mcap: 300 N more at a displacement of -125 mm, 15.0 times" in sentence.text
     assert isinstance(figure, Figure)
     assert {trace["name"] for trace in figure.traces} == {
+        "healthy",
         "healthy rig",
         "measured",
         "nominal twin",
