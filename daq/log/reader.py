@@ -232,13 +232,24 @@ class LogReader:
         return first.time_ns if first is not None and first.code == STOPPING else None
 
     @cached_property
+    def zero_ns(self) -> int | None:
+        """The start of recording: sample 0 of the first channel that was measured, else predicted and so on.
+
+        None where there is no sample.
+        """
+        for origin in get_args(Origin):
+            names = list(self.channels(origin))
+            for chosen in filter(None, (names[:1], names)):
+                for _, first in self.blocks(origin, chosen):
+                    return sample_time_ns(first.time_ns, -first.first_sample, first.sample_rate)
+        return None
+
+    @cached_property
     def until_stop_s(self) -> float | None:
-        """The same in s since sample 0 of what was measured; None where all of it is as it was meant."""
-        stopped_ns, first = self.stopped_ns, next(self.blocks("measured"), None)
-        if stopped_ns is None or first is None:
+        """The same in s since the start of recording; None where all of it is as it was meant."""
+        if self.stopped_ns is None or self.zero_ns is None:
             return None
-        start_ns = sample_time_ns(first[1].time_ns, -first[1].first_sample, first[1].sample_rate)
-        return max((stopped_ns - start_ns) / NS_PER_S, 0.0)
+        return max((self.stopped_ns - self.zero_ns) / NS_PER_S, 0.0)
 
     def gaps(self) -> list[Gap]:
         return self._all(Gap, "/gap")
