@@ -20,6 +20,7 @@ import pyarrow as pa
 from pyarrow import csv as arrow
 
 from daq.allowance import MOST_COLUMNS
+from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
 from daq.formats.contents import TIME_NAMES, TIME_UNITS, Contents, FileFormat, Warn, opened, time_axis
@@ -71,6 +72,7 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
     with ExitStack() as stack:
         files = new_files(stack, paths)
         for file, table in zip(files, tables, strict=False):
+            late_s = (table.base.zero_ns - recording.zero_ns) / NS_PER_S
             head = io.StringIO()
             names = [f"{TIME} [s]", *map(_heading, table.tracks), _DESCRIPTION]
             csv.writer(head, lineterminator="\n").writerow(names)
@@ -81,7 +83,7 @@ def write(recording: Recording, path: Path, warn: Warn) -> tuple[Path, ...]:
             told = _pieces(description.encode(recording, table.tracks), table.end - table.first)
             with arrow.CSVWriter(file, schema, write_options=options) as writer:
                 for index, columns in table.batches():
-                    seconds = pa.array(index / table.base.sample_rate)
+                    seconds = pa.array(index / table.base.sample_rate + late_s)
                     beside = pa.array([next(told, None) for _ in index], pa.string())
                     writer.write_batch(pa.record_batch([seconds, *columns, beside], schema=schema))
         if recording.impacts:

@@ -153,6 +153,15 @@ class Recording:
     """The gap ledger; None where none was kept, so that it has to follow from the samples."""
     clocks: Sequence[ClockRecord] = ()
     impacts: Sequence[Impact] = ()
+    start_ns: int | None = None
+    """The start of recording, as its log has it; None: sample 0 of the first track."""
+
+    @property
+    def zero_ns(self) -> int:
+        """From when its times are counted."""
+        if self.start_ns is not None:
+            return self.start_ns
+        return next((track.stretches[0].base.zero_ns for track in self.tracks if track.stretches), 0)
 
     @property
     def run_id(self) -> str:
@@ -209,6 +218,7 @@ def read_log(
         log.gaps(),
         log.clocks(),
         [each for each in log.impacts() if (each.origin, each.channel) in collectors],
+        log.zero_ns,
     )
 
 
@@ -251,10 +261,8 @@ class _Collector:
 
 def within(recording: Recording, start_s: float, end_s: float) -> Recording:
     """What lies between two times, in s since the start of recording; its gaps follow from its samples."""
-    filled = [track for track in recording.tracks if track.stretches]
-    zero_ns = filled[0].stretches[0].base.zero_ns if filled else 0
-    start_ns = zero_ns + round(start_s * NS_PER_S)
-    end_ns = zero_ns + round(end_s * NS_PER_S) if end_s < math.inf else LATEST
+    start_ns = recording.zero_ns + round(start_s * NS_PER_S)
+    end_ns = recording.zero_ns + round(end_s * NS_PER_S) if end_s < math.inf else LATEST
     tracks = tuple(_cut(track, start_ns, end_ns) for track in recording.tracks)
     impacts = [each for each in recording.impacts if start_ns <= each.time_ns < end_ns]
     return replace(recording, tracks=tracks, gaps=None, impacts=impacts)

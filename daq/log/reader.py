@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Collection, Iterator
 from functools import cached_property, partial
@@ -39,6 +40,7 @@ _FOREIGN_ERRORS = (McapError, DecodeError, zstandard.ZstdError, struct.error, *D
 
 _LONGEST_SERIES = 1 << 29
 """Near three hours at 51.2 kHz."""
+ROUNDING_S = 1e-6
 CYCLE_PEAK, CYCLE_RMS = "cycle_peak", "cycle_rms"
 CRANK_SPEED = "crank.speed"
 
@@ -205,18 +207,28 @@ class LogReader:
         channels: Collection[str] | None = None,
         start_s: float = 0.0,
         end_s: float | None = None,
+        zero_ns: int | None = None,
     ) -> dict[str, SampleBlock]:
-        """Like `series`, for several channels (default: all) in one pass over the file."""
+        """Like `series`, for several channels (default: all) in one pass over the file.
+
+        With `zero_ns`, the times count from there, not from each channel's own sample 0.
+        """
         names = list(self.channels(origin)) if channels is None else list(channels)
         parts: dict[str, list[SampleBlock]] = {name: [] for name in names}
+        spans: dict[str, tuple[float, float]] = {}
         allowance = self.allowance()
         for _, block in self.blocks(origin, names):
+            if block.channel not in spans:
+                late_s = 0.0 if zero_ns is None else late_by_s(block, zero_ns)
+                until_s = math.inf if end_s is None else end_s - late_s
+                spans[block.channel] = start_s - late_s if start_s > 0 else 0.0, until_s
+            from_s, until_s = spans[block.channel]
             begin = block.first_sample / block.sample_rate
-            if (end_s is None or begin < end_s) and block.end_sample / block.sample_rate > start_s:
+            if begin < until_s and block.end_sample / block.sample_rate > from_s:
                 allowance.spend(held=block.values.nbytes, records=1)
                 parts[block.channel].append(block)
         return {
-            name: _join(f"{self.path}: samples of /{origin}/{name}", blocks, start_s, end_s, allowance)
+            name: _join(f"{self.path}: samples of /{origin}/{name}", blocks, spans.get(name), allowance)
             for name, blocks in parts.items()
         }
 
@@ -232,13 +244,24 @@ class LogReader:
         return first.time_ns if first is not None and first.code == STOPPING else None
 
     @cached_property
+    def zero_ns(self) -> int | None:
+        """The start of recording: sample 0 of the first channel that was measured, else predicted and so on.
+
+        None where there is no sample.
+        """
+        for origin in get_args(Origin):
+            names = list(self.channels(origin))
+            for chosen in filter(None, (names[:1], names)):
+                for _, first in self.blocks(origin, chosen):
+                    return sample_time_ns(first.time_ns, -first.first_sample, first.sample_rate)
+        return None
+
+    @cached_property
     def until_stop_s(self) -> float | None:
-        """The same in s since sample 0 of what was measured; None where all of it is as it was meant."""
-        stopped_ns, first = self.stopped_ns, next(self.blocks("measured"), None)
-        if stopped_ns is None or first is None:
+        """The same in s since the start of recording; None where all of it is as it was meant."""
+        if self.stopped_ns is None or self.zero_ns is None:
             return None
-        start_ns = sample_time_ns(first[1].time_ns, -first[1].first_sample, first[1].sample_rate)
-        return max((stopped_ns - start_ns) / NS_PER_S, 0.0)
+        return max((self.stopped_ns - self.zero_ns) / NS_PER_S, 0.0)
 
     def gaps(self) -> list[Gap]:
         return self._all(Gap, "/gap")
@@ -350,15 +373,22 @@ class LogReader:
             self.damage, self.damaged_at = damage, at
 
 
+def late_by_s(block: SampleBlock, zero_ns: int) -> float:
+    """When a block's sample 0 was, counted from `zero_ns`; 0 where only rounding differs."""
+    late_s = (block.time_ns - zero_ns) / NS_PER_S - block.first_sample / block.sample_rate
+    return late_s if abs(late_s) > ROUNDING_S else 0.0
+
+
 def _join(
-    what: str, blocks: list[SampleBlock], start_s: float, end_s: float | None, allowance: Allowance
+    what: str, blocks: list[SampleBlock], span: tuple[float, float] | None, allowance: Allowance
 ) -> SampleBlock:
-    if not blocks:
+    if not blocks or span is None:
         raise LogError(f"{what}: none in the asked time")
+    start_s, end_s = span
     rate = blocks[0].sample_rate
     first = max(min(block.first_sample for block in blocks), round(start_s * rate))
     end = max(block.end_sample for block in blocks)
-    if end_s is not None:
+    if end_s < math.inf:
         end = min(end, round(end_s * rate))
     if end - first > _LONGEST_SERIES:
         raise LogError(f"{what}: {end - first} from first to last are too many for one array")

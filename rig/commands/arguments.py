@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+
+from daq.errors import RattleError
 
 if TYPE_CHECKING:
     from rig.files.bench import Bench
@@ -54,16 +55,13 @@ RUNS = Path("runs")
 
 
 def _to_write(folder: Path | None) -> Path | None:
-    """Refuse a folder that cannot be written, or made; it is made only where something goes into it."""
-    for there in () if folder is None else (folder.absolute(), *folder.absolute().parents):
+    from rig.files.out_folder import check_out
+
+    if folder is not None:
         try:
-            with TemporaryFile(dir=there):
-                return folder
-        except OSError as error:
-            if there.is_file():
-                raise typer.BadParameter(f"{there} is a file; name a folder") from error
-            if not isinstance(error, FileNotFoundError | NotADirectoryError) or there.exists():
-                raise typer.BadParameter(f"cannot write to {there}: {error.strerror}") from error
+            check_out(folder)
+        except RattleError as error:
+            raise typer.BadParameter(str(error)) from error
     return folder
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, Flag, SampleBlock, values_of
 from daq.channel import Channel
 from daq.errors import LogError, RattleError
-from daq.log.reader import LogReader, Origin
+from daq.log.reader import ROUNDING_S, LogReader, Origin, late_by_s
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 if TYPE_CHECKING:
@@ -143,6 +143,10 @@ class Series:
         """Against time; a long one by its extremes."""
         return _figure([[self]])
 
+    def _is_beside(self, other: Series) -> bool:
+        """Whether a sample index is one time in both."""
+        return self.sample_rate == other.sample_rate and abs(self.zero_s - other.zero_s) <= ROUNDING_S
+
     def _attributes(self) -> dict[str, str]:
         return {"units": self.unit, "origin": self.origin, **self.channel.metadata()}
 
@@ -196,10 +200,10 @@ class Channels:
                 raise LogError(f"{self._log.path}: no channel {name!r} was {self._origin}; {hint}")
         wanted = self.filled(self._channels) if names is None else names
         with LogReader(self._log.path) as log:
-            found = log.table(self._origin, wanted, start, end)
-        zero = self._log.zero_ns
+            zero_ns = log.zero_ns or 0
+            found = log.table(self._origin, wanted, start, end, zero_ns)
         return {
-            name: Series(self._origin, self._channels[name], block, _zero_s(block, zero))
+            name: Series(self._origin, self._channels[name], block, late_by_s(block, zero_ns))
             for name, block in found.items()
         }
 
@@ -218,23 +222,26 @@ class Channels:
     ) -> pd.DataFrame:
         """A column for each channel, the time in s as index; `attrs["units"]` has their units.
 
-        Without names: those at the rate that most have. Raises RattleError for names of several rates.
+        Without names: those at the times that most have. Raises RattleError for names of several rates
+        or starts.
         """
         pd = needed("pandas")
         found = list(self.series(names, start, end).values())
         if not found:
             return pd.DataFrame()
-        rates = Counter(each.sample_rate for each in found)
-        if names is not None and len(rates) > 1:
-            rate_of = ", ".join(f"{each.name} {each.sample_rate:.10g} Hz" for each in found)
-            raise LogError(f"{self._log.path}: a table has one rate, these have several: {rate_of}")
-        (rate, _), *_ = rates.most_common(1)
-        same = [each for each in found if each.sample_rate == rate]
+        same = max(([each for each in found if each._is_beside(one)] for one in found), key=len)
+        if names is not None and len(same) < len(found):
+            told = ", ".join(
+                f"{each.name} {each.sample_rate:.10g} Hz from {each.zero_s:.6g} s" for each in found
+            )
+            raise LogError(
+                f"{self._log.path}: a table has one rate and one start, these have several: {told}"
+            )
         first, last = (
             min(each.block.first_sample for each in same),
             max(each.block.end_sample for each in same),
         )
-        index = pd.Index(np.arange(first, last) / rate, name="time")
+        index = pd.Index(np.arange(first, last) / same[0].sample_rate + same[0].zero_s, name="time")
         columns = {each.name: values_of([each.block], first, last, each.values.dtype) for each in same}
         frame = pd.DataFrame(columns, index)
         frame.attrs["units"] = {each.name: each.unit for each in same}
@@ -288,14 +295,9 @@ class Log:
 
     @cached_property
     def zero_ns(self) -> int:
-        """The start of recording, in ns since 1970: sample 0 of what was measured, or predicted."""
+        """The start of recording, in ns since 1970."""
         with LogReader(self.path) as log:
-            first = next(log.blocks(self._first._origin), None)
-        return (
-            0
-            if first is None
-            else first[1].time_ns - round(first[1].first_sample * NS_PER_S / first[1].sample_rate)
-        )
+            return log.zero_ns or 0
 
     @property
     def origins(self) -> dict[Origin, Channels]:
@@ -394,12 +396,6 @@ def needed(package: str) -> Any:
         return import_module(package)
     except ImportError as error:
         raise RattleError(f"this takes {package}, which is not installed: pip install {package}") from error
-
-
-def _zero_s(block: SampleBlock, zero_ns: int) -> float:
-    """When its sample 0 was, counted from `zero_ns`; 0 within half a sample, as on one sample clock."""
-    off_s = (block.time_ns - zero_ns) / NS_PER_S - block.first_sample / block.sample_rate
-    return off_s if abs(off_s) * block.sample_rate > 0.5 else 0.0
 
 
 def table_of(names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

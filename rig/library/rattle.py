@@ -82,9 +82,10 @@ def run(
 
     Without `bench` the instruments are emulated. Callbacks get what comes as it comes, in a thread of their
     own, and the rig waits for none: who is slow misses some, who raises is not called again, and a
-    RuntimeWarning says so at the end. `until` is asked after each reading, ten times a second, and must be
-    quick: once it is true the record ends. An interrupt (Ctrl-C, or that of a notebook) switches the drive
-    off. Raises RattleError; the log is then named in what is printed.
+    RuntimeWarning says so at the end. `until` is asked after each reading, ten times a second: once it is
+    true the record ends. All of them are Python in the process that acquires, and must be quick. An interrupt
+    (Ctrl-C, or that of a notebook) switches the drive off. Raises RattleError; the log is then named in what
+    is printed.
     """
     from rig.library.run import Callbacks, ran
 

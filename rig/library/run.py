@@ -22,6 +22,7 @@ from daq.log.reader import Origin
 from daq.log.records import Event, Impact
 from rig.app import connect
 from rig.files.bench import embedded_bench, load_bench
+from rig.files.out_folder import check_out
 from rig.files.pairing import check_pair, free_bytes, too_late
 from rig.files.scenario import load_scenario
 from rig.library.log import Log
@@ -64,9 +65,10 @@ def ran(
 ) -> Log:
     """See `rattle.run`."""
     os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+    folder = Path(out)
+    check_out(folder)
     scenario = load_scenario(Path(scenario_file), settings)
     bench = embedded_bench(scenario.rig) if bench_file is None else load_bench(Path(bench_file), scenario.rig)
-    folder = Path(out)
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(folder))
     check_twin(scenario)
     screen = Screen(Terminal(quiet=quiet))

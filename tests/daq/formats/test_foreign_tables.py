@@ -12,9 +12,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from daq.block import SampleBlock
 from daq.errors import LogError
-from daq.formats.recording import within
+from daq.formats.recording import read_log, within
 from daq.formats.samples import Scratch
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from tests.daq.formats import runs
 from tests.daq.formats.files import COUNT, SINE, export, only, read
 
@@ -166,6 +169,27 @@ def test_a_table_shorter_than_its_description_comes_back(tmp_path: Path, scratch
     contents = read(tmp_path / "run.csv", scratch)
     assert [len(column.samples) for column in contents.columns] == [1]
     assert contents.rest.events == events
+
+
+def test_times_of_a_table_count_from_the_start_of_recording(tmp_path: Path, scratch: Scratch) -> None:
+    """Also where its channel began later, alone or cut out by that same time."""
+    with LogWriter(tmp_path / "run.mcap") as log:
+        for origin, channel, rate, late_ns in (
+            ("measured", runs.BASE, runs.SLOW, 0),
+            ("derived", runs.YOKE, 20.0, 35_000_000),
+        ):
+            log.declare(origin, channel)
+            at_ns = runs.START_NS + late_ns
+            block = SampleBlock(channel.name, 0, at_ns, rate, np.arange(10, dtype=np.float32))
+            log.add_block(origin, block, at_ns)
+    with LogReader(tmp_path / "run.mcap") as reader:
+        alone = read_log(reader, scratch, ("derived",))
+    for start_s, first in ((0.0, 0), (0.1, 2)):
+        path = tmp_path / f"{first}.csv"
+        export(within(alone, start_s, 0.3), path)
+        found = pd.read_csv(path)
+        assert found["derived/yoke.force [N]"].tolist() == list(range(first, 6))
+        assert found["time [s]"].tolist() == pytest.approx(0.035 + np.arange(first, 6) / 20.0, abs=1e-12)
 
 
 def test_a_csv_that_a_spreadsheet_saved_again_keeps_names_and_units(tmp_path: Path, scratch: Scratch) -> None:

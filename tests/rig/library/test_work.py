@@ -76,6 +76,12 @@ def test_what_is_wrong_is_told_as_the_command_does(
         rattle.diagnose([])
 
 
+def test_a_run_tries_its_folder_before_anything_is_read(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("mine")
+    with pytest.raises(rattle.RattleError, match=r"runs is a file; name a folder"):
+        rattle.run("not read.toml", out=tmp_path / "runs" / "deeper")
+
+
 def test_who_is_called_back_holds_nothing_up_and_hears_all(recwarn: pytest.WarningsRecorder) -> None:
     heard: list[object] = []
     said = Callbacks(lambda origin, each: heard.append((origin, each.first_sample)), heard.append)
