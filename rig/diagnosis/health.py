@@ -6,6 +6,7 @@ import hashlib
 import os
 import time
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -19,6 +20,7 @@ from daq.log.reader import LogReader
 from rig.diagnosis.recordings import AloneRun, recorded_alone
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.model_file import parse_model
+from rig.pages.words import listed
 from rig.report.record import Verdict
 from rig.session.progress import Screen
 from rig.twin.logged import campaign_with_model
@@ -52,7 +54,7 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         if model:
             fitted = parse_model(model, f"model in {log}", run.scenario.rig)
             campaign = campaign_with_model(run.campaign, fitted, lambda _: None)
-            run = AloneRun(run.scenario, campaign, run.measured)
+            run = replace(run, campaign=campaign)
         band = band_of(run, model, rigs, screen)
     except RattleError as error:
         return Verdict(None, (f"Not judged: {error}.",))
@@ -60,24 +62,28 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         return Verdict(None, ("Not judged: interrupted while healthy rigs were simulated.",))
     if band is None:
         return Verdict(None, ("Not judged: too few healthy rigs of this scenario could be simulated.",))
-    return _told(band.places(run.measured), band.rigs, log)
+    return _told(run, band.places(run.measured), band.rigs, log)
 
 
-def _told(places: list[Place], rigs: int, log: Path) -> Verdict:
+def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
     known = f"Gap {whole.gap:.2f}: a typical healthy rig has 1, the farthest of {rigs} {whole.farthest:.2f}."
+    remarks = [f"Mind: {remark}." for remark in run.remarks]
     if not beyond and not whole.beyond:
         first = channels[0]
         most = f"Farthest off is {first.channel}, {_size(first)}."
-        return Verdict(True, ("Within what healthy rigs do.", f"{known} {most}"))
+        within = "Within what healthy rigs do"
+        if run.left_out:
+            within += f", but nobody knows of {listed(run.left_out)}"
+        return Verdict(None if run.left_out else True, (f"{within}.", f"{known} {most}", *remarks))
     named = [
         f"{place.channel}, {_size(place)}, {_spot(place.worst)}" for place in (beyond or channels)[:_NAMED]
     ]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
     next_step = f"What causes it: rattle diagnose {log} --out answer"
-    return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", next_step))
+    return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", *remarks, next_step))
 
 
 def _size(place: Place) -> str:
