@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import time
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
-from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 from typing import Final
-from zipfile import BadZipFile
 
 import numpy as np
 
+import sim_twin
 from daq.errors import RattleError
 from daq.log.reader import LogReader
+from daq.log.writer import write_whole
 from rig.diagnosis.recordings import AloneRun, recorded_alone
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.model_file import parse_model
+from rig.pages.words import listed
 from rig.report.record import Verdict
 from rig.session.progress import Screen
 from rig.twin.logged import campaign_with_model
@@ -52,7 +56,7 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         if model:
             fitted = parse_model(model, f"model in {log}", run.scenario.rig)
             campaign = campaign_with_model(run.campaign, fitted, lambda _: None)
-            run = AloneRun(run.scenario, campaign, run.measured)
+            run = replace(run, campaign=campaign)
         band = band_of(run, model, rigs, screen)
     except RattleError as error:
         return Verdict(None, (f"Not judged: {error}.",))
@@ -60,24 +64,28 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         return Verdict(None, ("Not judged: interrupted while healthy rigs were simulated.",))
     if band is None:
         return Verdict(None, ("Not judged: too few healthy rigs of this scenario could be simulated.",))
-    return _told(band.places(run.measured), band.rigs, log)
+    return _told(run, band.places(run.measured), band.rigs, log)
 
 
-def _told(places: list[Place], rigs: int, log: Path) -> Verdict:
+def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
     known = f"Gap {whole.gap:.2f}: a typical healthy rig has 1, the farthest of {rigs} {whole.farthest:.2f}."
+    remarks = [f"Mind: {remark}." for remark in run.remarks]
     if not beyond and not whole.beyond:
         first = channels[0]
         most = f"Farthest off is {first.channel}, {_size(first)}."
-        return Verdict(True, ("Within what healthy rigs do.", f"{known} {most}"))
+        within = "Within what healthy rigs do"
+        if run.left_out:
+            within += f", but nobody knows of {listed(run.left_out)}"
+        return Verdict(None if run.left_out else True, (f"{within}.", f"{known} {most}", *remarks))
     named = [
         f"{place.channel}, {_size(place)}, {_spot(place.worst)}" for place in (beyond or channels)[:_NAMED]
     ]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
     next_step = f"What causes it: rattle diagnose {log} --out answer"
-    return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", next_step))
+    return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", *remarks, next_step))
 
 
 def _size(place: Place) -> str:
@@ -97,7 +105,7 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
     """The band of the run's scenario that is kept, or simulated now; None where too few rigs could be."""
     file = _folder() / f"{_key(run, model, rigs)}.npz"
     layout = run.campaign.layout
-    with suppress(OSError, ValueError, KeyError, BadZipFile), file.open("rb") as opened:
+    with suppress(Exception), file.open("rb") as opened:  # whatever damage raises: it is made again
         kept = np.load(opened)
         numbers = {name: kept[name] for name in kept.files}
         measure = GapMeasure(layout, numbers["twin"], numbers["floor"], float(numbers["unit"]))
@@ -107,27 +115,30 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
     draws = [Draw((), seed, blocks=_BLOCKS) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     with worker_processes(cores()) as workers, screen.bar(what, len(draws), "rigs") as bar:
-        shown = Simulated(run.campaign, workers.executor, time.monotonic() + _SIMULATED_S, bar)(draws)
+        simulated = Simulated(run.campaign, workers.executor, time.monotonic() + _SIMULATED_S, bar)
+        shown = simulated(draws)
     healthy = [each[0] for each in shown if each and each[0] is not None]
     if len(healthy) < max(_FEWEST * rigs, 3):
         return None
     band = healthy_band(healthy, layout)
     measure = band.measure
+    if simulated.cut_short:
+        return band
+    content = BytesIO()
+    np.savez(
+        content,
+        twin=measure.twin,
+        floor=measure.floor,
+        unit=measure.unit,
+        typical=band.typical,
+        spread=band.spread,
+        farthest=band.farthest,
+        limits=band.limits,
+        rigs=band.rigs,
+    )
     with suppress(OSError):  # without a place to keep it, it is simulated again
         file.parent.mkdir(parents=True, exist_ok=True)
-        new = file.with_suffix(f".{os.getpid()}.npz")
-        np.savez(
-            new,
-            twin=measure.twin,
-            floor=measure.floor,
-            unit=measure.unit,
-            typical=band.typical,
-            spread=band.spread,
-            farthest=band.farthest,
-            limits=band.limits,
-            rigs=band.rigs,
-        )
-        new.replace(file)
+        write_whole(file, content.getvalue())
     return band
 
 
@@ -139,7 +150,8 @@ def _key(run: AloneRun, model: str, rigs: int) -> str:
     """A digest of all that the band follows from."""
     (setting,) = run.campaign.runs
     told = (
-        _sources(),
+        _sources(sim_twin.__file__),
+        _sources(inspect.getfile(type(setting.twin.rig))),
         repr(setting.twin.rig),
         repr(setting.twin.drive),
         repr(sorted(setting.twin.sensors.items())),
@@ -155,10 +167,11 @@ def _key(run: AloneRun, model: str, rigs: int) -> str:
 
 
 @cache
-def _sources() -> str:
-    """A digest of the physics and of what is made of it."""
-    digest = hashlib.sha256()
-    root = Path(str(files("sim_twin")))
-    for file in sorted(root.rglob("*.py")):
-        digest.update(file.relative_to(root).as_posix().encode() + b"\n" + file.read_bytes())
+def _sources(module: str) -> str:
+    """A digest of a module's file and of all that is in its package."""
+    digest, root = hashlib.sha256(), Path(module)
+    while (root.parent / "__init__.py").exists():
+        root = root.parent
+    for file in sorted(root.rglob("*.py")) if root.is_dir() else [root]:
+        digest.update(file.relative_to(root.parent).as_posix().encode() + b"\n" + file.read_bytes())
     return digest.hexdigest()

@@ -137,6 +137,7 @@ class _Run:
     step: int
     cycles: int
     remarks: tuple[str, ...]
+    left_out: tuple[str, ...]
     scenario: Scenario
 
 
@@ -199,12 +200,14 @@ def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
 class AloneRun:
     """A run at its scenario's own frequency: nothing in `campaign` hangs on what was measured.
 
-    `measured` are its fingerprints (blocks, numbers).
+    `measured` are its fingerprints (blocks, numbers), `left_out` channels of which nothing is in them.
     """
 
     scenario: Scenario
     campaign: Campaign
     measured: NDArray[np.float32]
+    remarks: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 def recorded_alone(path: Path, longest_s: float) -> AloneRun:
@@ -226,7 +229,7 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
     blocks = setting.blocks_of(run.records, sound)
     if not len(blocks):
         raise LogError(f"less than {setting.cycles} sound cycles together, once the motion has set in")
-    return AloneRun(run.scenario, Campaign((setting,)), blocks)
+    return AloneRun(run.scenario, Campaign((setting,)), blocks, run.remarks, run.left_out)
 
 
 def _read(path: Path, longest_s: float | None = None) -> _Run:
@@ -245,6 +248,12 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
         ends = [end_s for end_s in (log.until_stop_s, longest_s) if end_s is not None]
         lost = lost_of(log, log.table("measured", wanted, end_s=min(ends, default=None)))
         unfinished = []
+        if longest_s is not None:
+            whole_s = log.until_stop_s or max(
+                block.end_sample / block.sample_rate for _, block in log.blocks("measured", [model.reference])
+            )
+            if whole_s > longest_s:
+                unfinished.append(f"only the first {longest_s:g} s of {whole_s:.4g} s were looked at")
         if log.until_stop_s is not None:
             unfinished.append(
                 f"stopped before its time, after {log.until_stop_s:.3g} s; the rest is not used"
@@ -263,9 +272,9 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
     remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
-    return _Run(
-        path, Twin(twin.rig, drive, twin.sensors), records, kept, rate, step, whole, remarks, scenario
-    )
+    left_out = tuple(name for name in wanted if name not in table)
+    followed = Twin(twin.rig, drive, twin.sensors)
+    return _Run(path, followed, records, kept, rate, step, whole, remarks, left_out, scenario)
 
 
 def _too_few(path: Path, whole: int) -> LogError:

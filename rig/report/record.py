@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 
 from daq.block import Flag, SampleBlock, sample_time_ns, values_of
 from daq.channel import Channel
-from daq.errors import ConfigurationError
+from daq.errors import ConfigurationError, RattleError
 from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
+from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Record, Stream
+from rig.twin.scenario_twin import twin_of
+from sim_twin.sensors import SensorChain
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 _UNWRAPPED = ".angle"
@@ -61,6 +64,8 @@ _KEPT_SAMPLES = 64_000_000
 
 _REACH, _HOLES = 1 << 20, 16
 """Samples up to which a trace may begin, and how many may be missing for each that is there."""
+_NOISY = 3.0
+"""Times the noise of a healthy rig's sensor: what shows more moves."""
 _KEPT_CONTACT_SAMPLES = 25_000_000
 """Each contact force: eight minutes at 51.2 kHz, for the statistics of half cycles."""
 
@@ -199,12 +204,17 @@ class RunRecord:
 
     @property
     def still(self) -> frozenset[str]:
-        """Channels of which every prediction is 0 throughout: what they show is noise, or not in the twin."""
-        predicted: dict[str, float] = {}
+        """Channels of which every prediction is 0 throughout, and that show no more than sensor noise."""
+        largest: dict[str, float] = {}
         for (origin, name), tally in self.tallies.items():
             if origin != "measured":
-                predicted[name] = max(predicted.get(name, 0.0), tally.largest)
-        return frozenset(name for name, largest in predicted.items() if largest == 0.0)
+                largest[name] = max(largest.get(name, 0.0), tally.largest)
+        noise, measured = _sensor_noise(self.scenario, tuple(self.channels)), self.measured
+        return frozenset(
+            name
+            for name, most in largest.items()
+            if most == 0.0 and not (name in measured and measured[name].rms > _NOISY * noise.get(name, 0.0))
+        )
 
     @property
     def repaired(self) -> bool:
@@ -351,6 +361,16 @@ def scenario_facts(toml: str) -> ScenarioFacts:
         drive=", ".join(f"{key} {value}" for key, value in drive.items()),
         cycle_s=1.0 / hertz if hertz > 0 and math.isfinite(1.0 / hertz) else None,
     )
+
+
+@functools.lru_cache(maxsize=8)
+def _sensor_noise(toml: str, channels: tuple[str, ...]) -> Mapping[str, float]:
+    """Rms by channel as the twin of a scenario has it; none where no twin can be set up."""
+    try:
+        sensors = twin_of(parse_scenario(toml), channels).sensors
+    except RattleError:
+        return {}
+    return {name: each.noise for name, each in sensors.items() if isinstance(each, SensorChain)}
 
 
 def _quantity(value: object, unit: str) -> float:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from daq.log.writer import write_whole
 from rig.derived.settings import RECORD
 from rig.files.scenario import Scenario
 from rig.files.sweep import Point, Sweep
@@ -24,7 +25,7 @@ from rig.report.record import RunRecord, read_run
 from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
 from rig.session.frequency import OFF, UNKNOWN, FrequencyCheck
-from rig.sweep.state import PointState, SweepState, write_whole
+from rig.sweep.state import PointState, SweepState
 
 TABLE: Final = "points.csv"
 

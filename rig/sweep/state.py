@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 import fcntl
 import hashlib
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal
 
@@ -15,7 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from daq.errors import ConfigurationError, LogError, Problem, RattleError, RecorderFailed
-from daq.log.writer import sync_folder
+from daq.log.writer import write_whole
 from rig.files.bench import Bench
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
@@ -112,22 +111,6 @@ def load_state(folder: Path) -> SweepState | None:
 def save_state(folder: Path, state: SweepState) -> None:
     """Write the state: after a crash there is the old one or this one."""
     write_whole(folder / FILE, _STATE.dump_json(state, indent=2))
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Replace a file so that it is never half there, not even when the power fails."""
-    unfinished = path.with_name(f".{path.name}.new")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-        sync_folder(path.parent)
-    except OSError as error:
-        with suppress(OSError):
-            unfinished.unlink(missing_ok=True)
-        raise RecorderFailed(f"cannot write {path}: {error.strerror}") from error
 
 
 def check_unchanged(state: SweepState, now: Mapping[str, str], folder: Path) -> None:

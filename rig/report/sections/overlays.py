@@ -251,7 +251,10 @@ def revolution(run: RunRecord) -> list[Part]:
         Sentence(_REVOLUTION),
         *cut(run),
         Sentence(f"Revolutions in the mean: {', '.join(told)}."),
-        *[Sentence(f"Not drawn, for the twin says 0 there: {name}.") for name in still],
+        *[
+            Sentence(f"Not drawn, for the twin says 0 there and the sensor shows noise: {name}.")
+            for name in still
+        ],
         *left_out(run, channels),
         plots.figure("revolution", _SCATTER_CAPTION + _TURNED_CAPTION),
     ]

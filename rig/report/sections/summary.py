@@ -104,14 +104,15 @@ def _peak_numbers(run: RunRecord) -> list[BigNumber]:
 
 
 def _worst_rms(run: RunRecord) -> Iterator[BigNumber]:
-    """The channel whose rms the last twin misses by most, of those that it says anything of."""
+    """The channel whose rms the last twin misses by most, of those that are compared."""
     apart: dict[str, float] = {}
+    aside = run.still | run.roles.unwrapped
     for name, measured in run.measured.items():
         twin = run.tallies.get(("predicted", name))
-        if twin and measured.rms > 0 and twin.rms > 0 and name not in run.roles.unwrapped:
-            apart[name] = math.log(twin.rms / measured.rms)
+        if twin and twin.rms >= 0 and measured.rms > 0 and name not in aside:
+            apart[name] = abs(math.log(twin.rms / measured.rms)) if twin.rms else math.inf
     if apart:
-        name = max(apart, key=lambda each: abs(apart[each]))
+        name = max(apart, key=apart.__getitem__)
         rms = [run.tallies[origin, name].rms for origin in ("predicted", "measured")]
         told = f"rms of {name}, {run.whose('predicted')} against measured"
         yield BigNumber("Largest difference", difference(*rms), told)
@@ -188,7 +189,7 @@ def _channel_table(run: RunRecord) -> Table:
             figures = [DASH] * len(figures)
         lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
         rows.append([name, as_written(unit)[1] or DASH, *figures, *map(str, lost)])
-    noise = " (not compared: where the twin says 0 the sensor shows noise, or what no twin holds)"
+    noise = " (not compared: the twin says 0, and the sensor shows no more than its noise)"
     return Table(headings, rows, "Channels" + (noise if run.still & run.measured.keys() else ""))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from io import StringIO
@@ -10,10 +10,15 @@ from pathlib import Path
 
 import pytest
 
+from daq.block import Flag, SampleBlock
 from rig.diagnosis import health
 from rig.diagnosis.health import HEALTHY_RIGS, verdict_on
-from rig.ensembles import Workers
+from rig.ensembles import Simulated, Workers
 from rig.session.progress import Screen, Terminal
+from sim_twin.diagnosis.fingerprint import Cell
+from sim_twin.diagnosis.healthy_band import Place
+from sim_twin.diagnosis.subject import Draw, Observed
+from tests.rig.diagnosis.measured_log import BEAM, flagged, recording, write
 from tests.rig.synthetic_run import SCENARIO, write_log
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
@@ -45,7 +50,7 @@ def test_a_run_of_pulses_is_not_what_healthy_beams_do_and_the_band_is_kept(
     log = write_log(tmp_path / "run.mcap", 4.5, origins=["measured"], scenario=RUN)
     found = verdict_on(log, screen())
     assert found.well is False
-    first, where, next_step = found.sentences
+    first, where, *_, next_step = found.sentences
     assert first == "Not what healthy rigs do."
     assert "contact.force" in where
     assert next_step == f"What causes it: rattle diagnose {log} --out answer"
@@ -58,12 +63,87 @@ def test_a_run_of_pulses_is_not_what_healthy_beams_do_and_the_band_is_kept(
     assert verdict_on(log, screen()) == found
 
 
-def test_a_band_that_cannot_be_read_is_made_anew(kept: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "damaged", [lambda _: b"", lambda whole: whole[:100], lambda whole: bytes(len(whole))]
+)
+def test_a_band_that_cannot_be_read_is_made_anew(
+    damaged: Callable[[bytes], bytes], kept: Path, tmp_path: Path
+) -> None:
     log = write_log(tmp_path / "run.mcap", 4.5, origins=["measured"], scenario=RUN)
     found = verdict_on(log, screen())
     (file,) = kept.iterdir()
-    file.write_bytes(file.read_bytes()[:100])
+    file.write_bytes(damaged(file.read_bytes()))
     assert verdict_on(log, screen()) == found
+    assert file.stat().st_size > 1000
+
+
+def test_a_band_that_time_cut_short_is_not_kept(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Late(Simulated):
+        def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
+            self.cut_short = True
+            return super().__call__(draws)
+
+    monkeypatch.setattr(health, "Simulated", Late)
+    log = write_log(tmp_path / "run.mcap", 4.5, origins=["measured"], scenario=RUN)
+    assert verdict_on(log, screen()).well is False
+    assert not kept.exists()
+
+
+def test_a_band_hangs_on_the_code_of_a_rig_from_another_package(tmp_path: Path) -> None:
+    def digest(file: Path) -> str:
+        health._sources.cache_clear()
+        return health._sources(str(file))
+
+    (tmp_path / "pendulum").mkdir()
+    rig, physics, lone = (tmp_path / name for name in ("pendulum/rig.py", "pendulum/physics.py", "lone.py"))
+    for file in (tmp_path / "pendulum" / "__init__.py", rig, physics, lone):
+        file.write_text("")
+    before, alone = digest(rig), digest(lone)
+    physics.write_text("GRAVITY = 9.81")
+    assert digest(rig) != before
+    assert digest(lone) == alone
+
+
+class Wide:
+    """A band that every run lies within."""
+
+    rigs = 8
+
+    def places(self, _: object) -> list[Place]:
+        return [Place(name, 1.0, 1.5, False, Cell(0, name, "rms")) for name in ("", "drive.force")]
+
+
+def test_a_verdict_says_what_it_did_not_look_at(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def overloaded(block: SampleBlock) -> SampleBlock:
+        lost = block.channel == "yoke.force" and block.first_sample == 0
+        return flagged(block, Flag.OVERLOAD) if lost else block
+
+    monkeypatch.setattr(health, "band_of", lambda *_: Wide())
+    monkeypatch.setattr(health, "_LOOKED_AT_S", 1.2)
+    log = write(tmp_path / "run.mcap", recording(BEAM), BEAM, ["base.acceleration"], overloaded)
+    found = verdict_on(log, screen())
+    assert found.well is True
+    said = " ".join(found.sentences[2:])
+    assert "first 1.2 s of 1.5 s" in said
+    assert "yoke.force: 8.3% overloaded" in said
+    assert "no base.acceleration" in said
+
+
+def test_no_run_is_well_of_which_a_recorded_channel_is_lost(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def overloaded(block: SampleBlock) -> SampleBlock:
+        return flagged(block, Flag.OVERLOAD) if block.channel == "base.acceleration" else block
+
+    monkeypatch.setattr(health, "band_of", lambda *_: Wide())
+    found = verdict_on(write(tmp_path / "run.mcap", recording(BEAM), BEAM, (), overloaded), screen())
+    assert found.well is None
+    assert found.sentences[0] == "Within what healthy rigs do, but nobody knows of base.acceleration."
+    assert "100% of it overloaded" in found.sentences[2]
 
 
 @pytest.mark.parametrize(

@@ -113,6 +113,21 @@ def test_what_the_twin_says_nothing_of_is_not_compared(run: RunRecord) -> None:
     assert "100.0 %" not in str(summary.parts(quiet))
 
 
+def test_what_moves_though_the_twin_says_it_stands_is_the_largest_difference(run: RunRecord) -> None:
+    key = "base.acceleration"
+    stands = replace(run.tallies["predicted", key], square_sum=0.0, largest=0.0)
+    shaken = run.tallies["measured", key]
+    shaken = replace(shaken, square_sum=400 * shaken.square_sum)  # 0.4 m/s2
+    hidden = replace(run, tallies={**run.tallies, ("predicted", key): stands, ("measured", key): shaken})
+    assert not hidden.still
+    table = next(part for part in summary.parts(hidden) if isinstance(part, Table))
+    row = next(row for row in table.rows if row[0] == key)
+    assert row[4] == "\N{MINUS SIGN}100.0 %"
+    numbers = next(part for part in summary.parts(hidden) if isinstance(part, BigNumbers)).numbers
+    tile = next(each for each in numbers if each.label == "Largest difference")
+    assert key in tile.remark
+
+
 def test_a_run_that_was_going_shows_its_mean_cycle_and_says_why(run: RunRecord) -> None:
     told, figure = overlays.parts(run)
     assert isinstance(told, Sentence)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq.errors import RecorderFailed
-from rig.sweep.state import write_whole
+from daq.log.writer import write_whole
 
 
 @pytest.mark.parametrize(
