@@ -97,6 +97,8 @@ def overrides(texts: list[str]) -> dict[str, object]:
         key, value = key.replace('"', "").strip(), value.strip()
         if not mark or not key or not value:
             raise typer.BadParameter(f'--set {text}: KEY=VALUE, such as drive.frequency="21 Hz"')
+        if key in found:
+            raise typer.BadParameter(f"{key} has two values, {found[key]} and {value}; name one")
         try:
             found[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:

@@ -62,6 +62,10 @@ def run(
     changed = overrides([*(settings or ()), *lasting])
     scenario, bench = load_pair(partial(load_scenario, settings=changed), scenario_file, bench_file)
     if until_stopped:
+        if screen.nobody_enters():
+            raise typer.BadParameter(
+                "--until-stopped: standard input is at its end, so no Enter can come; say --duration instead"
+            )
         at_most = scenario.acquisition.duration
         if duration is None:
             at_most = changed["acquisition.duration"] = longest_s(
@@ -77,7 +81,7 @@ def run(
         screen.warn(told)
     request = RunRequest(scenario, bench, connect, out, live, fitted)
     if until_stopped:
-        request = replace(request, enough=screen.entered)
+        request = replace(request, enough=screen.enter_pressed())
     log = run_scenario(request, screen, clock)
 
     # The rig stands: what its report takes, most of scipy, is loaded only now.

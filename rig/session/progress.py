@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from queue import SimpleQueue
 from typing import Any, Final
 
@@ -82,8 +83,21 @@ class Screen:
 
     def entered(self) -> bool:
         """Whether Enter was pressed, or a line came by a pipe, since this was asked last; never waits."""
-        there = sys.stdin is not None and select.select([sys.stdin], [], [], 0)[0]
-        return bool(there) and b"\n" in os.read(sys.stdin.fileno(), _LINES)
+        return b"\n" in (_typed() or b"")
+
+    def nobody_enters(self) -> bool:
+        """Whether the input is at its end; what came before is gone. Never waits."""
+        return any(_typed() == b"" for _ in range(2))
+
+    def enter_pressed(self) -> Callable[[], bool]:
+        """Like `entered`, but of what was there when it is asked first it knows nothing."""
+        asked = count()
+
+        def pressed() -> bool:
+            entered = self.entered()
+            return next(asked) > 0 and entered
+
+        return pressed
 
     def confirm(self, text: str) -> None:
         """Wait for Enter; raises RattleError where nobody can press it."""
@@ -128,6 +142,14 @@ class Screen:
             yield lambda done: progress.update(task, completed=done)
         finally:
             self._show(progress.stop)
+
+
+def _typed() -> bytes | None:
+    """What waits on the input; None if nothing does, nothing at its end."""
+    if sys.stdin is None:
+        return b""
+    there = select.select([sys.stdin], [], [], 0)[0]
+    return os.read(sys.stdin.fileno(), _LINES) if there else None
 
 
 def _write(queue: SimpleQueue[Callable[[], None] | None]) -> None:

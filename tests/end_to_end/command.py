@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,9 +58,19 @@ class Command:
             text=True,
         )
         self.pid = self._process.pid
-        if typed is not None and self._process.stdin is not None:
-            self._process.stdin.write(typed)
+        if typed is not None:
+            self.type(typed)
+
+    def type(self, text: str) -> None:
+        """On its standard input, which was asked for with `typed`; nothing once it has ended."""
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.write(text)
             self._process.stdin.flush()
+
+    @property
+    def ended(self) -> bool:
+        return self._process.poll() is not None
 
     def await_line(self, beginning: str) -> str:
         """Read on to the line that begins like that; the test's own time limit is the deadline."""

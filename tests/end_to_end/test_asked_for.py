@@ -10,16 +10,24 @@ import pytest
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from rig.files.scenario import parse_scenario
-from tests.end_to_end.command import rattle
+from tests.end_to_end.command import await_true, command
 from tests.end_to_end.files import CHANNELS, write_scenario
 
 
 @pytest.mark.long
 def test_a_run_with_other_values_until_enter_for_another_program(tmp_path: Path) -> None:
-    """Enter was pressed before the first reading: the record ends with that."""
+    """Enter is pressed again and again from the start on: what comes in the record ends it."""
     settings = ("--set", "drive.frequency=21 Hz", "--set", "model.clearance=0.2 mm", "--set", 'name="other"')
     asked = (*settings, "--until-stopped", "--json", "--out", tmp_path)
-    ended = rattle("run", write_scenario(tmp_path / "s.toml", duration_s=60.0), *asked, typed="\n")
+    scenario = write_scenario(tmp_path / "s.toml", duration_s=60.0)
+    with command("run", scenario, *asked, typed="\n") as running:
+
+        def ended_with_enter() -> bool:
+            running.type("\n")
+            return running.ended
+
+        await_true("it ends with Enter", ended_with_enter, 90.0)
+        ended = running.end()
     assert ended.code == 0, ended.err
     answer = json.loads(ended.out)
     path = Path(answer["log"])

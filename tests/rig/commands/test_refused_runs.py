@@ -78,6 +78,14 @@ def test_a_folder_on_a_disk_that_takes_nothing_is_refused(call: Call) -> None:
         (("--set", "limits.contact.force_uper.abort=9 N"), "did you mean contact.force_upper?"),
         (("--set", "drive.frequency"), "--set drive.frequency: KEY=VALUE"),
         (("--set", "=21 Hz"), "--set =21 Hz: KEY=VALUE"),
+        (
+            ("--set", "drive.frequency=21 Hz", "--set", "drive.frequency=22 Hz"),
+            "drive.frequency has two values, 21 Hz and 22 Hz; name one",
+        ),
+        (
+            ("--set", "acquisition.duration=2 s", "--duration", "3 s"),
+            "acquisition.duration has two values, 2 s and 3 s; name one",
+        ),
         (("--duration", "3 N"), 'acquisition.duration = "3 N": '),
         (("--duration", "0", "--until-stopped"), "acquisition.duration = 0: "),
     ],
@@ -89,6 +97,21 @@ def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
     answer = call("run", file, *setting, "--out", tmp_path / "runs")
     assert answer.code == 2
     assert words in answer.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("typed", ["", "\n"])
+def test_a_run_that_nobody_can_end_is_refused(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str
+) -> None:
+    (tmp_path / "typed").write_text(typed)
+    with (tmp_path / "typed").open() as there:
+        monkeypatch.setattr("sys.stdin", there)
+        file = write_scenario(tmp_path / "s.toml")
+        answer = call("run", file, "--until-stopped", "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert "--until-stopped: standard input is at its end" in answer.err
+    assert "connecting" not in answer.out
     assert not (tmp_path / "runs").exists()
 
 

@@ -104,3 +104,18 @@ def test_whether_enter_was_pressed_is_told_without_waiting(monkeypatch: pytest.M
         assert not screen.entered()
         typed.close()
         assert not screen.entered()
+
+
+def test_an_enter_from_before_the_record_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    with open(reading) as there, open(writing, "wb", buffering=0) as typed:
+        monkeypatch.setattr("sys.stdin", there)
+        screen = Screen(Terminal())
+        assert not screen.nobody_enters()
+        pressed = screen.enter_pressed()
+        typed.write(b"\n\n")
+        assert [pressed(), pressed()] == [False, False]
+        typed.write(b"\n")
+        assert [pressed(), pressed()] == [True, False]
+        typed.close()
+        assert screen.nobody_enters()
