@@ -142,18 +142,21 @@ def judged(run: RunRecord, screen: Screen) -> RunRecord:
 
 def show(run: RunRecord, screen: Screen) -> None:
     """Print what a run comes to."""
+    from rig.pages.words import as_written
+
     table = Table(box=None, pad_edge=False)
     table.add_column("channel", min_width=max(map(len, run.channels), default=0), no_wrap=True)
     for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
         table.add_column(column, justify="left" if column == "unit" else "right")
     origins: tuple[Origin, Origin] = ("measured", "predicted")
     for name, channel in run.channels.items():
+        factor, unit = as_written(channel.unit)
         both = [run.tallies.get((origin, name)) for origin in origins]
         rms, peaks = (
-            ["-" if each is None else f"{getattr(each, what):.4g}" for each in both]
+            ["-" if each is None else f"{factor * getattr(each, what):.4g}" for each in both]
             for what in ("rms", "peak")
         )
-        table.add_row(name, *rms, *peaks, channel.unit)
+        table.add_row(name, *rms, *peaks, unit)
     screen.console.print(table)
     for line in (*_half_cycle_lines(run), *_impact_lines(run)):
         screen.say(line)
@@ -187,13 +190,15 @@ def _half_cycle_lines(run: RunRecord) -> Iterator[str]:
 
 
 def _impact_lines(run: RunRecord) -> Iterator[str]:
+    from rig.pages.words import as_written
     from rig.report.crank_figures import impacts_by_group
 
     for group, by_whose in impacts_by_group(run).items():
         for whose, found in by_whose.items():
-            mean, deviation = found.spread
+            factor, unit = as_written(found.unit)
+            mean, deviation = (factor * each for each in found.spread)
             often = f", {found.a_revolution:.2f} a revolution" if found.revolutions > 0 else ""
-            peaks = f", mean peak {mean:.4g} +- {deviation:.2g} {found.unit}" if len(found.peak) else ""
+            peaks = f", mean peak {mean:.4g} +- {deviation:.2g} {unit}" if len(found.peak) else ""
             yield f"{whose:<10} {group}: {len(found.peak)} impacts{often}{peaks}"
 
 

@@ -59,7 +59,7 @@ def beside_turns(run: RunRecord, origin: Origin, channels: Sequence[str]) -> dic
     if told_by is None:
         return {}
     rate = run.traces[_turning(run, origin), told_by].sample_rate
-    found = {name: run.traces[origin, name] for name in channels if (origin, name) in run.traces}
+    found = {name: run.written(origin, name) for name in channels if (origin, name) in run.traces}
     return {name: trace for name, trace in found.items() if trace.sample_rate == rate}
 
 
@@ -69,7 +69,7 @@ def order_lines(run: RunRecord, origin: Origin, channels: Sequence[str]) -> Orde
     if turns is None or not channels:
         return None
     lines = OrderLines(averaged=None)
-    for values, way in in_pieces([run.traces[origin, name] for name in channels], turns):
+    for values, way in in_pieces([run.written(origin, name) for name in channels], turns):
         lines.add(values, way)
     return lines
 

@@ -20,6 +20,7 @@ from daq.log.records import Event, Gap, Impact
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
 from rig.files.scenario import parse_scenario
+from rig.pages.words import as_written
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Record, Stream
 from rig.twin.scenario_twin import twin_of
@@ -179,6 +180,15 @@ class RunRecord:
             stops=(UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None,
             impacts=kind.channels.heard(self.channels) if kind else {},
         )
+
+    def unit(self, name: str) -> str:
+        """A channel's, as people write it."""
+        return as_written(self.channels[name].unit)[1]
+
+    def written(self, origin: Origin, name: str) -> Trace:
+        """A trace in `unit`."""
+        trace, factor = self.traces[origin, name], as_written(self.channels[name].unit)[0]
+        return trace if factor == 1.0 else Trace(np.float32(factor) * trace.values, trace.sample_rate)
 
     @property
     def duration_s(self) -> float:

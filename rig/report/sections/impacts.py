@@ -78,9 +78,9 @@ def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
     degrees: dict[str, Any] = {"range": [0, 360], "tickvals": list(range(0, 361, 45))}
     for row, (group, by_whose) in enumerate(found.items()):
         left, right = _COLUMNS * row, _COLUMNS * row + 1
-        unit = next(iter(by_whose.values())).unit
+        factor, unit = as_written(next(iter(by_whose.values())).unit)
         titles = (
-            f"peak of each impact, {as_written(unit)[1] or '-'}",
+            f"peak of each impact, {unit or '-'}",
             f"impacts a revolution in each {_BIN_DEG}°",
         )
         for cell, title in zip((left, right), titles, strict=True):
@@ -91,7 +91,7 @@ def _figure(found: dict[str, dict[str, GroupImpacts]]) -> Figure:
             # at most so many, evenly chosen, that the page stays small
             chosen = placed[:: -(-len(placed) // _MOST_DOTS) or 1]
             names = [each.channels[at] for at in chosen]
-            plots.dots(left, whose, each.angle_deg[chosen], each.peak[chosen], names)
+            plots.dots(left, whose, each.angle_deg[chosen], factor * each.peak[chosen], names)
             if each.revolutions > 0:  # not of a crank that stands, or whose revolutions are not known
                 edges = np.arange(0, 361, _BIN_DEG, dtype=np.float64)
                 counted, _ = np.histogram(each.angle_deg[np.isfinite(each.angle_deg)], bins=edges)

@@ -18,7 +18,6 @@ from rig.derived.settings import nominal_of
 from rig.files.scenario import parse_scenario
 from rig.pages.content import Part, Sentence
 from rig.pages.plots import SCATTER, Plots, points_each
-from rig.pages.words import as_written
 from rig.report.crank_figures import beside_turns, cut, in_pieces, left_out, turns_of
 from rig.report.record import DRAWN, ORIGINS, RunRecord, Trace
 
@@ -121,10 +120,10 @@ def parts(run: RunRecord) -> list[Part]:
         windows = windows[:1] if cycle.from_rest else windows[1:]
     plots = Plots(rows=len(run.channels), columns=_COLUMNS, row_px=_ROW_PX)
     points = points_each(len(run.traces) * _COLUMNS)
-    for row, (name, channel) in enumerate(run.channels.items()):
-        title, left = f"{name} [{as_written(channel.unit)[1] or '-'}]", _COLUMNS * row
+    for row, name in enumerate(run.channels):
+        title, left = f"{name} [{run.unit(name) or '-'}]", _COLUMNS * row
         traces = {
-            run.whose(origin): run.traces[origin, name] for origin in DRAWN if (origin, name) in run.traces
+            run.whose(origin): run.written(origin, name) for origin in DRAWN if (origin, name) in run.traces
         }
         for column, window in enumerate(windows):
             time = f"ms after {window.start_s:.4f} s"
@@ -231,7 +230,7 @@ def revolution(run: RunRecord) -> list[Part]:
     plots = Plots(rows=len(names), columns=_COLUMNS, row_px=_ROW_PX)
     for row, name in enumerate(names):
         for column, what in enumerate(("one revolution", "mean of all revolutions")):
-            title = f"{name} [{as_written(run.channels[name].unit)[1] or '-'}], {what}"
+            title = f"{name} [{run.unit(name) or '-'}], {what}"
             plots.axes(_COLUMNS * row + column, title, "crank angle, °", x_axis=_DEGREES, share_x_with=0)
     points = points_each(len(run.traces) * _COLUMNS)
     told = []

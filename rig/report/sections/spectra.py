@@ -12,7 +12,7 @@ from daq.signals.spectrum import autospectrum, log_bands
 from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
-from rig.pages.words import DASH, as_written, number
+from rig.pages.words import DASH, number
 from rig.report.crank_figures import beside_turns, counted_by, cut, left_out, order_lines
 from rig.report.record import DRAWN, ORIGINS, RunRecord
 
@@ -25,19 +25,19 @@ def parts(run: RunRecord) -> list[Part]:
     """One plot for each channel that vibrates, both axes logarithmic."""
     if not run.traces:
         return [Sentence("The log holds no samples.")]
-    channels = {name: run.channels[name] for name in run.roles.vibration}
+    channels = run.roles.vibration
     grid = Plots(rows=-(-len(channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
     empty = []
-    for cell, (name, channel) in enumerate(channels.items()):
-        unit = as_written(channel.unit)[1]
+    for cell, name in enumerate(channels):
+        unit = run.unit(name)
         unit = unit if unit.isalpha() else f"({unit or '-'})"
         y = {"type": "log", "exponentformat": "power", "nticks": 6}
         x = {"type": "log", "dtick": 1}
         grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
         for origin in DRAWN:
-            trace = run.traces.get((origin, name))
-            if trace is None:
+            if (origin, name) not in run.traces:
                 continue
+            trace = run.written(origin, name)
             spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
             heard = spectrum.density > 0
             grid.line(
@@ -80,7 +80,7 @@ def orders(run: RunRecord) -> list[Part]:
     x = {"type": "log", "range": [log10(LOWEST_ORDER), log10(HIGHEST_ORDER)], "tickvals": list(_TICKS)}
     rows = []
     for cell, (name, lines) in enumerate(found.items()):
-        unit = as_written(run.channels[name].unit)[1]
+        unit = run.unit(name)
         bands = {whose: largest_in_bands(np.arange(len(each)) / TURNS, each) for whose, each in lines.items()}
         y = {"type": "log", "exponentformat": "power", "dtick": 1, "range": [-1.0, 0.0]}
         every = np.concatenate([heard for _, heard in bands.values()])

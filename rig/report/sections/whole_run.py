@@ -37,12 +37,12 @@ def parts(run: RunRecord) -> list[Part]:
     plots = Plots(rows=len(names), columns=1, row_px=_ROW_PX)
     for row, name in enumerate(names):
         factor, unit = as_written(run.channels[name].unit)
-        shown = {origin: run.traces[origin, name] for origin in ORIGINS if (origin, name) in run.traces}
+        shown = {origin: run.written(origin, name) for origin in ORIGINS if (origin, name) in run.traces}
         below = "s of the record" if row == len(names) - 1 else ""
         plots.axes(row, f"{name} [{unit or '-'}]", below, share_x_with=0)
         low, high, end_s = np.inf, -np.inf, 0.0
         for origin, trace in shown.items():
-            values = factor * trace.values
+            values = trace.values
             times = np.arange(len(values)) / trace.sample_rate
             plots.outline(row, run.whose(origin), times, values, subject=name, points=points)
             known = values[np.isfinite(values)]

@@ -17,7 +17,7 @@ from rig.pages.content import BigNumbers, Figure, Lead, Sentence, Table
 from rig.pages.words import number, spread
 from rig.report.record import RunRecord, Verdict, read_run
 from rig.report.sections import log as log_sections
-from rig.report.sections import overlays, summary, whole_run
+from rig.report.sections import overlays, spectra, summary, whole_run
 from rig.session.progress import Screen, Terminal
 from tests.rig.synthetic_run import PEAK_N, SCENARIO, START_NS, write_log
 
@@ -143,6 +143,33 @@ def test_units_are_as_people_write_them() -> None:
     assert number(9.81, "m/s2") == "9.81 m/s²"
     assert number(2 * np.pi, "rad/s") == "60 rpm"
     assert spread(2 * np.pi, np.pi, "rad/s") == "60.0 ± 30.0 rpm"
+
+
+def test_what_turns_is_in_rpm_wherever_its_axis_says_so(run: RunRecord) -> None:
+    name = "base.acceleration"
+    turning = replace(run, channels={**run.channels, name: Channel(name, "rad/s")})
+    rpm = 60 / (2 * np.pi)
+    for section, factor in ((overlays, rpm), (spectra, rpm**2), (whole_run, rpm)):
+        before, after = (list(section.parts(each))[-1] for each in (run, turning))
+        assert isinstance(before, Figure)
+        assert isinstance(after, Figure)
+        lines = [
+            [values(line) for line in figure.traces if (line.get("meta"), line["name"]) == (name, "measured")]
+            for figure in (before, after)
+        ]
+        assert lines[0]
+        for ours, theirs in zip(*lines, strict=True):
+            assert theirs == pytest.approx(factor * ours, rel=1e-4)
+
+
+def test_the_terminal_says_what_the_report_does(run: RunRecord) -> None:
+    told = StringIO()
+    name = "base.acceleration"
+    for unit in ("m/s2", "rad/s"):
+        show(replace(run, channels={name: Channel(name, unit)}), Screen(Terminal(file=told, width=120)))
+    acceleration, turning = (line.split() for line in told.getvalue().splitlines() if line.startswith(name))
+    assert (acceleration[-1], turning[-1]) == ("m/s²", "rpm")
+    assert float(turning[1]) == pytest.approx(60 / (2 * np.pi) * float(acceleration[1]), rel=1e-3)
 
 
 def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord, tmp_path: Path) -> None:
