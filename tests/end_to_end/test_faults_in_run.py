@@ -105,6 +105,9 @@ def test_a_generator_that_falls_silent_while_it_is_armed_moves_nothing(
         ended = run.end()
     assert ended.code == 1
     assert f"signal generator at {bench.generator.address}: no answer" in ended.err
+    goes_on = ended.goes_on  # for ever, with the card locked, if the generator never answered again
+    os.kill(bench.generator.pid, signal.SIGCONT)
+    await_gone([goes_on])
     assert not bench.spy.moved
 
 
