@@ -27,7 +27,7 @@ _HEAD = """\
 Written by `scripts/soak` and `scripts/fuzz`; what is promised stands beside each figure. No failure in N
 tries says, with 95 %, that the rate is below 3/N.
 """
-_LAST_LINES = 12
+_LAST_LINES = 20
 
 
 @dataclass(frozen=True, slots=True)
