@@ -46,8 +46,8 @@ def check_pair(
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
     the rig's, or none shows its crank turn; a limit names a channel that the bench lacks, lies beyond its
     range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
-    `today` (emulated sensors do not age); the log does not fit where `free_bytes` are left. It
-    is as long as the scenario says, or `recorded_s`.
+    `today` (emulated sensors do not age); the log, as long as the scenario says or `recorded_s`, does not fit
+    where `free_bytes` are left.
     """
     record = scenario.acquisition
     if recorded_s is not None:

@@ -259,6 +259,7 @@ def _await_silence(
     Once `line` is seen open, which `latching` and the run are told, it may be silent for `hurry_s` at most.
     """
     until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
+    os.set_blocking(pipe.fileno(), False)  # a run that reads nothing must not keep it from switching off
     try:
         pipe.send(_READY)
         while True:
@@ -274,7 +275,8 @@ def _await_silence(
                 if message in (_DONE, _OFF):
                     return None if message == _DONE else _OFF
                 patience_s, slept = message, False
-                pipe.send(_HEARD)
+                with suppress(BlockingIOError):  # nobody reads them: that is for the run to see
+                    pipe.send(_HEARD)
             elif line is not None and time.monotonic() < until_s:
                 continue
             elif slept or time.monotonic() - until_s < _SLEPT_S:

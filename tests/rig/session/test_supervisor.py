@@ -322,6 +322,17 @@ def test_one_that_is_frozen_is_noticed_by_the_run(
             guarded(200, 0.0)
 
 
+def test_a_run_that_reads_no_answer_and_then_hangs_is_switched_off(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    (tmp_path / "there").touch()
+    with launched() as supervisor:
+        for _ in range(3000):  # answers to them are more than a pipe holds
+            supervisor.beat()
+            time.sleep(0.0002)
+        await_true("switched off", (tmp_path / "off").exists, 5.0)
+
+
 class ArmedGenerator(FarGenerator):
     """Is out of reach once it is armed, until it is hung up."""
 
