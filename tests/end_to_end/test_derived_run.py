@@ -39,7 +39,7 @@ def test_derived_channels_follow_from_the_samples_of_the_log(settled_log: Path) 
         part = force[impact.first_sample : impact.end_sample]
         assert part.max() == impact.peak
         # Quick contacts are most of an event; what presses slowly between them, noise and ripple stay out.
-        assert impact.impulse == pytest.approx(part.sum() / 51_200, rel=0.15)
+        assert 0.85 < impact.impulse / (part.sum() / 51_200) < 1.05
         assert 0 < impact.contact_s <= len(part) / 51_200
 
 

@@ -143,4 +143,5 @@ def test_emulated_rig_never_gives_the_twins_own_numbers(settled_log: Path) -> No
     for name in CHANNELS:
         # Equal values come by chance alone, where a force is near zero and quantised: of the base, which is
         # predicted to stand, one in 1300 by the card's steps and its noise.
-        assert np.mean(measured[name].values == predicted[name].values) < 2e-3, name
+        by_chance = 2e-3 if name == "base.acceleration" else 1e-3
+        assert np.mean(measured[name].values == predicted[name].values) < by_chance, name
