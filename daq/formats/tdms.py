@@ -6,6 +6,7 @@ so the nanosecond survives; `wf_increment` is a double.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, get_args
 
 import numpy as np
 from nptdms import ChannelObject, RootObject, TdmsFile, TdmsWriter
+from nptdms.log import log_manager
 from nptdms.timestamp import TdmsTimestamp
 from numpy.typing import NDArray
 
@@ -33,6 +35,8 @@ from daq.formats.recording import Recording, Track
 from daq.formats.samples import Samples, Scratch, precision
 from daq.formats.tables import KINDS, TABLE, columns_of, impacts_of
 from daq.log.reader import Origin
+
+log_manager.set_level(logging.CRITICAL)  # else bytes of a stranger's file go to standard error
 
 _UNIX_EPOCH_S = 2_082_844_800
 """From the epoch of TDMS, 1904-01-01, to 1970-01-01 (66 years, 17 of them leap years)."""

@@ -159,11 +159,14 @@ def test_tdms_of_rattle_is_a_waveform_for_others_to_the_nanosecond(tmp_path: Pat
         assert len(channel.read_data()) == 1000
 
 
-def test_a_cut_tdms_file_and_a_channel_of_text_are_told(tmp_path: Path, scratch: Scratch) -> None:
+def test_a_cut_tdms_file_and_a_channel_of_text_are_told(
+    tmp_path: Path, scratch: Scratch, caplog: pytest.LogCaptureFixture
+) -> None:
     path = labview_file(tmp_path / "a.tdms")
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(LogError, match=r"a\.tdms: its last segment is cut short"):
         read(path, scratch)
+    assert not caplog.records
     with TdmsWriter(str(tmp_path / "b.tdms")) as tdms:
         tdms.write_segment([ChannelObject("a", "x", SINE), ChannelObject("b", "x", np.array(["one", "two"]))])
     contents = read(tmp_path / "b.tdms", scratch)
