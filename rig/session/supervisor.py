@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import select
 import signal
 import stat
 import sys
@@ -86,6 +87,8 @@ class Supervisor:
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
         watched = spare, locks, emulated, line, latch, hurry_s
         self._child = Child("supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None)
+        self._pipe_has = select.poll()  # Connection.poll makes one for each of a hundred looks a second
+        self._pipe_has.register(self._child.pipe.fileno(), select.POLLIN)
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
@@ -163,7 +166,7 @@ class Supervisor:
             return self._told
         try:
             with suppress(OSError, EOFError):
-                while self._told != _TRIPPED and self._child.pipe.poll(within_s):
+                while self._told != _TRIPPED and self._pipe_has.poll(within_s * 1e3):
                     if isinstance(told := self._child.pipe.recv(), EmergencyStop):
                         self._line_seen = told
                     elif told == _HEARD:
