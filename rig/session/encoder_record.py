@@ -19,7 +19,7 @@ from daq.errors import InstrumentError, InstrumentSilent, InterlockTripped, Ratt
 from daq.log.records import ClockRecord, Event, Gap
 from daq.time_base.clocks import CardClock, DeviceClock
 from drivers.protocols.encoder import PositionBlock, PositionEncoder
-from rig.session.acquisition import BLOCK_S, JOIN_S, AcquisitionFault
+from rig.session.acquisition import JOIN_S, AcquisitionFault
 from rig.session.interlock import SpeedGuard
 from rig.session.shaft_speed import ByAngle, SpeedReading
 from rig.stream import Block, Stream
@@ -36,6 +36,7 @@ _SILENT_S = 2.0
 """Positions that come late on a busy machine or bus are a gap at worst; for so long, its timer is off."""
 _EARLIEST_S, _LATEST_S = 0.1, 0.5
 """No position comes before it was taken, nor later than so by a stall: its clock was set."""
+_BLOCK_S = 0.1
 _CHECKED_S = 30.0
 
 
@@ -81,7 +82,7 @@ class EncoderRecord:
         self._encoder, self._base, self._stream = encoder, base, stream
         self._guard, self._speed = guard, self._new_speed()
         self._clock = DeviceClock(ENCODER_DEVICE, base)
-        self._count = max(1, round(BLOCK_S / encoder.period_s))
+        self._count = max(1, round(_BLOCK_S / encoder.period_s))
         self.angle_per_count = math.tau / encoder.counts_per_revolution
         step = math.ceil(fastest_rad_s / self.angle_per_count * encoder.period_s) + 1
         self._unwrapper = Unwrapper(encoder.total_range, min(step, (encoder.total_range - 1) // 2))
@@ -91,7 +92,7 @@ class EncoderRecord:
         self._first: int | None = None
         self._turned_off = 0.0
         self._gaps: deque[tuple[int, int, str]] = deque()
-        self._seen: deque[tuple[Array, Array, Array]] = deque(maxlen=round(_CHECKED_S / BLOCK_S))
+        self._seen: deque[tuple[Array, Array, Array]] = deque(maxlen=round(_CHECKED_S / _BLOCK_S))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="encoder", daemon=True)
         self.error: RattleError | None = None

@@ -135,7 +135,7 @@ class ForceWatch:
 
 
 BACK_S = 0.15
-"""How long it must be gone to count as over: more than two of a card's readings, which come every 0.1 s."""
+"""How long it must be gone to count as over: three readings of the card in a row show it gone."""
 
 
 class Debounced:
@@ -201,7 +201,7 @@ class SpeedGuard:
     where its instrument says that it has lost the shaft. Either is over after 0.15 s within 4 %, or seen; and
     a speed between 4 % and 5 % off, or overdue, is off no more after half a second of it: one wrong reading,
     as a glitch on a marker makes it, stops nothing, and a speed that chatters about the limit does. All times
-    are those of the instrument that shows it; readings come every 0.1 s, so that a shaft that runs away has
+    are those of the instrument that shows it; readings come every 0.075 s, so that a shaft that runs away has
     tripped it 0.6 s after that is shown, at the latest.
     `shows` and `shows_not` say in words which instrument it is.
     """

@@ -17,11 +17,11 @@ from rig.rigs import shaft_channel, shows_marks
 
 RPM_PER_RAD_S = 60.0 / math.tau
 STALE_S = 0.5
-"""A speed that is older tells nothing of the shaft any more: a card's blocks come every 0.1 s."""
+"""A speed that is older tells nothing of the shaft any more: a card's blocks come every 0.075 s."""
 _KEPT_S = 61.0
 """A turn at 1 rpm, the slowest that a scenario may ask for; of faster turns the last one is kept."""
 _POINT_S = 0.005  # a point of the angle is kept so often: 20 within `_LATEST_S`
-_LATEST_S = 0.1  # one block of the card
+_LATEST_S = 0.1  # what counts as now: a block of the card and a little of the last
 _STEADY_SHARE = 0.10  # what a turn's mean may differ from the latest, with an uneven turn, and still count
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
