@@ -7,10 +7,11 @@ from datetime import UTC, datetime
 
 from daq.block import NS_PER_S
 from daq.channel import Channel
+from daq.log.records import CALIBRATED, SENSITIVITY
 from rig.derived.settings import RECORD
 from rig.pages.content import Listing, Part, Sentence, Table
 from rig.pages.words import DASH, number
-from rig.report.record import CALIBRATED, SENSITIVITY, RunRecord
+from rig.report.record import RunRecord
 
 _MOST_ROWS = 500
 _GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901
