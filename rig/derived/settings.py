@@ -1,14 +1,14 @@
 """What depends on the run: settled from the first seconds of its record, by a rule, and kept in the log.
 
-The rule (number 2): all is settled on the first `settle_s` of the record, a second or three cycles as the
-scenario has them, whichever is longer; of a record that is shorter, on all of it. Frequency and phase of a
-drive are those that the twin aligns to; a crank has its mean speed; each origin has its own. Levels are those
-of the measurement wherever it shows a channel, so that measured and predicted impacts count alike.
+The rule (number 3): all is settled on the first `settle_s` of the record, ten cycles as the scenario has
+them, but a second at least, and at most five or three cycles; of a record that is shorter, on all of it.
+Frequency and phase of a drive are those that the twin aligns to; a crank has its mean speed; each origin has
+its own. Levels are those of the measurement wherever it shows a channel, so that measured and predicted
+impacts count alike.
 
-An impact is a rise by at least 15 % of what the largest force of a cycle typically is (the median over those
-cycles, on the sensors of a group together), quicker than the time within which its bounces come; it has ended
-below a fiftieth. Neither counts from less than ten times the noise of a healthy channel, nor below four. The
-number of impacts hardly depends on the share from 10 to 25 % (docs/derived.md).
+An impact is a rise by at least 15 % of what the largest force of a cycle typically is on that sensor (the
+median over those cycles), quicker than the time within which its bounces come; it has ended below a fiftieth.
+Neither counts from less than ten times the noise of a healthy channel, nor below four (docs/derived.md).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
 """Name of the metadata record."""
-RULE = "2"
+RULE = "3"
 STOPPED = "derived.stopped"
 """Code of the event that nothing more is derived."""
 
@@ -71,26 +71,17 @@ def settled(
 ) -> Settings:
     """Apply the rule to what was `seen` of the watched channels; `measured` levels go before their own."""
     cycle = round(sample_rate / cycle_hz) if cycle_hz else 0
-    largest: dict[str, list[list[float]]] = {}
+    levels: dict[str, Levels] = {}
     for name, values in seen.items():
         ends = range(cycle, len(values) + 1, cycle) if 0 < cycle <= len(values) else [len(values)]
         size = np.abs(values) if rings_s(name) else values
-        parts = [largest_force(size[max(end - cycle, 0) if cycle else 0 : end]) for end in ends]
-        largest.setdefault(group_of(name), []).append(parts)
-    levels = {name: _levels(largest[group_of(name)]) for name in seen}
-    return Settings(
-        settle_s,
-        cycle_hz,
-        phase_rad,
-        {name: measured.get(name, own) for name, own in levels.items()},
-        {name: bounces_within_s(name, cycle_hz) for name in seen},
-    )
+        largest = [largest_force(size[max(end - cycle, 0) if cycle else 0 : end]) for end in ends]
+        levels[name] = measured.get(name) or _levels(float(np.median(largest)))
+    within_s = {name: bounces_within_s(name, cycle_hz) for name in seen}
+    return Settings(settle_s, cycle_hz, phase_rad, levels, within_s)
 
 
-def _levels(largest: list[list[float]]) -> Levels:
-    """From the largest magnitude in each cycle of each sensor of a group."""
-    cycles = min(map(len, largest))
-    typical = float(np.median(np.max([each[:cycles] for each in largest], axis=0)))
+def _levels(typical: float) -> Levels:
     share = levels_of(typical)
     return Levels(max(share.counts_from_n, _COUNTS), max(share.released_below_n, _RELEASED))
 
@@ -117,12 +108,6 @@ def role_of(channel: str) -> Role:
 def has_figures(channel: str) -> bool:
     """Whether there are figures of its cycles."""
     return role_of(channel) not in (Role.ANGLE, Role.MARKER)
-
-
-def group_of(channel: str) -> str:
-    """The channels that are struck with it and share its levels; itself where there are none."""
-    known = declared(channel)
-    return (known.group if known is not None else "") or channel
 
 
 def as_record(settings: Mapping[str, Settings]) -> dict[str, str]:
@@ -158,13 +143,15 @@ def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
 
 CYCLES: Final = 3
 """Everything is settled on so many at least."""
-_LEAST_S = 1.0
+_GOOD_CYCLES = 10
+"""Of a crank each has another largest burst, by 40 %: three would leave a level 25 % off."""
+_LEAST_S, _MOST_S = 1.0, 5.0
 _LEAST_TURN = 0.05
 
 
 def settle_s(cycle_hz: float) -> float:
     """How much of a record everything is settled on."""
-    return max(_LEAST_S, CYCLES / cycle_hz)
+    return max(_LEAST_S, min(_GOOD_CYCLES / cycle_hz, _MOST_S), CYCLES / cycle_hz)
 
 
 @dataclass(frozen=True, slots=True)

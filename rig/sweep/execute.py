@@ -13,7 +13,7 @@ from daq.clock import Clock
 from daq.errors import EmergencyStop, InterlockTripped, RattleError
 from daq.signals.impacts import Levels
 from rig.derived.per_source import ImpactWatch
-from rig.derived.settings import CYCLES, group_of, settle_s, settled
+from rig.derived.settings import CYCLES, settle_s, settled
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario, edited
@@ -205,7 +205,7 @@ def centred(scenario: Scenario, found: CentreState) -> Scenario:
 class ImpactCount:
     """A consumer that counts impacts on several measured channels together, as the log has them.
 
-    Until the rule settles, by what there is of the first second, three cycles at least. With `above`, in the
+    Until the rule settles, by what there is of the first cycles, three at least. With `above`, in the
     channels' unit, an impact counts from a rise by that on instead.
     """
 
@@ -214,7 +214,6 @@ class ImpactCount:
     ) -> None:
         self._channels, self._enough, self._cycle_hz = channels, enough, cycle_hz
         self._levels = {} if above is None else dict.fromkeys(channels, Levels(above, above / 2))
-        self._groups = {group_of(channel) for channel in channels}
         self._first: dict[str, list[SampleBlock]] = {}
         self._watches: dict[str, ImpactWatch] = {}
         self._seen_s, self._settled = 0.0, False
@@ -223,7 +222,7 @@ class ImpactCount:
     def __call__(self, record: Record) -> None:
         match record:
             case Block("measured", samples) if not self._settled:
-                if group_of(samples.channel) in self._groups:
+                if samples.channel in self._channels:
                     self._first.setdefault(samples.channel, []).append(samples)
             case Block("measured", samples) if samples.channel in self._watches:
                 self._watches[samples.channel].add(samples, self._note)
@@ -251,11 +250,10 @@ class ImpactCount:
         }
         found = settled(settle, self._cycle_hz, 0.0, first, rate, self._levels)
         self._count = 0
-        for name in self._channels:
-            if name in first:
-                self._watches[name] = ImpactWatch("measured", name, found, None, rate, 0, look_s=0.0)
-                for block in self._first[name]:
-                    self._watches[name].add(block, self._note)
+        for name, blocks in self._first.items():
+            self._watches[name] = ImpactWatch("measured", name, found, None, rate, 0, look_s=0.0)
+            for block in blocks:
+                self._watches[name].add(block, self._note)
         self._seen_s = end / rate
         self._settled = self._seen_s >= settle
         if self._settled:

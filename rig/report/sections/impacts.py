@@ -20,8 +20,8 @@ _COLUMNS = 2
 _BIN_DEG = 10
 _MOST_DOTS = 3_000
 _COUNTS = (
-    f"counts from a rise of {100 * COUNTS_FROM:.0f} % of what is typically the largest of a cycle, in the "
-    "first second or three revolutions as measured, for measured and predicted alike."
+    f"counts from a rise of {100 * COUNTS_FROM:.0f} % of what is typically the sensor's largest of a cycle, "
+    "in the first ten or so as measured, for measured and predicted alike."
 )
 _EXPLANATION = {
     "N": f"On a force sensor an impact is a blow with its bounces, its peak the largest force; it {_COUNTS}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
@@ -46,6 +47,26 @@ def events(run: RunRecord) -> list[Part]:
     ]
 
 
+def _in_words(value: str) -> str:
+    """What stands in a record as JSON, as words; else as it is."""
+    try:
+        found = json.loads(value)
+    except ValueError:
+        return value
+    return _listed(found) if isinstance(found, dict | list) else value
+
+
+def _listed(found: object) -> str:
+    if isinstance(found, dict):
+        each = (f"{str(key).replace('_', ' ')}: {_nested(part)}" for key, part in found.items())
+        return ", ".join(each)
+    return ", ".join(map(_nested, found)) if isinstance(found, list) else str(found)
+
+
+def _nested(found: object) -> str:
+    return f"({_listed(found)})" if isinstance(found, dict | list) else str(found)
+
+
 def _sensitivity(channel: Channel, noted: str) -> str:
     """By the log's note in V per unit, else by the scale; of an accelerometer per g."""
     try:
@@ -88,7 +109,7 @@ def provenance(run: RunRecord) -> list[Part]:
     for name, record in run.metadata.items():
         if name not in ("scenario", RECORD):  # which stand elsewhere on the page
             keys = (key for key in record if not key.startswith((CALIBRATED, SENSITIVITY)))
-            rows += [[f"{name}: {key}", record[key]] for key in keys]
+            rows += [[f"{name}: {key.replace('_', ' ')}", _in_words(record[key])] for key in keys]
     facts = Table(("what", "value"), rows, "Log", words=True)
     if not run.channels:
         return [facts, Sentence("The log holds no channel.")]

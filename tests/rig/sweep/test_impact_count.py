@@ -77,8 +77,9 @@ def test_one_side_alone_counts_its_own() -> None:
 
 def test_what_is_faint_beside_the_others_is_no_impact_even_if_it_came_first() -> None:
     count = ImpactCount((UPPER, LOWER), 100, HERTZ)
-    ends_at(count, forces([2.0, 2.0, 30.0, 30.0, 30.0, 2.0, 30.0], bounces=((0.0, 1.0),)), 512)
-    assert count.count == 4
+    peaks = [2.0, 2.0, *[30.0] * 5, 2.0, 30.0, 30.0]
+    ends_at(count, forces(peaks, bounces=((0.0, 1.0),)), 512)
+    assert count.count == 7
 
 
 @pytest.mark.parametrize(("above", "expected"), [(5.0, 3), (25.0, 2), (60.0, 0)])
