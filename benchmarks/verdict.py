@@ -6,21 +6,24 @@ likely and anywhere in its range. An effect shows where the rms or the typical l
 channel lies more than four deviations of healthy rigs off.
 
 Usage: python -m benchmarks.verdict [runs of each kind and rig, 10 without]
+       python -m benchmarks.verdict RUN.mcap    what the verdict on a run adds to its report, the band kept
 Returns 1 if more than 2 of 30 healthy runs are called otherwise, or less than 27 of 30 effects are seen.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.diagnosis.health import band_of
+from rig.diagnosis.health import band_of, verdict_on
 from rig.diagnosis.recordings import AloneRun, setting_of
 from rig.ensembles import cores, worker_processes
 from rig.files.scenario import load_scenario
@@ -36,7 +39,7 @@ from sim_twin.sensors import Encoder
 SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
 RATE: Final = 25_600.0
 OF_SPREAD, FAR = 20, 4.0
-MOST_FALSE, LEAST_SEEN = 2 / 30, 27 / 30
+MOST_FALSE, LEAST_SEEN, MOST_S = 2 / 30, 27 / 30, 3.0
 Array = NDArray[np.floating]
 
 
@@ -129,5 +132,32 @@ def main(runs: int = 10) -> int:
     return int(false > MOST_FALSE * total or seen < LEAST_SEEN * total)
 
 
+def cost(log: Path) -> int:
+    """Print what a verdict adds to a run that has been read, in processes that have not judged before."""
+    verdict_on(log, Screen(Terminal(stderr=True)))  # so that there is a band
+    taken = []
+    for _ in range(5):
+        told = subprocess.check_output([sys.executable, "-c", _COST, str(log)], text=True)  # noqa: S603
+        taken.append(float(told))
+    each = ", ".join(f"{seconds:.2f}" for seconds in taken)
+    print(f"verdict on {log.name}: median {median(taken):.2f} s (at most {MOST_S:g}; {each})")
+    return int(median(taken) > MOST_S)
+
+
+_COST: Final = """
+import sys, time
+from pathlib import Path
+from rig.report.page import render
+from rig.report.record import read_run
+render(read_run(Path(sys.argv[1])))
+began = time.perf_counter()
+from rig.diagnosis.health import verdict_on
+from rig.session.progress import Screen, Terminal
+verdict_on(Path(sys.argv[1]), Screen(Terminal(stderr=True)))
+print(time.perf_counter() - began)
+"""
+
 if __name__ == "__main__":
+    if sys.argv[1:] and not sys.argv[1].isdigit():
+        sys.exit(cost(Path(sys.argv[1])))
     sys.exit(main(*map(int, sys.argv[1:2])))

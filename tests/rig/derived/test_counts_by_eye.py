@@ -21,8 +21,8 @@ BY_EYE = {
     "beam_base_flexibility": {"contact.force_upper": 10, "contact.force_lower": 10},
     "crank_healthy": {
         "crank_frame.acceleration_y": 19,
-        "crank_frame.acceleration_x": 20,
-        "piston_frame.acceleration_y": 18,
+        "crank_frame.acceleration_x": 19,
+        "piston_frame.acceleration_y": 17,
     },
     "crank_joint_friction": {
         "crank_frame.acceleration_y": 10,
