@@ -189,6 +189,8 @@ def _impact_lines(run: RunRecord) -> Iterator[str]:
     from rig.report.crank_figures import impacts_by_group
 
     for group, by_whose in impacts_by_group(run).items():
+        if run.roles.impacts[group] == run.roles.stops:  # which half cycles tell
+            continue
         for whose, found in by_whose.items():
             factor, unit = as_written(found.unit)
             mean, deviation = (factor * each for each in found.spread)
