@@ -41,7 +41,8 @@ def parts(case: Case) -> list[Part]:
         [name, *(floors(case.gap_of(chosen, state == "after")) for state in states)]
         for name, chosen in names.items()
     ]
-    kinds = {}  # of each kind the largest: that is what lies farthest, not one band beside the other
+    # of each kind the largest: that is what lies farthest, not one band beside the other
+    kinds: dict[tuple[int, str, str | None, str], int] = {}
     for k in np.argsort(-states["before"], kind="stable"):
         cell = case.cells[k]
         kinds.setdefault((cell.run, cell.channel, cell.partner, cell.what), k)
