@@ -144,7 +144,7 @@ def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
 CYCLES: Final = 3
 """Everything is settled on so many at least."""
 _GOOD_CYCLES = 10
-"""Of a crank each has another largest burst, by 40 %: three would leave a level 25 % off."""
+"""Of a crank each has another largest burst: three would leave its level to chance."""
 _LEAST_S, _MOST_S = 1.0, 5.0
 _LEAST_TURN = 0.05
 
