@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[1]
 RATTLE = (sys.executable, "-m", "rig.start")
 OURS = ("daq", "drivers", "sim_twin", "rig")
 HEAVY = ("numpy", "scipy", "numba", "rerun", "pydantic", "plotly", "grpc")
-BARS = {"rattle --help": 0.4, "ratio": 1.5, "rattle check": 1.0, "first sample": 5.5}
+BARS = {"rattle --help": 0.4, "ratio": 1.5, "rattle check": 1.0, "import rattle": 0.3, "first sample": 5.5}
 _EVERY_S = 0.02
 
 TWO_COMMANDS = """\
@@ -85,6 +85,7 @@ def main() -> int:
             "two commands --help": (sys.executable, str(app), "--help"),
             "rattle --help": (*RATTLE, "--help"),
             "rattle check": (*RATTLE, "check", str(scenario)),
+            "import rattle": (sys.executable, "-c", "import rattle"),
         }
         medians = _alternated(commands, arguments.repetitions)
         for name, (wall_s, processor_s) in medians.items():

@@ -1,26 +1,29 @@
 """How often the verdict calls a healthy rig otherwise, and how often it sees an effect that shows.
 
-Runs of the three rigs' own scenarios, simulated as `rattle predict --seed` does, by other seeds than those of
-the bands: ten healthy ones each, and ten with one effect of the catalogue, each as likely and anywhere in its
-range. An effect shows where the rms or the typical largest magnitude of some channel lies more than four
-deviations of healthy rigs off.
+Runs of the three rigs' own scenarios, each as long as it says, simulated as `rattle predict --seed` does, by
+other seeds than those of the bands: ten healthy ones each, and ten with one effect of the catalogue, each as
+likely and anywhere in its range. An effect shows where the rms or the typical largest magnitude of some
+channel lies more than four deviations of healthy rigs off.
 
 Usage: python -m benchmarks.verdict [runs of each kind and rig, 10 without]
+       python -m benchmarks.verdict RUN.mcap    what the verdict on a run adds to its report, the band kept
 Returns 1 if more than 2 of 30 healthy runs are called otherwise, or less than 27 of 30 effects are seen.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.diagnosis.health import band_of
+from rig.diagnosis.health import band_of, verdict_on
 from rig.diagnosis.recordings import AloneRun, setting_of
 from rig.ensembles import cores, worker_processes
 from rig.files.scenario import load_scenario
@@ -35,8 +38,8 @@ from sim_twin.sensors import Encoder
 
 SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
 RATE: Final = 25_600.0
-BLOCKS, OF_SPREAD, FAR = 2, 20, 4.0
-MOST_FALSE, LEAST_SEEN = 2 / 30, 27 / 30
+OF_SPREAD, FAR = 20, 4.0
+MOST_FALSE, LEAST_SEEN, MOST_S = 2 / 30, 27 / 30, 3.0
 Array = NDArray[np.floating]
 
 
@@ -63,7 +66,7 @@ def shown(campaign: Campaign, draw: Draw) -> Mapping[str, Array] | None:
 def judge(campaign: Campaign, band: HealthyBand, records: Mapping[str, Array]) -> tuple[bool, str]:
     """Whether a run is called healthy, and its gap in words."""
     (setting,) = campaign.runs
-    whole, first, *_ = band.places(setting.blocks_of(records)[:BLOCKS])
+    whole, first, *_ = band.places(setting.blocks_of(records))
     beyond = whole.beyond or first.beyond
     return not beyond, f"gap {whole.gap:.2f} ({whole.farthest:.2f}), {first.channel} {first.gap:.2f}"
 
@@ -83,10 +86,11 @@ def of_rig(name: str, runs: int, executor: Executor, screen: Screen) -> tuple[in
     whole = int(scenario.acquisition.duration * scenario.drive.cycle_hz) - 3
     step = round(scenario.acquisition.sample_rate / RATE)
     campaign = Campaign((setting_of(twin, twin.channels, RATE, whole, step),))
+    blocks = whole // campaign.runs[0].cycles
     band = band_of(AloneRun(scenario, campaign, np.empty((0, 0), np.float32)), "", 48, screen)
     if band is None:
         raise SystemExit("no healthy band")
-    healthy = [Draw((), 10_000 + seed, blocks=BLOCKS) for seed in range(max(runs, OF_SPREAD))]
+    healthy = [Draw((), 10_000 + seed, blocks=blocks) for seed in range(max(runs, OF_SPREAD))]
     records = [each for each in executor.map(shown, [campaign] * len(healthy), healthy) if each is not None]
     spread = np.array([figures(campaign, each) for each in records])
     mean, deviation = spread.mean(axis=0), np.maximum(spread.std(axis=0, ddof=1), 1e-9)
@@ -100,7 +104,7 @@ def of_rig(name: str, runs: int, executor: Executor, screen: Screen) -> tuple[in
     while showing < runs:
         causes_now = [_one_of(campaign, name, rng) for name in rng.permutation(names)[:4]]
         draws = [
-            Draw((cause.named(drawn((cause,), 1, rng)[0]),), int(rng.integers(2**40)), blocks=BLOCKS)
+            Draw((cause.named(drawn((cause,), 1, rng)[0]),), int(rng.integers(2**40)), blocks=blocks)
             for cause in causes_now
         ]
         for draw, each in zip(draws, executor.map(shown, [campaign] * len(draws), draws), strict=True):
@@ -128,5 +132,32 @@ def main(runs: int = 10) -> int:
     return int(false > MOST_FALSE * total or seen < LEAST_SEEN * total)
 
 
+def cost(log: Path) -> int:
+    """Print what a verdict adds to a run that has been read, in processes that have not judged before."""
+    verdict_on(log, Screen(Terminal(stderr=True)))  # so that there is a band
+    taken = []
+    for _ in range(5):
+        told = subprocess.check_output([sys.executable, "-c", _COST, str(log)], text=True)  # noqa: S603
+        taken.append(float(told))
+    each = ", ".join(f"{seconds:.2f}" for seconds in taken)
+    print(f"verdict on {log.name}: median {median(taken):.2f} s (at most {MOST_S:g}; {each})")
+    return int(median(taken) > MOST_S)
+
+
+_COST: Final = """
+import sys, time
+from pathlib import Path
+from rig.report.page import render
+from rig.report.record import read_run
+render(read_run(Path(sys.argv[1])))
+began = time.perf_counter()
+from rig.diagnosis.health import verdict_on
+from rig.session.progress import Screen, Terminal
+verdict_on(Path(sys.argv[1]), Screen(Terminal(stderr=True)))
+print(time.perf_counter() - began)
+"""
+
 if __name__ == "__main__":
+    if sys.argv[1:] and not sys.argv[1].isdigit():
+        sys.exit(cost(Path(sys.argv[1])))
     sys.exit(main(*map(int, sys.argv[1:2])))

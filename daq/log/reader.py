@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from functools import cached_property, partial
 from io import BytesIO
@@ -208,15 +209,17 @@ class LogReader:
         start_s: float = 0.0,
         end_s: float | None = None,
         zero_ns: int | None = None,
+        heard: Callable[[SampleBlock], None] = lambda _: None,
     ) -> dict[str, SampleBlock]:
         """Like `series`, for several channels (default: all) in one pass over the file.
 
-        With `zero_ns`, the times count from there, not from each channel's own sample 0.
+        With `zero_ns`, the times count from there, not from each channel's own sample 0. `heard` gets every
+        block that is in it. What comes behind the end of all channels is not read.
         """
         names = list(self.channels(origin)) if channels is None else list(channels)
         parts: dict[str, list[SampleBlock]] = {name: [] for name in names}
         spans: dict[str, tuple[float, float]] = {}
-        allowance = self.allowance()
+        allowance, unfinished = self.allowance(), set(names)
         for _, block in self.blocks(origin, names):
             if block.channel not in spans:
                 late_s = 0.0 if zero_ns is None else late_by_s(block, zero_ns)
@@ -227,6 +230,11 @@ class LogReader:
             if begin < until_s and block.end_sample / block.sample_rate > from_s:
                 allowance.spend(held=block.values.nbytes, records=1)
                 parts[block.channel].append(block)
+                heard(block)
+            elif begin >= until_s:
+                unfinished.discard(block.channel)
+                if not unfinished:
+                    break
         return {
             name: _join(f"{self.path}: samples of /{origin}/{name}", blocks, spans.get(name), allowance)
             for name, blocks in parts.items()
@@ -262,6 +270,13 @@ class LogReader:
         if self.stopped_ns is None or self.zero_ns is None:
             return None
         return max((self.stopped_ns - self.zero_ns) / NS_PER_S, 0.0)
+
+    def end_s(self, origin: Origin, channel: str) -> float:
+        """Seconds from sample 0 of a channel to its end: of a finished log only the last chunk is read."""
+        topic = f"/{origin}/{channel}"
+        last = deque(self.messages({topic}, start_ns=self.last_ns(topic, -1)), maxlen=1)
+        blocks = (codec.decode_block(channel, message.data) for message in last)
+        return max((block.end_sample / block.sample_rate for block in blocks), default=0.0)
 
     def gaps(self) -> list[Gap]:
         return self._all(Gap, "/gap")

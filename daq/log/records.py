@@ -10,6 +10,9 @@ LEAST_FREE_BYTES = 1 << 30
 RECORD_END, STOPPING = "record.end", "drive.stopping"
 """Codes of events: a record has come to its end; the rig is brought to rest before its time."""
 
+CALIBRATED, SENSITIVITY = "calibrated.", "sensitivity."
+"""Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit."""
+
 CHECKSUM_OPCODE = 0x80
 """A record of our own after each chunk: CRC-32 of all before it. MCAP leaves 0x80 to 0xFF to programs."""
 

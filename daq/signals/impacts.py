@@ -1,8 +1,7 @@
 """Impacts in a contact force, and the half cycles of a beam between two stops.
 
-A half cycle is all contact on one side before any on the other; a contact counts once its force passes a
-tenth of the largest in the run. The *first* of a half cycle is the peak of its first contact, its *max* the
-largest force in it (Deck and Dubowsky's statistics of the impact beam system).
+A half cycle is all contact on one side before any on the other. The *first* of a half cycle is the peak of
+its first contact, its *max* the largest force in it (Deck and Dubowsky's statistics of the beam).
 """
 
 from __future__ import annotations
@@ -13,12 +12,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-COUNTS_FROM = 0.1
-"""Share of the run's largest force from which a contact counts."""
+COUNTS_FROM = 0.15
+"""Share of the largest force, of a run or typically of a cycle, from which a contact counts."""
 
 RELEASED_BELOW = 0.02
-"""Share of the run's largest force below which a contact has ended: above a force channel's noise
-(0.05 N rms against some 20 N), and above the ripple that an anti-alias filter leaves behind an impact."""
+"""Share of it below which a contact has ended: above a force channel's noise (0.05 N rms against some 20 N),
+and above the ripple that an anti-alias filter leaves behind an impact."""
 
 FAINTEST_N = 0.5
 """Ten times the noise of a healthy force channel: a record that never passes it holds no contact."""
@@ -59,11 +58,11 @@ class Impacts:
 class HalfCycles:
     """One row a half cycle, every array of shape (m,): side (+1 upper, -1 lower), *first* and *max* in N.
 
-    `first_index` and `max_index` are the samples of those peaks, `contacts` how many contacts there were.
+    It begins at sample `start`; `max_index` is that of its largest force, `contacts` how many there were.
     """
 
     side: NDArray[np.intp]
-    first_index: NDArray[np.intp]
+    start: NDArray[np.intp]
     first_n: NDArray[np.float64]
     max_index: NDArray[np.intp]
     max_n: NDArray[np.float64]
@@ -79,7 +78,7 @@ def largest_force(*forces: NDArray[np.floating]) -> float:
 
 
 def find_impacts(force: NDArray[np.floating], sample_rate: float, largest: float | None = None) -> Impacts:
-    """Contacts in `force` (N, positive in compression, shape (n,)) that pass a tenth of `largest`.
+    """Contacts in `force` (N, positive in compression, shape (n,)) that count by `largest`.
 
     `largest` is the largest force of the run in N (default: of this trace). A sample that is not finite
     counts as no contact.
@@ -138,20 +137,23 @@ def half_cycles(
     Half cycles that the ends of the record cut are among them.
     """
     top = largest_force(upper, lower)
-    above, below = find_impacts(upper, sample_rate, top), find_impacts(lower, sample_rate, top)
-    index = np.concatenate((above.index, below.index))
-    order = np.argsort(index, kind="stable")
-    index = index[order]
-    peak = np.concatenate((above.peak_n, below.peak_n))[order]
-    side = np.concatenate((np.ones(len(above), np.intp), -np.ones(len(below), np.intp)))[order]
-    if not len(index):
-        nothing, no_force = np.empty(0, np.intp), np.empty(0)
-        return HalfCycles(nothing, nothing, no_force, nothing, no_force, nothing)
-    begins = np.flatnonzero(np.concatenate(([True], side[1:] != side[:-1])))
-    contacts = np.diff(np.concatenate((begins, [len(index)])))
-    parts = zip(begins, contacts, strict=True)
-    at = np.array([begin + np.argmax(peak[begin : begin + count]) for begin, count in parts], dtype=np.intp)
-    return HalfCycles(side[begins], index[begins], peak[begins], index[at], peak[at], contacts)
+    sides = [find_impacts(force, sample_rate, top) for force in (upper, lower)]
+    side = np.repeat([1, -1], [len(each) for each in sides])
+    each = joined(sides)
+    return merged(HalfCycles(side, each.start, each.peak_n, each.index, each.peak_n, np.ones_like(side)))
+
+
+def merged(parts: HalfCycles) -> HalfCycles:
+    """Whole half cycles from parts of them in any order, such as contacts."""
+    order = np.argsort(parts.start, kind="stable")
+    side, start, first, at, largest, contacts = (
+        getattr(parts, field.name)[order] for field in fields(HalfCycles)
+    )
+    begins = np.flatnonzero(np.diff(side, prepend=0))
+    ends = [*begins[1:], len(side)]
+    most = np.array([b + np.argmax(largest[b:e]) for b, e in zip(begins, ends, strict=False)], np.intp)
+    counts = np.add.reduceat(contacts, begins) if len(begins) else contacts
+    return HalfCycles(side[begins], start[begins], first[begins], at[most], largest[most], counts)
 
 
 def no_impacts() -> Impacts:

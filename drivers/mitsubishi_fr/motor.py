@@ -184,6 +184,12 @@ class Motor:
         since_s = self._talk.unanswered_since_s
         return (self._clock.monotonic_s() if since_s is None else since_s) + self._settings.silent_s
 
+    @property
+    def _target(self) -> str:
+        """As the inverter shows it, and as the crank has it."""
+        hz = self.orders.target_hz
+        return f"{hz:g} Hz ({hz * self._settings.rpm_per_hz:.5g} rpm)"
+
     async def set_frequency(self, hz: float, expires_s: float) -> float:
         """Set the frequency; a running motor goes there on its ramp. Returns it as the drive has it."""
         raw, before_hz = fr.RUNNING_FREQUENCY.raw(hz), self.orders.target_hz
@@ -201,7 +207,7 @@ class Motor:
                 pass  # its answer alone may be lost; what it reads back tells
             self._expect_ramp()
             await self._see(fr.SET_BLOCK, lambda kept: kept == raw, f"{fr.RUNNING_FREQUENCY} = {hz:g} Hz")
-        self._notices.note("info", "inverter.set", f"set to {self.orders.target_hz:g} Hz")
+        self._notices.note("info", "inverter.set", f"set to {self._target}")
         return self.orders.target_hz
 
     async def run_forward(self, expires_s: float) -> None:
@@ -223,7 +229,7 @@ class Motor:
                 await self._see(
                     fr.STATUS_BLOCK, lambda status: status & both == both, "run forward", within_s
                 )
-        self._notices.note("info", "inverter.run", f"runs, set to {self.orders.target_hz:g} Hz")
+        self._notices.note("info", "inverter.run", f"runs, set to {self._target}")
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
         """Ramp to zero, then withdraw run; where anything goes wrong, withdraw it at once.

@@ -29,6 +29,7 @@ def overlay(
     effects: EffectsFile = None,
     model: Model = None,
 ) -> None:
+    from rig.diagnosis.health import judged
     from rig.report.record import read_run
     from rig.report.summary import closeness, overall
     from rig.session.overlay import overlay_run
@@ -123,6 +124,7 @@ def replay(
 ) -> None:
     from daq.clock import SystemClock
     from daq.log.reader import LogReader
+    from rig.diagnosis.health import judged
     from rig.report.record import RunCollector
     from rig.session.replay import replay_log
 
@@ -131,13 +133,6 @@ def replay(
         collector = RunCollector(log)
         replay_log(run, speed, live, screen, SystemClock(), (collector,))
         show(judged(collector.record(), screen), screen)
-
-
-def judged(run: RunRecord, screen: Screen) -> RunRecord:
-    """The run with the verdict on it."""
-    from rig.diagnosis.health import verdict_on
-
-    return dataclasses.replace(run, verdict=verdict_on(run.path, screen))
 
 
 def show(run: RunRecord, screen: Screen) -> None:
@@ -194,6 +189,8 @@ def _impact_lines(run: RunRecord) -> Iterator[str]:
     from rig.report.crank_figures import impacts_by_group
 
     for group, by_whose in impacts_by_group(run).items():
+        if run.roles.impacts[group] == run.roles.stops:  # which half cycles tell
+            continue
         for whose, found in by_whose.items():
             factor, unit = as_written(found.unit)
             mean, deviation = (factor * each for each in found.spread)

@@ -85,7 +85,8 @@ def run(
     log = run_scenario(request, screen, clock)
 
     # The rig stands: what its report takes, most of scipy, is loaded only now.
-    from rig.commands.logs import judged, report_and_name, show
+    from rig.commands.logs import report_and_name, show
+    from rig.diagnosis.health import judged
     from rig.report.record import read_run
 
     recorded = judged(read_run(log), screen)

@@ -81,6 +81,7 @@ def predict(
     ] = None,
 ) -> None:
     from rig.commands.logs import report_and_name
+    from rig.diagnosis.health import judged
     from rig.report.record import read_run
     from rig.session.overlay import overlay_run
 
@@ -88,7 +89,7 @@ def predict(
     target = out or run.with_suffix(".surrogate.mcap")
     with screen.busy("predicting"):
         overlay_run(run, target, warn=screen.warn, surrogate=model)
-    report_and_name(read_run(target), screen)
+    report_and_name(judged(read_run(target), screen), screen)
 
 
 @surrogate.command(

@@ -8,10 +8,20 @@ from dataclasses import dataclass
 
 from daq.channel import Channel
 from daq.clock import Clock
-from daq.errors import RecorderFailed
-from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, Origin, derived_name
+from daq.errors import ConfigurationError, LogError, RecorderFailed
+from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, LogReader, Origin, derived_name
 from daq.log.records import Event
-from rig.derived.settings import RECORD, Settings, as_record, has_figures, nominal_of, reference_of, role_of
+from rig.derived.settings import (
+    RECORD,
+    STOPPED,
+    Settings,
+    as_record,
+    from_record,
+    has_figures,
+    nominal_of,
+    reference_of,
+    role_of,
+)
 from rig.files.scenario import Scenario
 from rig.stream import Block, Consumer, Metadata, Record
 from rig.worker_process import QUEUE_ITEMS, WorkerFailed, WorkerProcess
@@ -63,6 +73,21 @@ class Derivation:
         if settings is not None and origin not in self._known:
             self._known[origin] = settings
             self._publish(Metadata(RECORD, as_record(self._known)))
+
+
+def derivation_of(log: LogReader, publish: Consumer) -> Derivation:
+    """What follows from the samples of a log, by what its run settled; raises LogError if that is damaged.
+
+    Where it does not say, by the same rule; without a scenario there are impacts, but no cycles.
+    """
+    from rig.twin.logged import scenario_of  # with the twins, which who records need not load
+
+    try:
+        scenario = scenario_of(log)
+    except (LogError, ConfigurationError):
+        scenario = None
+    names = {origin: list(log.channels(origin)) for origin in ORIGINS}
+    return Derivation(publish, names, scenario, from_record(log.metadata.get(RECORD, {})))
 
 
 def derived_channels(
@@ -159,7 +184,7 @@ class DerivationProcess:
             return ()
         self._told = True
         text = f"nothing is derived from here on: {why}; rattle replay derives it"
-        return (Event(self._clock.unix_ns(), "warning", "derived", "derived.stopped", text),)
+        return (Event(self._clock.unix_ns(), "warning", "derived", STOPPED, text),)
 
     def _deliver(self, found: Record) -> None:
         """In the worker's thread."""

@@ -26,7 +26,8 @@ _LOOK_S = 0.5
 class ImpactWatch:
     """Finds the impacts of a channel in its blocks; each is handed on once it is over and its phase known.
 
-    A contact that missing samples or the end of the record cut counts as far as it was seen.
+    A contact that missing samples or the end of the record cut counts as far as it was seen. Samples wait
+    until there are `look_s` of them: together they take little longer than one block.
     """
 
     def __init__(
@@ -37,8 +38,9 @@ class ImpactWatch:
         cycles: Cycles | None,
         sample_rate: float,
         start_ns: int,
+        look_s: float = _LOOK_S,
     ) -> None:
-        self._origin, self._name = origin, name
+        self._origin, self._name, self._look_s = origin, name, look_s
         self._levels, self._within_s = settings.levels[name], settings.within_s[name]
         self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
         self._waiting: deque[Impact] = deque()
@@ -53,7 +55,7 @@ class ImpactWatch:
             self._begin()
         self._unseen.append(block.values)
         self._next = block.end_sample
-        if sum(map(len, self._unseen)) >= _LOOK_S * self._rate:
+        if sum(map(len, self._unseen)) >= self._look_s * self._rate:
             self._look()
             self._tell(publish)
 
@@ -67,7 +69,7 @@ class ImpactWatch:
         self._grouper = BounceGrouper(self._rate, self._within_s)
 
     def _look(self) -> None:
-        """Search the blocks that came since the last time: together they take little longer than one."""
+        """Search the blocks that came since the last time."""
         if self._unseen:
             impacts = self._detector.add(np.concatenate(self._unseen))
             self._note(self._grouper.add(impacts, self._detector.settled))

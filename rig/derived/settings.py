@@ -1,14 +1,14 @@
 """What depends on the run: settled from the first seconds of its record, by a rule, and kept in the log.
 
-The rule (number 2): all is settled on the first `settle_s` of the record, a second or three cycles as the
-scenario has them, whichever is longer; of a record that is shorter, on all of it. Frequency and phase of a
-drive are those that the twin aligns to; a crank has its mean speed; each origin has its own. Levels are those
-of the measurement wherever it shows a channel, so that measured and predicted impacts count alike.
+The rule (number 3): all is settled on the first `settle_s` of the record, ten cycles as the scenario has
+them, but a second at least, and at most five or three cycles; of a record that is shorter, on all of it.
+Frequency and phase of a drive are those that the twin aligns to; a crank has its mean speed; each origin has
+its own. Levels are those of the measurement wherever it shows a channel, so that measured and predicted
+impacts count alike.
 
-An impact is a rise by at least 15 % of what the largest force of a cycle typically is (the median over those
-cycles, on the sensors of a group together), quicker than the time within which its bounces come; it has ended
-below a fiftieth. Neither counts from less than ten times the noise of a healthy channel, nor below four. The
-number of impacts hardly depends on the share from 10 to 25 % (docs/derived.md).
+An impact is a rise by at least 15 % of what the largest force of a cycle typically is on that sensor (the
+median over those cycles), quicker than the time within which its bounces come; it has ended below a fiftieth.
+Neither counts from less than ten times the noise of a healthy channel, nor below four (docs/derived.md).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import tau
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from daq.angle.cycles import AngleCycles, Cycles, DriveCycles, MarkerCycles
 from daq.angle.marker import MarkTracker
 from daq.errors import LogError
-from daq.signals.impacts import RELEASED_BELOW, Levels, largest_force
+from daq.log.reader import LogReader
+from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
 from rig.twin.alignment import Reference, reference_among
@@ -33,9 +34,10 @@ from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
 """Name of the metadata record."""
-RULE = "2"
+RULE = "3"
+STOPPED = "derived.stopped"
+"""Code of the event that nothing more is derived."""
 
-COUNTS_FROM = 0.15
 _COUNTS, _RELEASED = 0.5, 0.2
 """Ten and four times the noise of a healthy force channel (0.05 N rms) or acceleration (0.05 m/s2)."""
 _BOUNCE_CYCLES, _BURST_CYCLES = 0.25, 0.15
@@ -69,27 +71,19 @@ def settled(
 ) -> Settings:
     """Apply the rule to what was `seen` of the watched channels; `measured` levels go before their own."""
     cycle = round(sample_rate / cycle_hz) if cycle_hz else 0
-    largest: dict[str, list[list[float]]] = {}
+    levels: dict[str, Levels] = {}
     for name, values in seen.items():
         ends = range(cycle, len(values) + 1, cycle) if 0 < cycle <= len(values) else [len(values)]
         size = np.abs(values) if rings_s(name) else values
-        parts = [largest_force(size[max(end - cycle, 0) if cycle else 0 : end]) for end in ends]
-        largest.setdefault(_group(name), []).append(parts)
-    levels = {name: _levels(largest[_group(name)]) for name in seen}
-    return Settings(
-        settle_s,
-        cycle_hz,
-        phase_rad,
-        {name: measured.get(name, own) for name, own in levels.items()},
-        {name: bounces_within_s(name, cycle_hz) for name in seen},
-    )
+        largest = [largest_force(size[max(end - cycle, 0) if cycle else 0 : end]) for end in ends]
+        levels[name] = measured.get(name) or _levels(float(np.median(largest)))
+    within_s = {name: bounces_within_s(name, cycle_hz) for name in seen}
+    return Settings(settle_s, cycle_hz, phase_rad, levels, within_s)
 
 
-def _levels(largest: list[list[float]]) -> Levels:
-    """From the largest magnitude in each cycle of each sensor of a group."""
-    cycles = min(map(len, largest))
-    typical = float(np.median(np.max([each[:cycles] for each in largest], axis=0)))
-    return Levels(max(COUNTS_FROM * typical, _COUNTS), max(RELEASED_BELOW * typical, _RELEASED))
+def _levels(typical: float) -> Levels:
+    share = levels_of(typical)
+    return Levels(max(share.counts_from_n, _COUNTS), max(share.released_below_n, _RELEASED))
 
 
 def bounces_within_s(channel: str, cycle_hz: float | None) -> float:
@@ -116,14 +110,16 @@ def has_figures(channel: str) -> bool:
     return role_of(channel) not in (Role.ANGLE, Role.MARKER)
 
 
-def _group(channel: str) -> str:
-    known = declared(channel)
-    return (known.group if known is not None else "") or channel
-
-
 def as_record(settings: Mapping[str, Settings]) -> dict[str, str]:
     """The metadata record: by origin, as JSON (which keeps every bit of a number)."""
     return {"rule": RULE} | {origin: json.dumps(asdict(each)) for origin, each in settings.items()}
+
+
+def says_impacts(log: LogReader) -> bool:
+    """Whether a log holds all its impacts, by this rule."""
+    said = log.metadata.get(RECORD)
+    by_this_rule = said is not None and said.get("rule", RULE) == RULE
+    return by_this_rule and all(event.code != STOPPED for event in log.events())
 
 
 def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
@@ -145,9 +141,17 @@ def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
     return found
 
 
-_CYCLES = 3
-_LEAST_S = 1.0
+CYCLES: Final = 3
+"""Everything is settled on so many at least."""
+_GOOD_CYCLES = 10
+"""Of a crank each has another largest burst: three would leave its level to chance."""
+_LEAST_S, _MOST_S = 1.0, 5.0
 _LEAST_TURN = 0.05
+
+
+def settle_s(cycle_hz: float) -> float:
+    """How much of a record everything is settled on."""
+    return max(_LEAST_S, min(_GOOD_CYCLES / cycle_hz, _MOST_S), CYCLES / cycle_hz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +164,7 @@ class Nominal:
     @property
     def settle_s(self) -> float:
         """How much of a record everything is settled on."""
-        return max(_LEAST_S, _CYCLES / float(self.drive.cycle_hz))
+        return settle_s(float(self.drive.cycle_hz))
 
 
 def nominal_of(scenario: Scenario) -> Nominal:

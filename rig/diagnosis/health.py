@@ -23,7 +23,7 @@ from rig.diagnosis.recordings import AloneRun, recorded_alone
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.model_file import parse_model
 from rig.pages.words import listed
-from rig.report.record import Verdict
+from rig.report.record import RunRecord, Verdict
 from rig.session.progress import Screen
 from rig.twin.logged import campaign_with_model
 from sim_twin.diagnosis.fingerprint import Cell
@@ -39,6 +39,11 @@ _SIMULATED_S = 600.0
 _LOOKED_AT_S = 20.0
 """Of a run, from its beginning: a verdict must be there at once, and thirty cycles are good."""
 _NAMED = 3
+
+
+def judged(run: RunRecord, screen: Screen) -> RunRecord:
+    """The run with the verdict on it."""
+    return replace(run, verdict=verdict_on(run.path, screen))
 
 
 def verdict_on(log: Path, screen: Screen) -> Verdict:

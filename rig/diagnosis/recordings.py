@@ -41,15 +41,17 @@ class Lossy:
     why: tuple[str, ...]
 
 
-def lost_of(log: LogReader, table: Mapping[str, SampleBlock]) -> dict[str, Lossy]:
-    """What is lost of each channel: missing, flagged or not finite."""
+def lost_of(log: LogReader, names: Sequence[str], end_s: float | None = None) -> dict[str, Lossy]:
+    """Channels up to a time, with what is lost of each: missing, flagged or not finite; LogError for none."""
+    spoilt: list[SampleBlock] = []
+    table = log.table(
+        "measured", names, end_s=end_s, heard=lambda block: spoilt.append(block) if block.flags else None
+    )
     lost = {name: ~np.isfinite(series.values) for name, series in table.items()}
     why: dict[str, list[str]] = {name: [_MISSING] if lost[name].any() else [] for name in table}
-    for _, block in log.blocks("measured", list(table)):
+    for block in spoilt:
         first = table[block.channel].first_sample
         here = slice(max(block.first_sample - first, 0), max(block.end_sample - first, 0))
-        if not len(lost[block.channel][here]):  # behind what is looked at
-            continue
         for flag, word in _SPOILT.items():
             if block.flags & flag:
                 lost[block.channel][here] = True
@@ -246,12 +248,10 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
             if channels[name].unit != unit:
                 raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
         ends = [end_s for end_s in (log.until_stop_s, longest_s) if end_s is not None]
-        lost = lost_of(log, log.table("measured", wanted, end_s=min(ends, default=None)))
+        lost = lost_of(log, wanted, min(ends, default=None))
         unfinished = []
         if longest_s is not None:
-            whole_s = log.until_stop_s or max(
-                block.end_sample / block.sample_rate for _, block in log.blocks("measured", [model.reference])
-            )
+            whole_s = log.until_stop_s or log.end_s("measured", model.reference)
             if whole_s > longest_s:
                 unfinished.append(f"only the first {longest_s:g} s of {whole_s:.4g} s were looked at")
         if log.until_stop_s is not None:

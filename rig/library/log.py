@@ -8,7 +8,7 @@ import shutil
 import weakref
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from importlib import import_module
 from os import PathLike
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
     import xarray as xr
+
+    from rig.report.record import Verdict
 
 _Record = TypeVar("_Record", bound=Event | Gap | Impact | ClockRecord)
 _ORIGINS: Final = get_args(Origin)
@@ -363,6 +365,19 @@ class Log:
         rows = [[series[name] for series in drawn if name in series] for name in shown]
         return _figure([row for row in rows if row])
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether it lies within what healthy rigs do (`well`; None: nobody can tell), in `sentences`.
+
+        The first of a scenario takes a while: healthy rigs are simulated, and kept.
+        """
+        from rig.diagnosis.health import verdict_on
+        from rig.library.run import unguarded_main
+        from rig.session.progress import Screen, Terminal
+
+        with unguarded_main():
+            return verdict_on(self.path, Screen(Terminal(quiet=True)))
+
     def report(self, path: str | PathLike[str] | None = None) -> Path:
         """Write the page that `rattle run` writes, by default beside the log; returns where."""
         from rig.report.page import write_report
@@ -370,7 +385,7 @@ class Log:
 
         page = self.path.with_suffix(".html") if path is None else Path(path)
         try:
-            write_report(read_run(self.path), page)
+            write_report(replace(read_run(self.path), verdict=self.verdict), page)
         except OSError as error:
             raise RattleError(f"cannot write {page}: {error.strerror}") from error
         return page

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Generic, TypeAlias, TypeVar
+from urllib.parse import quote
 
 import jinja2
 from plotly.offline import get_plotlyjs
@@ -48,6 +49,18 @@ class BigNumbers:
 
 
 @dataclass(frozen=True, slots=True)
+class Link:
+    """A cell that leads to a file, `path` from where the page lies."""
+
+    text: str
+    path: str
+
+    @property
+    def href(self) -> str:
+        return quote(self.path)
+
+
+@dataclass(frozen=True, slots=True)
 class Table:
     """Rows under headings; the first column names its row, `caption` says what it is of.
 
@@ -56,7 +69,7 @@ class Table:
 
     kind: ClassVar = "table"
     headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | Link]]
     caption: str = ""
     words: bool = False
 

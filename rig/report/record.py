@@ -17,19 +17,19 @@ from daq.channel import Channel
 from daq.errors import ConfigurationError, RattleError
 from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
+from rig.derived.derivation import derivation_of
+from rig.derived.settings import says_impacts
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
 from rig.files.scenario import parse_scenario
 from rig.pages.words import as_written
 from rig.rigs import RIGS
-from rig.stream import Block, Consumer, Record, Stream
+from rig.stream import Block, Consumer, Metadata, Record, Stream
 from rig.twin.scenario_twin import twin_of
 from sim_twin.sensors import SensorChain
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 _UNWRAPPED = ".angle"
-CALIBRATED, SENSITIVITY = "calibrated.", "sensitivity."
-"""Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +67,6 @@ _REACH, _HOLES = 1 << 20, 16
 """Samples up to which a trace may begin, and how many may be missing for each that is there."""
 _NOISY = 3.0
 """Times the noise of a healthy rig's sensor: what shows more moves."""
-_KEPT_CONTACT_SAMPLES = 25_000_000
-"""Each contact force: eight minutes at 51.2 kHz, for the statistics of half cycles."""
 
 
 @dataclass(slots=True)
@@ -244,11 +242,6 @@ class RunRecord:
         kept = (len(self.traces[key].values) / self.traces[key].sample_rate for key in cut)
         return min(kept, default=None)
 
-    def contact_forces(self, origin: Origin) -> tuple[Trace, Trace] | None:
-        """Upper and lower contact force, where the rig has such a pair of stops and the run both."""
-        upper, lower = (self.traces.get((origin, stop)) for stop in self.roles.stops or ("", ""))
-        return None if upper is None or lower is None else (upper, lower)
-
 
 class RunCollector:
     """A run's record from a stream as it passes: a consumer of a replay, or of `read_run`.
@@ -262,15 +255,13 @@ class RunCollector:
         keys: list[tuple[Origin, str]] = [
             (origin, name) for origin in DRAWN for name in self._declared[origin]
         ]
-        self._limits = {
-            key: (_KEPT_CONTACT_SAMPLES if key[1] in (UPPER, LOWER) else _KEPT_SAMPLES // len(keys))
-            for key in keys
-        }
+        self._keys, self._limit = frozenset(keys), _KEPT_SAMPLES // max(len(keys), 1)
         self._tallies: dict[tuple[Origin, str], Tally] = defaultdict(Tally)
         self._blocks: dict[tuple[Origin, str], _Kept] = defaultdict(_Kept)
         self._whose_speed = {derived_name(origin, CRANK_SPEED): origin for origin in ORIGINS}
         self._speeds: dict[Origin, _Kept] = defaultdict(_Kept)
         self._impacts: list[Impact] = []
+        self._settled: dict[str, dict[str, str]] = {}
         self._begins_ns: int | None = None
 
     def __call__(self, record: Record) -> None:
@@ -283,11 +274,13 @@ class RunCollector:
                     )
                 if origin == "derived" and samples.channel in self._whose_speed:
                     _keep(self._speeds[self._whose_speed[samples.channel]], samples, _KEPT_SAMPLES)
-                elif key in self._limits:
+                elif key in self._keys:
                     self._tallies[key].add(samples)
-                    _keep(self._blocks[key], samples, self._limits[key])
+                    _keep(self._blocks[key], samples, self._limit)
             case Impact() if self._stopped_ns is None or record.time_ns < self._stopped_ns:
                 self._impacts.append(record)
+            case Metadata(name, values):
+                self._settled[name] = dict(values)
 
     def record(self) -> RunRecord:
         reader, measured = self._reader, self._declared["measured"]
@@ -297,7 +290,7 @@ class RunCollector:
             damage=reader.damage,
             library=reader.library,
             scenario=reader.scenario,
-            metadata=reader.metadata,
+            metadata=reader.metadata | self._settled,
             channels=measured | self._declared["predicted"] | measured,  # the measured first, and as they are
             traces={key: _joined(kept.blocks) for key, kept in self._blocks.items() if kept.blocks},
             tallies=dict(self._tallies),
@@ -313,15 +306,25 @@ class RunCollector:
 def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:
     """Read a log in one pass, of which `consumers` get every block and impact too.
 
-    Raises LogError if it is none or damaged in its middle.
+    Impacts that it lacks, or has by an earlier rule, are found on the way. Raises LogError if it is none or
+    damaged in its middle.
     """
     with LogReader(log) as reader:
         collector = RunCollector(reader)
         stream = Stream([collector, *consumers])
+        derivation = None
+        if not says_impacts(reader):
+            derivation = derivation_of(
+                reader, lambda found: None if isinstance(found, Block) else stream(found)
+            )
+            stream.append(derivation)
         for origin, block in reader.blocks((*DRAWN, "derived")):
             stream(Block(origin, block))
-        for impact in reader.impacts():
-            stream(impact)
+        if derivation is not None:
+            derivation.finish()
+        else:
+            for impact in reader.impacts():
+                stream(impact)
         return collector.record()
 
 

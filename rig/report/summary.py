@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.log.reader import Origin
-from daq.signals.impacts import HalfCycles, half_cycles
+from daq.signals.impacts import HalfCycles, merged
 from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
 from rig.report.record import ORIGINS, RunRecord, Trace
 
@@ -29,13 +29,21 @@ class HalfCycleStatistics:
 
 
 def half_cycles_of(run: RunRecord, origin: Origin) -> HalfCycles | None:
-    """Half cycles of one origin; None where the run lacks a contact force."""
-    forces = run.contact_forces(origin)
-    if forces is None:
+    """Half cycles of one origin, from its impacts; None where the run lacks a contact force."""
+    sides = dict(zip(run.roles.stops or (), (1, -1), strict=False))
+    if not sides or any((origin, stop) not in run.traces for stop in sides):
         return None
-    length = min(len(force.values) for force in forces)
-    upper, lower = (force.values[:length] for force in forces)
-    return half_cycles(upper, lower, forces[0].sample_rate)
+    struck = [each for each in run.impacts if each.origin == origin and each.channel in sides]
+    return merged(
+        HalfCycles(
+            side=np.array([sides[each.channel] for each in struck], np.intp),
+            start=np.array([each.first_sample for each in struck], np.intp),
+            first_n=np.array([each.first_peak for each in struck], np.float64),
+            max_index=np.array([each.peak_sample for each in struck], np.intp),
+            max_n=np.array([each.peak for each in struck], np.float64),
+            contacts=np.array([1 + each.bounces for each in struck], np.intp),
+        )
+    )
 
 
 def half_cycle_statistics(run: RunRecord, origin: Origin) -> HalfCycleStatistics | None:
@@ -76,6 +84,7 @@ def as_json(run: RunRecord) -> dict[str, Any]:
             for origin, each in statistics.items()
             if each is not None
         },
+        "verdict": None if run.verdict is None else asdict(run.verdict),
         "impacts": Counter(impact.origin for impact in run.impacts),
         "missing": run.missing,
         "overloaded_blocks": run.overloaded_blocks,

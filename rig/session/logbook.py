@@ -12,7 +12,7 @@ from pathlib import Path
 from daq.block import NS_PER_S
 from daq.clock import Clock
 from daq.errors import RecorderFailed
-from daq.log.records import ClockRecord, Event, Gap, Impact
+from daq.log.records import CALIBRATED, SENSITIVITY, ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.instrument import Notice
@@ -52,10 +52,10 @@ def run_record(
     sensors: dict[str, str] = {}
     for c in bench.daq_card.channels:
         if c.pulses is None:
-            sensors[f"sensitivity.{c.name}"] = repr(c.volts_per_unit)  # V per unit
+            sensors[SENSITIVITY + c.name] = repr(c.volts_per_unit)
         if c.calibrated:
             until = f", valid until {c.valid_until}" if c.valid_until else ""
-            sensors[f"calibrated.{c.name}"] = f"{c.calibrated}{until}"
+            sensors[CALIBRATED + c.name] = f"{c.calibrated}{until}"
     beside = {} if devices.encoder is None else {"encoder": devices.encoder.identity}
     beside |= {f"instrument.{table}": logger.identity for table, logger in devices.loggers.items()}
     return {

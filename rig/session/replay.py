@@ -10,11 +10,10 @@ from pathlib import Path
 
 from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
-from daq.errors import ConfigurationError, LogError
+from daq.errors import LogError
 from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import Impact
-from rig.derived.derivation import ORIGINS, Derivation, derived_channels
-from rig.derived.settings import RECORD, from_record
+from rig.derived.derivation import ORIGINS, derivation_of, derived_channels
 from rig.files.scenario import AcquisitionSection
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
@@ -55,13 +54,7 @@ def replay_log(
             view = stack.enter_context(LiveView(shown))
             screen.say(f"live view  {view.url}")
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
-        # what the run derived, by what was settled then; where the log does not say, by the same rule
-        try:
-            nominal = scenario_of(log)
-        except (LogError, ConfigurationError):
-            nominal = None  # another program's log: there are impacts, but no cycles
-        names = {origin: list(log.channels(origin)) for origin in ORIGINS}
-        derivation = Derivation(stream, names, nominal, from_record(log.metadata.get(RECORD, {})))
+        derivation = derivation_of(log, stream)
         stream += [derived, derivation]
         with screen.busy("replaying"):
             count = _play(log, speed, clock, stop, stream)

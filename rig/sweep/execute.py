@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from daq.block import SampleBlock, values_of
 from daq.clock import Clock
 from daq.errors import EmergencyStop, InterlockTripped, RattleError
-from daq.signals.impact_events import BounceGrouper, ImpactDetector
-from daq.signals.impacts import FAINTEST_N, Levels
-from rig.derived.settings import COUNTS_FROM, bounces_within_s, rings_s
+from daq.signals.impacts import Levels
+from rig.derived.per_source import ImpactWatch
+from rig.derived.settings import CYCLES, settle_s, settled
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario, edited
@@ -129,8 +130,8 @@ class Sweeping:
             scenario = come_to.scenario
             until, counted = self._request.sweep.until, None
             if until is not None:
-                rate, cycle_s = scenario.acquisition.sample_rate, 1 / scenario.drive.cycle_hz
-                counted = ImpactCount(until.channels, until.impacts, rate, cycle_s, until.above)
+                hertz = scenario.drive.cycle_hz
+                counted = ImpactCount(until.channels, until.impacts, hertz, until.above)
             folder = self._request.folder / f"point-{point.number:04d}"
             asked = RunRequest(
                 scenario,
@@ -202,41 +203,58 @@ def centred(scenario: Scenario, found: CentreState) -> Scenario:
 
 
 class ImpactCount:
-    """A consumer that counts impacts on several measured forces together, each with its bounces.
+    """A consumer that counts impacts on several measured channels together, as the log has them.
 
-    An impact counts if its largest peak passes `above` (in the channels' unit) or, where that is None, 15 %
-    of the largest so far, at least 0.5 N. `cycle_s` is a cycle of the drive.
+    Until the rule settles, by what there is of the first cycles, three at least. With `above`, in the
+    channels' unit, an impact counts from a rise by that on instead.
     """
 
     def __init__(
-        self,
-        channels: Sequence[str],
-        enough: int,
-        sample_rate: float,
-        cycle_s: float,
-        above: float | None = None,
+        self, channels: Sequence[str], enough: int, cycle_hz: float, above: float | None = None
     ) -> None:
-        self._enough, self._above = enough, above
-        level = FAINTEST_N if above is None else above
-        self._sides = {}
-        for channel in channels:
-            within_s = bounces_within_s(channel, 1 / cycle_s)
-            detector = ImpactDetector(Levels(level, level / 2), sample_rate, within_s, rings_s(channel))
-            self._sides[channel] = detector, BounceGrouper(sample_rate, within_s)
-        self._peaks: list[float] = []
+        self._channels, self._enough, self._cycle_hz = channels, enough, cycle_hz
+        self._levels = {} if above is None else dict.fromkeys(channels, Levels(above, above / 2))
+        self._first: dict[str, list[SampleBlock]] = {}
+        self._watches: dict[str, ImpactWatch] = {}
+        self._seen_s, self._settled = 0.0, False
+        self._count = 0
 
     def __call__(self, record: Record) -> None:
         match record:
-            case Block("measured", samples) if samples.channel in self._sides:
-                detector, grouper = self._sides[samples.channel]
-                found = detector.add(samples.values)
-                self._peaks += grouper.add(found, detector.settled).peak_n.tolist()
+            case Block("measured", samples) if not self._settled:
+                if samples.channel in self._channels:
+                    self._first.setdefault(samples.channel, []).append(samples)
+            case Block("measured", samples) if samples.channel in self._watches:
+                self._watches[samples.channel].add(samples, self._note)
+
+    def _note(self, _: Record) -> None:
+        self._count += 1
 
     def enough(self) -> bool:
         """Whether there are enough; an impact counts once no bounce of it can follow."""
-        return self.count >= self._enough
+        count = self.count
+        return count >= self._enough and (bool(self._levels) or self._seen_s * self._cycle_hz >= CYCLES)
 
     @property
     def count(self) -> int:
-        least = self._above if self._above is not None else COUNTS_FROM * max(self._peaks, default=0.0)
-        return sum(peak > least for peak in self._peaks)
+        if self._first and not self._settled:
+            self._look_again()
+        return self._count
+
+    def _look_again(self) -> None:
+        """Count anew in all that has come, by what its levels are up to now."""
+        rate, settle = next(iter(self._first.values()))[0].sample_rate, settle_s(self._cycle_hz)
+        end = min(blocks[-1].end_sample for blocks in self._first.values())
+        first = {
+            name: values_of(each, 0, min(end, round(settle * rate))) for name, each in self._first.items()
+        }
+        found = settled(settle, self._cycle_hz, 0.0, first, rate, self._levels)
+        self._count = 0
+        for name, blocks in self._first.items():
+            self._watches[name] = ImpactWatch("measured", name, found, None, rate, 0, look_s=0.0)
+            for block in blocks:
+                self._watches[name].add(block, self._note)
+        self._seen_s = end / rate
+        self._settled = self._seen_s >= settle
+        if self._settled:
+            self._first.clear()

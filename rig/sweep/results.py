@@ -15,12 +15,12 @@ from typing import Any, Final
 import numpy as np
 
 from daq.log.writer import write_whole
-from rig.derived.settings import RECORD
 from rig.files.scenario import Scenario
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import numbers_of
-from rig.pages.content import Part, Sentence, Table, page
-from rig.pages.plots import BLUE, FROM_ZERO, Plots, Style
+from rig.pages.content import Link, Part, Sentence, Table, page
+from rig.pages.plots import BLUE, FROM_ZERO, ORANGE, Plots, Style
+from rig.pages.words import as_written
 from rig.report.record import RunRecord, read_run
 from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
@@ -33,6 +33,8 @@ HELD: Final = ("drive held [Hz]", "speed held [rpm]")
 IMPACTS: Final = "impacts recorded"
 A_CYCLE: Final = "impacts a cycle"
 PEAK_MEAN, PEAK_SD = "impact peak mean", "impact peak sd"
+PREDICTED: Final = "predicted "
+"""Begins the names of the last three where they are the twin's."""
 _FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
 """Codes of events that say of a complete record that its drive was not as asked for."""
 
@@ -65,19 +67,20 @@ def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
 
 
 def _impacts(run: RunRecord, scenario: Scenario) -> dict[str, float]:
-    """Nothing where the log does not say that impacts were looked for."""
-    if RECORD not in run.metadata:
-        return {}
-    kind = RIGS[scenario.rig]
-    seen = [impact for impact in run.impacts if impact.origin == "measured"]
-    on = kind.contacts
+    """As measured, and as predicted where there is a prediction."""
+    on = RIGS[scenario.rig].contacts
     if not on:
-        on = tuple(channel for channel, _ in Counter(impact.channel for impact in seen).most_common(1))
-    peaks = np.array([impact.peak for impact in seen if impact.channel in on])
+        seen = (impact.channel for impact in run.impacts if impact.origin == "measured")
+        on = tuple(channel for channel, _ in Counter(seen).most_common(1))
     cycles = run.duration_s * scenario.drive.cycle_hz or math.nan
-    found: dict[str, float] = {IMPACTS: len(peaks), A_CYCLE: len(peaks) / cycles}
-    if len(peaks):
-        found |= {PEAK_MEAN: float(peaks.mean()), PEAK_SD: float(peaks.std())}
+    found: dict[str, float] = {}
+    for origin, whose in (("measured", ""), ("predicted", PREDICTED)):
+        if not any((origin, channel) in run.traces for channel in on):
+            continue
+        at = [impact.peak for impact in run.impacts if impact.origin == origin and impact.channel in on]
+        found |= {whose + A_CYCLE: len(at) / cycles} | ({} if whose else {IMPACTS: len(at)})
+        if at:
+            found |= {whose + PEAK_MEAN: float(np.mean(at)), whose + PEAK_SD: float(np.std(at))}
     return found
 
 
@@ -107,10 +110,8 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
 
 PAGE: Final = "sweep.html"
 _ROW_PX: Final = 240
-_CAPTION: Final = (
-    "Bars: standard deviation of the peaks. Hollow: on the way back; the drive came there through all values "
-    "before, without a rest."
-)
+_BARS: Final = "Bars: standard deviation of the peaks."
+_WAY_BACK: Final = "Hollow: on the way back; the drive came there through all values before, without a rest."
 _ENDED: Final = "Points that have ended"
 _NO_IMPACTS: Final = "No record of this sweep says how many impacts it holds."
 
@@ -119,9 +120,10 @@ def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     """Write the page beside the logs; returns its path, raises RecorderFailed."""
     done = state.ended("done")
     subtitle = [sweep.rig.replace("_", " "), f"{len(done)} of {len(sweep.points)} points done"]
+    rows = [[*words, Link(log, log) if log else ""] for *words, log in rows_of(sweep, state)]
     sections: list[tuple[str, list[Part]]] = [
         ("Impacts over the swept value", [_figure(sweep, state)]),
-        ("Points", [Table(headings_of(sweep), list(rows_of(sweep, state)), _ENDED, words=True)]),
+        ("Points", [Table(headings_of(sweep), rows, _ENDED, words=True)]),
     ]
     write_whole(folder / PAGE, page(sweep.name, subtitle, sections).encode())
     return folder / PAGE
@@ -154,6 +156,7 @@ def _figure(sweep: Sweep, state: SweepState) -> Part:
     swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
     contacts = RIGS[sweep.rig].contacts
     unit = RIGS[sweep.rig].channels.unit(contacts[0]) if contacts else "m/s2"
+    unit = as_written(unit or "")[1]
     columns = (("impacts a cycle", A_CYCLE, ""), (f"mean peak of the impacts, {unit}", PEAK_MEAN, PEAK_SD))
     known, ticks = numbers_of(swept), dict[str, Any]()
     if known is None:  # values that are no numbers stand side by side
@@ -164,7 +167,7 @@ def _figure(sweep: Sweep, state: SweepState) -> Part:
     for point in sweep.points:
         others = (f"{axis.key} {point.settings[axis.key]}" for axis in sweep.axes if axis is not swept)
         rows.setdefault(", ".join(others), []).append(point)
-    grid = Plots(rows=len(rows), columns=len(columns), row_px=_ROW_PX)
+    grid, remarks = Plots(rows=len(rows), columns=len(columns), row_px=_ROW_PX), dict[str, None]()
     for row, (setting, points) in enumerate(rows.items()):
         ended = [state.points.get(point.number) for point in points]
         figures = [{} if each is None else each.figures for each in ended]
@@ -173,12 +176,23 @@ def _figure(sweep: Sweep, state: SweepState) -> Part:
             "circle-open" if swept.both_ways and 2 * (index % whole) >= whole else "circle"
             for index in range(len(points))
         ]
-        style = Style(BLUE, 1, "lines+markers", symbol=symbols, size=6)
+        styles = {
+            "measured": Style(BLUE, 1.6, "lines+markers", symbol=symbols, size=7),
+            "predicted": Style(ORANGE, 1, "lines+markers", symbol=symbols, size=4),
+        }
         texts = [f"point {point.number}" for point in points]
         for column, (title, *names) in enumerate(columns):
             cell = len(columns) * row + column
             grid.axes(cell, f"{title}  {setting}".rstrip(), label, x_axis=ticks, y_axis=FROM_ZERO)
-            values, deviations = ([each.get(name, nan) for each in figures] for name in names)
             x = np.resize(np.array(numbers, np.float64), len(points))
-            grid.line(cell, "measured", x, values, style, deviations=deviations, texts=texts)
-    return grid.figure("sweep", _CAPTION)
+            for name, style in styles.items():
+                whose = PREDICTED if name == "predicted" else ""
+                keys = [whose + key if key else "" for key in names]
+                values, deviations = ([each.get(key, nan) for each in figures] for key in keys)
+                if not whose or np.isfinite(values).any():
+                    grid.line(cell, name, x, values, style, deviations=deviations, texts=texts)
+        if any(each is not None and symbol != "circle" for each, symbol in zip(ended, symbols, strict=True)):
+            remarks[_WAY_BACK] = None
+        if any(PEAK_SD in each for each in figures):
+            remarks[_BARS] = None
+    return grid.figure("sweep", " ".join(remarks))

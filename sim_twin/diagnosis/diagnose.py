@@ -111,7 +111,19 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         + (len(like) if ranked[0].hypothesis else 0)
         + sum(len(each) for each in repaired.values()),
         left=left,
+        runner_up=_runner_up(candidates, repaired, chosen),
     )
+
+
+def _runner_up(
+    candidates: Sequence[Ranked], repaired: Mapping[Hypothesis, Array], chosen: Ranked | None
+) -> tuple[Hypothesis, Array] | None:
+    """The best that was judged and has nothing of what was chosen, with its twin's mean fingerprint."""
+    taken = {cause.name for cause in chosen.hypothesis} if chosen else set[str]()
+    for each in candidates:
+        if each.hypothesis in repaired and taken.isdisjoint(cause.name for cause in each.hypothesis):
+            return each.hypothesis, repaired[each.hypothesis].mean(axis=0)
+    return None
 
 
 def _like_rigs(

@@ -60,6 +60,7 @@ class Findings:
     `measured`, `nominal` and `repaired` twin are mean fingerprints (numbers,), `floor` what a healthy rig's
     block differs by from the twin in each cell (cells,). `held_out` is False where there was one block only,
     so that the gap was judged on what was fitted. `left` is what the best explanation does not explain.
+    `runner_up` is the next best effect with the twin's mean fingerprint then; None where none was simulated.
     """
 
     layout: Layout
@@ -79,6 +80,7 @@ class Findings:
     held_out: bool
     simulations: int
     left: Unexplained
+    runner_up: tuple[Hypothesis, Array] | None = None
 
     @property
     def verdict(self) -> str:

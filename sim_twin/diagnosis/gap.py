@@ -15,7 +15,7 @@ from sim_twin.diagnosis.fingerprint import Cell, Layout
 from sim_twin.diagnosis.space import TOLERANCE
 
 Array = NDArray[np.float64]
-_FARTHEST = 40.0
+FARTHEST = 40.0
 """In floors; one cell says no more than that."""
 _LEAST_UNIT = 0.5
 """Of a floor; a healthy rig lies about one floor away, and few draws may not pretend less."""
@@ -33,7 +33,7 @@ class GapMeasure:
     def cells(self, blocks: NDArray[np.floating]) -> Array:
         """Root mean square over blocks (n, numbers) of their distances from the twin, in floors, (cells,)."""
         apart = _by_cell(np.abs(np.asarray(blocks, dtype=np.float64) - self.twin), self.layout)
-        return np.asarray(np.sqrt(np.mean(np.minimum(apart / self.floor, _FARTHEST) ** 2, axis=0)))
+        return np.asarray(np.sqrt(np.mean(np.minimum(apart / self.floor, FARTHEST) ** 2, axis=0)))
 
     def of_repaired(self, rigs: Array) -> GapMeasure:
         """The same measure from a repaired twin, of which `rigs` (n, numbers) are healthy draws.
@@ -44,7 +44,7 @@ class GapMeasure:
         others = len(rigs) / max(1, len(rigs) - 1)
         apart = others * _by_cell(np.abs(rigs - rigs.mean(axis=0)), self.layout)
         floor = np.maximum(self.floor, apart.mean(axis=0))
-        unit = float(np.sqrt(np.mean(np.minimum(apart / floor, _FARTHEST) ** 2)))
+        unit = float(np.sqrt(np.mean(np.minimum(apart / floor, FARTHEST) ** 2)))
         return GapMeasure(self.layout, rigs.mean(axis=0), floor, max(unit, _LEAST_UNIT))
 
     def total(self, cells: Array, chosen: Callable[[Cell], bool] = lambda _: True) -> float:

@@ -41,11 +41,10 @@ _HOW_IT_MOVES = (Role.ANGLE, Role.MARKER, Role.SPEED)
 class RigChannel:
     """A channel called `location.quantity_place`, in `unit` (SI).
 
-    Channels of one `group` are struck together: they share the levels from which contacts count, and are
-    shown together. What begins within `bounces_s` of a contact is a bounce of it; 0 where only one side of a
-    clearance is seen, whose other side comes before the next impact. `order_rank`, from 1, is its place among
-    those whose orders are looked at first. `family` is what is said of all channels that differ in nothing
-    but their place.
+    Channels of one `group` are struck together and shown together. What begins within `bounces_s` of a
+    contact is a bounce of it; 0 where only one side of a clearance is seen, whose other side comes before the
+    next impact. `order_rank`, from 1, is its place among those whose orders are looked at first. `family` is
+    what is said of all channels that differ in nothing but their place.
     """
 
     location: str

@@ -129,12 +129,14 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         assert ends.await_output(lambda output: output.target_hz == 0.0).on
         assert inverter.health is not None
         assert inverter.health.asked > 10
-    assert [notice.code for notice in inverter.take_notices()] == [
+    told = inverter.take_notices()
+    assert [notice.code for notice in told] == [
         "inverter.set",
         "inverter.run",
         "inverter.zero",
         "inverter.off",
     ]
+    assert told[0].text == "set to 6.67 Hz (200.1 rpm)"
 
 
 def test_a_stop_that_its_caller_cannot_wait_for_goes_on(

@@ -8,9 +8,9 @@ from math import log
 
 import numpy as np
 
-from rig.diagnosis.report.case import Array, Case, floors, unit_words, within
+from rig.diagnosis.report.case import Array, Case, floors, plain, unit_words, within
 from rig.pages.content import Part, Sentence
-from rig.pages.plots import BLACK, BLUE, FROM_ZERO, ORANGE, Plots, Style
+from rig.pages.plots import BLACK, BLUE, FROM_ZERO, GREEN, ORANGE, Plots, Style
 from rig.pages.words import estimate, listed
 from sim_twin.diagnosis.fingerprint import SLICES, Cell
 from sim_twin.diagnosis.latent_force import Curve
@@ -28,6 +28,7 @@ LINES = {
     "nominal twin": Style(ORANGE, 2.0, dash="4px,2px"),
     "repaired twin": Style(BLACK, 1.3),
 }
+_RUNNER_UP = Style(GREEN, 1.1, dash="6px,2px,1px,2px")
 """Measured lies below and thick, so that it shows on both sides of a twin that meets it."""
 _TITLES = ("spectrum", "course over the cycle", "peaks")
 
@@ -91,7 +92,7 @@ def _peaks(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
     low, high = (values["nominal twin"] + sign * floor for sign in (-1, 1))
     plots.band(cell, fifths, np.exp(low), np.exp(high), "linear")
     for whose, logarithms in values.items():
-        style = replace(LINES[whose], mode="lines+markers", size=5)
+        style = replace(LINES.get(whose, _RUNNER_UP), mode="lines+markers", size=5)
         plots.line(cell, whose, fifths, np.exp(logarithms), style)
 
 
@@ -106,13 +107,19 @@ def _draw(
     low, high = (shown(values["nominal twin"] + sign * floor) for sign in (-1, 1))
     plots.band(cell, edges, _to_the_end(low), _to_the_end(high), "hv")
     for whose, means in values.items():
-        plots.line(cell, whose, edges, _to_the_end(shown(means)), LINES[whose], shape="hv")
+        style = LINES.get(whose, _RUNNER_UP)
+        plots.line(cell, whose, edges, _to_the_end(shown(means)), style, shape="hv")
 
 
 def _lines(case: Case, of: Callable[[Array], Array]) -> dict[str, Array]:
     found = case.findings
     lines = {"measured": of(found.measured), "nominal twin": of(found.nominal)}
-    return lines if found.repaired is None else lines | {"repaired twin": of(found.repaired)}
+    if found.repaired is not None:
+        lines["repaired twin"] = of(found.repaired)
+    if found.runner_up is not None:
+        causes, numbers = found.runner_up
+        lines[f"with {listed([plain(cause.name) for cause in causes])} instead"] = of(numbers)
+    return lines
 
 
 def _slices(case: Case, numbers: Array, cell: int) -> Array:

@@ -14,7 +14,9 @@ from rig.pages.words import DASH, span
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.fingerprint import Cell
+from sim_twin.diagnosis.gap import FARTHEST
 from sim_twin.diagnosis.latent_force import LatentForce
+from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.effects import Parameter
 
 _UNITS = ("_hz", "_kg", "_nm", "_n_per_m15", "_n_per_m", "_ns_per_m", "_rad")
@@ -64,6 +66,18 @@ def plausible(parameter: Parameter) -> str:
     return " or ".join(span(low, high, parameter.unit) for low, high in parameter.intervals)
 
 
+def identified(parameter: Parameter, found: Estimate) -> bool:
+    """Whether the runs narrow down what a parameter may be at all."""
+    for low, high in parameter.intervals:
+        inside, outside = (max(found.low, low), min(found.high, high)), (low, high)
+        shares = [np.ptp(inside) / np.ptp(outside)] if inside[1] > inside[0] else []
+        if shares and low > 0:  # a scale over decades
+            shares.append(np.ptp(np.log(inside)) / np.ptp(np.log(outside)))
+        if any(share > _OPEN for share in shares):
+            return False
+    return True
+
+
 def cell_words(cell: Cell) -> str:
     """What a cell compares."""
     whose = cell.channel if cell.partner is None else f"{cell.channel} with {cell.partner}"
@@ -76,6 +90,9 @@ def cell_words(cell: Cell) -> str:
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
+_OPEN = 0.6
+"""Share of its plausible range, plain or by its logarithm, beyond which an interval says nothing."""
+_REACHED = 1 - 1e-6
 _ALIKE = 0.7
 """Share of the largest gap from which on its neighbours are named with it."""
 
@@ -142,6 +159,12 @@ class Case:
         """The gap of each cell, shape (cells,), to the nominal twin or `after` that to the repaired one."""
         gap = self.findings.gap
         return gap.cells_after / gap.unit_after if after else gap.cells_before / gap.unit_before
+
+    def cell_gap_words(self, cell: int, after: bool) -> str:
+        """A cell's gap; the measure reaches no farther than `FARTHEST`."""
+        gap = self.findings.gap
+        floors_off = (gap.cells_after if after else gap.cells_before)[cell]
+        return ("≥ " if floors_off > _REACHED * FARTHEST else "") + floors(self.cell_gaps(after)[cell])
 
     def gap_of(self, chosen: Callable[[Cell], bool], after: bool = False) -> float:
         """Gap of the chosen cells; NaN where there are none."""

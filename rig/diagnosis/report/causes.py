@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from shlex import quote
 
-from rig.diagnosis.report.case import Case, floors, parameter_words, plain, plausible
+from rig.diagnosis.report.case import Case, floors, identified, parameter_words, plain, plausible
 from rig.pages.content import Bar, BarTable, Listing, Part, Sentence, Table
 from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Judged
@@ -17,6 +17,7 @@ _HOW = (
 )
 _BELIEVED = 0.02
 _MOST = 6
+_REJECTED, _FEW = 0.005, 2
 _COULD_HIDE = "Nothing is selected. The most probable effects, each as it would have to be if it were there"
 _ALIKE, _HARDLY = 0.75, 0.95
 _MATRIX = (
@@ -29,8 +30,17 @@ def ranking(case: Case) -> list[Part]:
     """Bars, "nothing" and "unknown" among them."""
     found = case.findings
     bars = []
+    rejected = [each for each in case.judged if each.probability < _REJECTED and each.after is None]
+    if len(rejected) > _FEW:
+        names = listed([plain(each.cause.name) for each in rejected])
+        share = sum(each.probability for each in rejected)
+        bars.append(Bar(f"{len(rejected)} others", share, probability(share), (names, "", "", "")))
+    else:
+        rejected = []
     for each in case.judged:
         cause = each.cause
+        if each in rejected:
+            continue
         where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
         shrink = DASH if each.shrink is None else "grows" if each.shrink < 0 else f"{100 * each.shrink:.0f} %"
         alike = ", ".join(plain(name) for name in each.indistinguishable_from)
@@ -72,7 +82,8 @@ def _table(case: Case, judged: Sequence[Judged], caption: str) -> Table:
         for parameter in cause.parameters:
             found, unit = each.parameters[parameter.name], parameter.unit
             row = [effect, parameter_words(parameter), estimate(found.value, unit)]
-            row += [span(found.low, found.high, unit), plausible(parameter), share]
+            told = "" if identified(parameter, found) else " (not identified)"
+            row += [span(found.low, found.high, unit) + told, plausible(parameter), share]
             if len(headings) > len(row):
                 value = written.get(cause.name, {}).get(parameter.name)
                 row.append("" if value is None else estimate(float(value), unit))

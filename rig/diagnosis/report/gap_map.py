@@ -41,13 +41,18 @@ def parts(case: Case) -> list[Part]:
         [name, *(floors(case.gap_of(chosen, state == "after")) for state in states)]
         for name, chosen in names.items()
     ]
+    # of each kind the largest: that is what lies farthest, not one band beside the other
+    kinds: dict[tuple[int, str, str | None, str], int] = {}
+    for k in np.argsort(-states["before"], kind="stable"):
+        cell = case.cells[k]
+        kinds.setdefault((cell.run, cell.channel, cell.partner, cell.what), k)
     largest = [
         [
             cell_words(case.cells[k]),
             *([case.run_name(case.cells[k].run)] if several else []),
-            *(floors(gaps[k]) for gaps in states.values()),
+            *(case.cell_gap_words(k, state == "after") for state in states),
         ]
-        for k in np.argsort(-states["before"])[:_LARGEST]
+        for k in list(kinds.values())[:_LARGEST]
     ]
     headings = ["cell", *(["run"] if several else []), *states]
     return [
@@ -55,7 +60,7 @@ def parts(case: Case) -> list[Part]:
         *(_map(case, run, states) for run in case.run_numbers),
         *_places(case),
         Table(["channel", *states], rows, caption),
-        Table(headings, largest, f"The {len(largest)} largest gaps"),
+        Table(headings, largest, f"The {len(largest)} largest gaps, of each quantity where it is largest"),
     ]
 
 

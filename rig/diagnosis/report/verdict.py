@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from rig.diagnosis.report.case import Case, floors, parameter_words, plain, what_and_where
+from rig.diagnosis.report.case import (
+    Case,
+    floors,
+    identified,
+    parameter_words,
+    plain,
+    plausible,
+    what_and_where,
+)
 from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence
 from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Gap, Judged
@@ -72,6 +80,9 @@ def _single(case: Case, one: Judged) -> str:
         return sure
     parameter = one.cause.parameters[0]
     found, unit = one.parameters[parameter.name], parameter.unit
+    if not identified(parameter, found):
+        anything = f"anything from {span(found.low, found.high, unit)} of {plausible(parameter)} fits as well"
+        return f"{sure}: {parameter_words(parameter)} is not identified, {anything}"
     value = f"{parameter_words(parameter)} {estimate(found.value, unit)}"
     return f"{sure}: {value}, 95 % interval {span(found.low, found.high, unit)}"
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.derived.settings import COUNTS_FROM
+from daq.signals.impacts import COUNTS_FROM
 from rig.pages.content import Figure, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import as_written, difference, number
@@ -20,8 +20,8 @@ _COLUMNS = 2
 _BIN_DEG = 10
 _MOST_DOTS = 3_000
 _COUNTS = (
-    f"counts from a rise of {100 * COUNTS_FROM:.0f} % of what is typically the largest of a cycle, in the "
-    "first second or three revolutions as measured, for measured and predicted alike."
+    f"counts from a rise of {100 * COUNTS_FROM:.0f} % of what is typically the sensor's largest of a cycle, "
+    "in the first ten or so as measured, for measured and predicted alike."
 )
 _EXPLANATION = {
     "N": f"On a force sensor an impact is a blow with its bounces, its peak the largest force; it {_COUNTS}",
@@ -110,8 +110,8 @@ _CROWD = 3
 """So many histograms hide each other: then only the measured one is filled."""
 _FORCE = "peak force, N"
 _PEAKS_EXPLAINED = (
-    "A half cycle is all contact on one side before any on the other; a contact counts once its force passes "
-    "a tenth of the largest in the run. 'First' is the peak of its first contact, 'max' its largest force."
+    "A half cycle is all impacts on one side before any on the other; an impact, a blow with its bounces, "
+    f"{_COUNTS} 'First' is the peak of its first contact, 'max' its largest force."
 )
 
 _HEADINGS = (
@@ -133,7 +133,7 @@ def peaks(run: RunRecord) -> list[Part]:
         return [Sentence("This run has no pair of contact forces, so there are no half cycles to count.")]
     cycles = {whose: each for whose, each in found.items() if each is not None and len(each)}
     if not cycles:
-        return [Sentence("No impact in this run: the contact forces stay below 0.5 N.")]
+        return [Sentence("No impact in this run.")]
     kinds: dict[str, Peaks] = {
         "first": {whose: each.first_n for whose, each in cycles.items()},
         "max": {whose: each.max_n for whose, each in cycles.items()},

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from daq.block import NS_PER_S
 from daq.channel import Channel
+from daq.log.records import CALIBRATED, SENSITIVITY
 from rig.derived.settings import RECORD
 from rig.pages.content import Listing, Part, Sentence, Table
 from rig.pages.words import DASH, number
-from rig.report.record import CALIBRATED, SENSITIVITY, RunRecord
+from rig.report.record import RunRecord
 
 _MOST_ROWS = 500
 _GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901
@@ -43,6 +45,26 @@ def events(run: RunRecord) -> list[Part]:
         *parts,
         *_ledger("gaps", ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows),
     ]
+
+
+def _in_words(value: str) -> str:
+    """What stands in a record as JSON, as words; else as it is."""
+    try:
+        found = json.loads(value)
+    except ValueError:
+        return value
+    return _listed(found) if isinstance(found, dict | list) else value
+
+
+def _listed(found: object) -> str:
+    if isinstance(found, dict):
+        each = (f"{str(key).replace('_', ' ')}: {_nested(part)}" for key, part in found.items())
+        return ", ".join(each)
+    return ", ".join(map(_nested, found)) if isinstance(found, list) else str(found)
+
+
+def _nested(found: object) -> str:
+    return f"({_listed(found)})" if isinstance(found, dict | list) else str(found)
 
 
 def _sensitivity(channel: Channel, noted: str) -> str:
@@ -87,7 +109,7 @@ def provenance(run: RunRecord) -> list[Part]:
     for name, record in run.metadata.items():
         if name not in ("scenario", RECORD):  # which stand elsewhere on the page
             keys = (key for key in record if not key.startswith((CALIBRATED, SENSITIVITY)))
-            rows += [[f"{name}: {key}", record[key]] for key in keys]
+            rows += [[f"{name}: {key.replace('_', ' ')}", _in_words(record[key])] for key in keys]
     facts = Table(("what", "value"), rows, "Log", words=True)
     if not run.channels:
         return [facts, Sentence("The log holds no channel.")]

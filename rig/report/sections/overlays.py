@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from daq.errors import ConfigurationError
 from daq.signals.even_angles import CycleAverage
-from daq.signals.impacts import find_impacts, largest_force
 from rig.derived.settings import nominal_of
 from rig.files.scenario import parse_scenario
 from rig.pages.content import Part, Sentence
@@ -21,7 +20,7 @@ from rig.pages.plots import SCATTER, Plots, points_each
 from rig.report.crank_figures import beside_turns, cut, in_pieces, left_out, turns_of
 from rig.report.record import DRAWN, ORIGINS, RunRecord, Trace
 
-_CONTACTS_SHOWN = 4
+_IMPACTS_SHOWN = 2
 _BEFORE_S, _AFTER_S = 0.001, 0.002
 _WITHOUT_IMPACTS_S = 0.05
 _ROW_PX = 150
@@ -150,24 +149,25 @@ def _remark(run: RunRecord, cycle: Cycle | None, impacts: _Window | None) -> lis
         return [Sentence(f"{_FROM_REST if cycle.from_rest else _RUNNING} {_MEAN}")]
     if impacts is not None:
         return []
-    forces = any(run.contact_forces(origin) is not None for origin in ORIGINS)
-    what = "impact" if forces else "contact forces"
+    stops = run.roles.stops
+    what = "impact" if stops and run.channels.keys() >= {*stops} else "contact forces"
     return [Sentence(f"No {what} in this run: the left column shows its beginning.")]
 
 
 def _first_impacts(run: RunRecord) -> _Window | None:
-    """The first contacts, the measured, or the predicted if none is; None where there are none at all."""
+    """The first impacts, the measured, or the predicted if none is; None where there are none at all."""
+    stops = run.roles.stops or ()
     for origin in ORIGINS:
-        forces = run.contact_forces(origin)
-        if forces is None:
-            continue
-        top = largest_force(*(force.values for force in forces))
-        found = [find_impacts(force.values, force.sample_rate, top) for force in forces]
-        bounds = np.vstack([np.column_stack((each.start, each.end)) for each in found])
-        bounds = bounds[bounds[:, 0] > 0]  # a contact that the record's start cuts shows nothing
-        if len(bounds):
-            ordered = bounds[np.argsort(bounds[:, 0])] / forces[0].sample_rate
-            start, end = float(ordered[0, 0]), float(ordered[:_CONTACTS_SHOWN][-1, 1])
+        found = [
+            each
+            for each in run.impacts
+            # one that the record's start cuts shows nothing
+            if each.origin == origin and each.channel in stops and each.first_sample > 0
+        ]
+        if found:
+            ordered = sorted(found, key=lambda each: each.first_sample)[:_IMPACTS_SHOWN]
+            rate = run.traces[origin, ordered[0].channel].sample_rate
+            start, end = ordered[0].first_sample / rate, ordered[-1].end_sample / rate
             return _Window("first impacts", max(start - _BEFORE_S, 0.0), end + _AFTER_S)
     return None
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
-from rig.pages.words import DASH, as_written, counted, difference, number, spread
+from rig.pages.words import DASH, as_written, change, counted, difference, listed, number, spread
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Tally
 from rig.report.summary import closeness, half_cycle_statistics, overall
@@ -19,8 +19,12 @@ _ROW_PX = 44
 _CAPTION = (
     "Level difference between the autospectra of twin and measurement, rms over the bands within 40 dB of "
     "the channel's strongest. Shorter is closer. The blue bar is the difference between the measurement's "
-    "own halves: no twin can come much closer, and a healthy rig's twin stays somewhat further off."
+    "own halves: no twin can come much closer, and a healthy rig's twin stays somewhat further off. Decibels "
+    "compare mean spectra alone; the gap of the verdict and of a diagnosis compares distributions over the "
+    "cycles, in units of a healthy rig's."
 )
+_WORSE_DB, _WORSE = 0.3, 0.01
+"""By how much a figure has to be farther off before it is told."""
 _NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 
@@ -87,7 +91,28 @@ def _comparison(run: RunRecord) -> list[Part]:
         ("repaired", [each.repaired_db for each in channels]),
     ):
         grid.lying_bars(0, whose, rows, lengths)
-    return [numbers, grid.figure("comparison", _CAPTION)]
+    worse = [
+        f"spectrum of {each.channel} ({each.nominal_db:.1f} dB off without them, {each.repaired_db:.1f} with)"
+        for each in channels
+        if each.repaired_db > each.nominal_db + _WORSE_DB
+    ]
+    worse += _worse_peaks(run)
+    told = [Sentence(f"Farther off with the effects in: {listed(worse)}.", warning=True)] if worse else []
+    return [numbers, *told, grid.figure("comparison", _CAPTION)]
+
+
+def _worse_peaks(run: RunRecord) -> list[str]:
+    """Mean peaks of half cycles that the repaired twin misses by more than the nominal one."""
+    measured, nominal, repaired = (half_cycle_statistics(run, origin) for origin in ORIGINS)
+    if not (measured and nominal and repaired):
+        return []
+    told = []
+    for name, field in (("first", "first_mean_n"), ("max", "max_mean_n")):
+        true, *twins = (getattr(each, field) for each in (measured, nominal, repaired))
+        before, after = (each / true - 1 for each in twins)
+        if abs(after) > abs(before) + _WORSE:
+            told.append(f"peak force, {name} ({change(before)} without them, {change(after)} with)")
+    return told
 
 
 def _peak_numbers(run: RunRecord) -> list[BigNumber]:

@@ -32,7 +32,7 @@ _TABLE_3 = {0.254: (49.4, 37.8), 0.508: (64.9, 53.8)}
 _COVERS = ("none", "aluminium", "fibreglass")
 _COVER_CLEARANCES_MM = (0.127, 0.254, 0.381, 0.508)
 _DECAYED = 0.1
-_WINDOW_S, _BEFORE_S = 2.5e-3, 0.25e-3
+_WINDOW_S = 2.5e-3
 _ALIKE = 0.03
 _SLIGHTLY = (0.9, 1.1)
 _COARSE = 6
@@ -47,13 +47,13 @@ def on_base(effort: paper.Effort, clearance_mm: float, cover: str = "none") -> I
 def remaining(run: Forces) -> paper.Sample:
     """Base vibration just before each half cycle's first impact, over the largest since the one before.
 
-    Both are rms values over 2.5 ms, so a constant vibration gives 1; the last ends 0.25 ms before the peak.
+    Both are rms values over 2.5 ms, so a constant vibration gives 1; the last ends as the impact begins.
     """
-    starts = whole_half_cycles(run).first_index
+    starts = whole_half_cycles(run).start
     length = round(_WINDOW_S * RATE)
     shares = []
     for start, end in pairwise(starts):
-        squares = run.base[start : end - round(_BEFORE_S * RATE)] ** 2
+        squares = run.base[start:end] ** 2
         windows = squares[: len(squares) // length * length].reshape(-1, length).mean(axis=1)
         last = squares[-length:].mean()
         shares.append(np.sqrt(last / max(windows.max(), last)))

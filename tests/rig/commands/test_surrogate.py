@@ -67,6 +67,7 @@ def test_it_speaks_beside_measurement_and_twin(call: Call, logs: list[Path], tmp
     page = target.with_suffix(".html").read_text(encoding="utf-8")
     assert '<span class="surrogate">surrogate</span>' in page
     assert "Revolutions in the mean:" in page
+    assert "Not judged: RATTLE_HEALTHY_RIGS is 0." in page
     replayed = call("replay", target, "--speed", "0")
     assert replayed.code == 0, replayed.err
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from daq.block import Flag, SampleBlock
+from daq.log import codec
+from daq.log.codec import decode_block
 from rig.diagnosis import health
 from rig.diagnosis.health import HEALTHY_RIGS, verdict_on
 from rig.ensembles import Simulated, Workers
@@ -18,7 +21,7 @@ from rig.session.progress import Screen, Terminal
 from sim_twin.diagnosis.fingerprint import Cell
 from sim_twin.diagnosis.healthy_band import Place
 from sim_twin.diagnosis.subject import Draw, Observed
-from tests.rig.diagnosis.measured_log import BEAM, flagged, recording, write
+from tests.rig.diagnosis.measured_log import BEAM, BLOCK, flagged, recording, write
 from tests.rig.synthetic_run import SCENARIO, write_log
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
@@ -131,6 +134,26 @@ def test_a_verdict_says_what_it_did_not_look_at(
     assert "first 1.2 s of 1.5 s" in said
     assert "yoke.force: 8.3% overloaded" in said
     assert "no base.acceleration" in said
+
+
+def test_a_verdict_reads_once_what_it_looks_at_and_nothing_behind_it(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: Counter[tuple[str, int]] = Counter()
+
+    def decoded(name: str, data: bytes) -> SampleBlock:
+        block = decode_block(name, data)
+        read[name, block.first_sample] += 1
+        return block
+
+    monkeypatch.setattr(health, "band_of", lambda *_: Wide())
+    monkeypatch.setattr(health, "_LOOKED_AT_S", 1.0)
+    log = write(tmp_path / "run.mcap", recording(BEAM), BEAM)
+    monkeypatch.setattr(codec, "decode_block", decoded)
+    assert verdict_on(log, screen()).well is True
+    assert sum(first >= BLOCK * 11 for _, first in read) == 1  # the last one, for how long the run was
+    first = min(read)
+    assert all(times == 1 for block, times in read.items() if block != first), read
 
 
 def test_no_run_is_well_of_which_a_recorded_channel_is_lost(

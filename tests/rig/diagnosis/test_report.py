@@ -16,14 +16,16 @@ import pytest
 from rig.diagnosis.diagnose_runs import SECTIONS, write_report
 from rig.diagnosis.report import verdict as verdicts
 from rig.diagnosis.report.before_and_after import latent_force
+from rig.diagnosis.report.before_and_after import parts as before_and_after
 from rig.diagnosis.report.case import Case, RunFacts
-from rig.diagnosis.report.causes import ranking
+from rig.diagnosis.report.causes import parameters, ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
 from rig.pages.content import BarTable, Figure, Sentence, Table
 from sim_twin.diagnosis.belief import Unexplained
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint import Columns, Layout
+from sim_twin.diagnosis.gap import FARTHEST
 from sim_twin.diagnosis.latent_force import DISPLACEMENT, TIME, VELOCITY, Curve, LatentForce
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.effects import Parameter
@@ -202,6 +204,54 @@ def test_probabilities_in_the_ranking_add_up_and_are_those_of_the_findings() -> 
     expected = {"base flexibility": 0.672, "clearance": 0.192, "time skew": 0.096}
     assert shares == pytest.approx({**expected, "nothing missing": 0.01, "unknown to the catalogue": 0.03})
     assert [row.share for row in table.rows] == sorted(shares.values(), reverse=True)
+
+
+def test_effects_that_are_rejected_without_a_twin_of_their_own_share_a_row() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    names = ("weak", "faint", "slight")
+    others = [
+        replace(judged(replace(GAP, name=name), 0.001, Estimate(1.3, 1.2, 1.4)), after=None, shrink=None)
+        for name in names
+    ]
+    case = reported(replace(found, judged=(*found.judged, *others)))
+    table = next(part for part in ranking(case) if isinstance(part, BarTable))
+    (row,) = (row for row in table.rows if row.label == "3 others")
+    assert row.more[0] == "weak, faint and slight"
+    assert row.share == pytest.approx(0.003)
+    assert not {row.label for row in table.rows} & {*names}
+
+
+def test_a_parameter_whose_interval_is_as_wide_as_its_range_is_not_called_found() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    wide = judged(BASE, 0.95, Estimate(500.0, 155.0, 900.0))
+    what, _ = verdicts.sentences(reported(replace(found, judged=(wide,))))
+    assert "frequency is not identified, anything from 155 to 900 Hz of 150 to 1500 Hz fits as well" in what
+    table = next(
+        part for part in parameters(reported(replace(found, judged=(wide,)))) if isinstance(part, Table)
+    )
+    assert table.rows[0][3] == "155 to 900 Hz (not identified)"
+    narrow = next(part for part in parameters(reported(found)) if isinstance(part, Table))
+    assert narrow.rows[0][3] == "419 to 444 Hz"
+
+
+def test_the_largest_gaps_are_of_as_many_quantities_and_say_where_the_measure_ends() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    cells = np.where(found.gap.cells_before > 10.0, FARTHEST, found.gap.cells_before)
+    case = reported(replace(found, gap=replace(found.gap, cells_before=cells)))
+    table = [part for part in gap_map(case) if isinstance(part, Table)][-1]
+    kinds = {(str(cell).partition(",")[0], run) for cell, run, *_ in table.rows}
+    assert len(kinds) == len(table.rows)
+    assert table.rows[0][2] == f"≥ {FARTHEST / UNIT_BEFORE:.2f}"
+    assert not str(table.rows[-1][2]).startswith("≥")
+
+
+def test_the_runner_up_is_drawn_where_it_fails() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    beside = reported(replace(found, runner_up=((GAP,), found.nominal + 0.2)))
+    figure = next(part for part in before_and_after(beside) if isinstance(part, Figure))
+    assert "with clearance instead" in {trace["name"] for trace in figure.traces}
+    alone = next(part for part in before_and_after(reported(found)) if isinstance(part, Figure))
+    assert not any("instead" in trace["name"] for trace in alone.traces)
 
 
 def test_the_map_shows_each_cell_in_units_of_a_healthy_rigs_gap() -> None:

@@ -217,10 +217,14 @@ def test_a_figure_has_measured_over_predicted_and_units(tmp_path: Path) -> None:
         log.plot("yoke.forc")
 
 
-def test_a_log_has_its_page(tmp_path: Path) -> None:
+def test_a_log_has_its_verdict_and_its_page_with_it(tmp_path: Path) -> None:
     log = rattle.open(write_log(tmp_path / "run.mcap"))
+    assert log.verdict.well is None
+    assert log.verdict.sentences == ("Not judged: RATTLE_HEALTHY_RIGS is 0.",)
     assert log.report() == tmp_path / "run.html"
-    assert (tmp_path / "run.html").stat().st_size > 100_000
+    page = (tmp_path / "run.html").read_text()
+    assert len(page) > 100_000
+    assert log.verdict.sentences[0] in page
     with pytest.raises(rattle.RattleError, match=r"cannot write .*gone.*No such file"):
         log.report(tmp_path / "gone" / "run.html")
 

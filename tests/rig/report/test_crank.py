@@ -182,7 +182,7 @@ def test_impacts_lie_at_the_angle_of_the_blow_one_a_revolution(run: RunRecord, s
 def test_measured_and_predicted_impacts_count_from_one_level(run: RunRecord) -> None:
     """Of a twin that strikes 0.4 times as hard: 15 % of what is typically measured in both rows."""
     turn = round(RATE * 60 / 200)
-    turns = run.traces["measured", ACCELERATION].values[: 3 * turn].reshape(3, turn)
+    turns = run.traces["measured", ACCELERATION].values[: 10 * turn].reshape(10, turn)
     typical = float(np.median(np.abs(turns).max(axis=1)))
     rows = {row[0]: row for row in table(impact_parts(run)).rows}
     assert table(impact_parts(run)).headings[1] == "counts from"
@@ -366,7 +366,8 @@ def test_what_a_run_does_not_have_is_said_in_a_line(tmp_path: Path) -> None:
 
 def test_a_log_without_what_is_derived_is_reported(tmp_path: Path) -> None:
     run = read_run(crank_run.write_log(tmp_path / "run.mcap", seconds=1.0, derive=False))
-    assert [str(part.kind) for part in (*speed_parts(run), *impact_parts(run))] == ["sentence", "sentence"]
+    assert [str(part.kind) for part in speed_parts(run)] == ["sentence"]
+    assert run.impacts  # which are found when it is read
     assert "Fewer than 8 whole revolutions" in str(order_parts(run)[0])
     assert headings(run) == CRANKS
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.pages.content import BigNumbers, Figure, Table
+from rig.pages.content import BigNumbers, Figure, Sentence, Table
 from rig.report.page import render
 from rig.report.record import RunRecord, Trace, read_run
 from rig.report.sections.impacts import peaks
@@ -61,6 +61,19 @@ def test_the_page_says_it_in_its_first_line_and_draws_all_three(run: RunRecord) 
     # 20 N and 36 N against 40 N
     assert drive["nominal"].endswith("(−50.0\N{NARROW NO-BREAK SPACE}%)")
     assert drive["repaired"].endswith("(−10.0\N{NARROW NO-BREAK SPACE}%)")
+
+
+def test_what_is_farther_off_with_the_effects_in_is_said(run: RunRecord) -> None:
+    assert not [part for part in summary(run) if isinstance(part, Sentence) and part.warning]
+    other = {"nominal": "predicted", "predicted": "nominal"}
+    turned = replace(
+        run,
+        traces={(other.get(whose, whose), name): each for (whose, name), each in run.traces.items()},  # type: ignore[misc]
+        impacts=[replace(each, origin=other.get(each.origin, each.origin)) for each in run.impacts],
+    )
+    (told,) = [part.text for part in summary(turned) if isinstance(part, Sentence) and part.warning]
+    assert "spectrum of yoke.force (0.9 dB off without them, 6.0 with)" in told
+    assert "peak force, first (−10.0 % without them, −50.0 % with)" in told
 
 
 def test_peaks_of_both_twins_stand_against_the_measured_ones(run: RunRecord) -> None:

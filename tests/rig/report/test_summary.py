@@ -1,13 +1,16 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from daq.errors import LogError
+from daq.log.records import Event
 from daq.log.writer import LogWriter
-from rig.report.record import read_run
-from rig.report.summary import half_cycle_statistics
-from tests.rig.synthetic_run import CHANNELS, blocks, damaged, write_log
+from rig.derived.settings import RECORD, STOPPED
+from rig.report.record import Verdict, read_run
+from rig.report.summary import as_json, half_cycle_statistics
+from tests.rig.synthetic_run import CHANNELS, PEAK_N, START_NS, blocks, damaged, write_log
 
 
 def test_the_numbers_of_a_run_are_those_it_was_made_of(tmp_path: Path) -> None:
@@ -34,6 +37,39 @@ def test_half_cycles_are_counted_on_both_sides(tmp_path: Path) -> None:
     assert measured.max_mean_n == pytest.approx(40.0, rel=2e-3)
     assert predicted.first_mean_n == pytest.approx(36.0, rel=2e-3)
     assert measured.first_sd_n < 0.1
+
+
+def test_a_prediction_is_counted_from_the_measured_level(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """40 N are measured: 15 % of them are 6 N, whatever the largest predicted force is."""
+    counts = {}
+    for peak in (5.0, 7.0):
+        monkeypatch.setitem(PEAK_N, "predicted", peak)
+        found = half_cycle_statistics(read_run(write_log(tmp_path / f"{peak}.mcap")), "predicted")
+        counts[peak] = found.count if found else 0
+    assert counts == {5.0: 0, 7.0: 40}
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_impacts_that_a_run_no_more_derived_are_found_when_it_is_read(stopped: bool, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with LogWriter(path) as log:
+        for channel in CHANNELS:
+            log.declare("measured", channel)
+        log.add_metadata(RECORD, {})
+        if stopped:
+            log.add_event(Event(START_NS, "warning", "derived", STOPPED, "nothing more is derived"))
+        for block in blocks(CHANNELS, "measured", 0.5):
+            log.add_block("measured", block, block.time_ns)
+    assert len(read_run(path).impacts) == (20 if stopped else 0)
+
+
+def test_a_verdict_stands_in_what_another_program_reads(tmp_path: Path) -> None:
+    run = read_run(write_log(tmp_path / "run.mcap"))
+    assert as_json(run)["verdict"] is None
+    judged = replace(run, verdict=Verdict(False, ("Not so.", "Most here.")))
+    assert as_json(judged)["verdict"] == {"well": False, "sentences": ("Not so.", "Most here.")}
 
 
 def test_faults_in_the_data_are_counted_and_do_not_spoil_the_rest(tmp_path: Path) -> None:

@@ -181,6 +181,8 @@ def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord
     known = {
         "calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02",
         "sensitivity.base.acceleration": "0.0102",
+        "chain.crank.angle": '{"kind": "encoder", "pulses": {"per_revolution": 1024, "index": true}}',
+        "actuator": "Mitsubishi FR, station 1",
     }
     parts = log_sections.provenance(replace(run, channels=channels, metadata={"run": known}))
     facts, sensors = (part for part in parts if isinstance(part, Table))
@@ -189,4 +191,7 @@ def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord
         ["100 mV/g", "\N{EN DASH}"],
         ["651.9 count/rad", "\N{EN DASH}"],
     ]
+    told = dict(facts.rows)
+    assert told["run: chain.crank.angle"] == "kind: encoder, pulses: (per revolution: 1024, index: True)"
+    assert told["run: actuator"] == known["actuator"]
     assert not any("calibrated" in row[0] or "sensitivity" in row[0] for row in facts.rows)

@@ -60,9 +60,7 @@ def test_the_mean_first_peak_is_the_reference_one() -> None:
     assert peaks.mean == pytest.approx(23.07, abs=4 * float(np.hypot(peaks.error, 0.05)) + 0.003 * 23)
 
 
-@pytest.mark.parametrize(
-    ("decay", "remains"), [(0.0, 1.0), (100.0, np.exp(-100 * (25e-3 - 0.25e-3 - 2.5e-3)))]
-)
+@pytest.mark.parametrize(("decay", "remains"), [(0.0, 1.0), (100.0, np.exp(-100 * (25e-3 - 2.5e-3)))])
 def test_what_remains_of_a_base_vibration(decay: float, remains: float) -> None:
     period, cycles = 0.025, 8
     samples = round(period * RATE)

@@ -25,6 +25,7 @@ from rig.sweep.results import (
     IMPACTS,
     PEAK_MEAN,
     PEAK_SD,
+    PREDICTED,
     headings_of,
     outcome_of,
     rows_of,
@@ -102,10 +103,13 @@ def test_a_log_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(read) == 1
 
 
-def test_a_record_in_which_nobody_looked_for_impacts_has_none_and_no_number_of_them(tmp_path: Path) -> None:
-    scenario = parsed().points[0].scenario
-    silent = figures_of(record(tmp_path / "run.mcap", [], looked_for=False), scenario)
-    assert IMPACTS not in silent
+def test_a_record_in_which_nobody_looked_for_impacts_is_looked_through_when_it_is_read(
+    tmp_path: Path,
+) -> None:
+    scenario = parsed().points[1].scenario
+    late = figures_of(record(tmp_path / "run.mcap", [], looked_for=False), scenario)
+    assert late[IMPACTS] == 20  # one on each side in each of ten cycles
+    assert late[A_CYCLE] == pytest.approx(2.0)
     assert figures_of(record(tmp_path / "none.mcap", []), scenario)[IMPACTS] == 0
 
 
@@ -162,6 +166,32 @@ def test_each_setting_of_the_other_axes_has_a_row_and_a_point_to_come_leaves_a_h
     last = unpacked(traces(text)[3]["y"])
     assert last[0] == 40.0
     assert np.isnan(last[1:]).all()
+
+
+def test_what_the_twin_predicted_lies_over_what_was_measured_and_each_log_is_linked(tmp_path: Path) -> None:
+    swept = parsed(FREQUENCIES)
+    state = state_of(swept, [10.0, 20.0])
+    twins = {PREDICTED + A_CYCLE: 2.1, PREDICTED + PEAK_MEAN: 21.0, PREDICTED + PEAK_SD: 2.0}
+    figures = {**state.points[2].figures, **twins}
+    state = state.with_point(2, dataclasses.replace(state.points[2], figures=figures))
+    text = write_page(tmp_path, swept, state).read_text()
+    drawn = traces(text)
+    assert [each["name"] for each in drawn] == ["measured", "predicted"] * 2
+    assert unpacked(drawn[3]["y"])[1] == 21.0
+    assert '<a href="point-2.mcap">point-2.mcap</a>' in text
+    rows = list(csv.DictReader(write_results(tmp_path, swept, state).read_text().splitlines()))
+    assert [row["predicted impacts a cycle"] for row in rows] == ["", "2.1"]
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+def test_a_caption_tells_only_of_what_is_there(both_ways: bool, tmp_path: Path) -> None:
+    swept = parsed(FREQUENCIES, THERE_AND_BACK if both_ways else "")
+    there = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0])).read_text()
+    assert "Hollow: on the way back" not in there
+    assert "Bars: standard deviation" in there
+    if both_ways:
+        back = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0, 20.0])).read_text()
+        assert "Hollow: on the way back" in back
 
 
 def test_words_stand_side_by_side(tmp_path: Path) -> None:
