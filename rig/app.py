@@ -13,12 +13,13 @@ from daq.errors import ConfigurationError, Problem
 from drivers.lock import Latch
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
 from drivers.scpi.settings import GeneratorSettings
+from drivers.scpi.supply_settings import SupplySettings
 from rig.emulation import NOTHING_EMULATED, Emulated, emulated_bench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
-from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 
@@ -35,9 +36,9 @@ def connect(
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
             deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
-            real = INSTRUMENTS[RIGS[bench.rig].actuator].word
+            real = INSTRUMENTS[bench.actuator_table].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    devices: Devices = resolve_name(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
+    devices: Devices = resolve_name(actuator_of(bench.actuator_table).devices)(scenario, bench, emulated)
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
     loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
     card = emulated.reached("daq_card", bench.daq_card)
@@ -80,16 +81,40 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     from rig.session.motor import Motor, MotorActuator
 
     settings = emulated.reached("inverter", bench.the(InverterSettings))
-    encoder = None if bench.encoder is None else emulated.reached("encoder", bench.encoder)
     drive = INSTRUMENTS["inverter"].driver_of(settings)(settings)
     return Devices(
         MotorActuator(drive),
         None,
         lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
         card_of(scenario, bench, emulated),
-        None if encoder is None else INSTRUMENTS["encoder"].driver_of(encoder)(encoder),
+        encoder_of(bench, emulated),
         emergency_stop=lambda: drive.emergency_stop if settings.stop_line else None,
     )
+
+
+def supplied(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose crank a motor on a DC supply turns."""
+    from rig.session.motor import Motor
+
+    settings = emulated.reached("dc_supply", bench.the(SupplySettings))
+    make_supply = partial(INSTRUMENTS["dc_supply"].driver_of(settings), settings)
+    supply = make_supply()
+    return Devices(
+        supply,
+        partial(make_supply, off_first=True),
+        lambda wait, measured_rpm: Motor(supply, scenario.drive.speed, wait, measured_rpm, proves=True),
+        card_of(scenario, bench, emulated),
+        encoder_of(bench, emulated),
+    )
+
+
+def encoder_of(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
+    """The encoder of a bench that has one."""
+    if bench.encoder is None:
+        return None
+    settings = emulated.reached("encoder", bench.encoder)
+    encoder: PositionEncoder = INSTRUMENTS["encoder"].driver_of(settings)(settings)
+    return encoder
 
 
 def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:

@@ -20,7 +20,9 @@ from daq.plugins import OpenTable
 class Actuator:
     """What is asked of an instrument that moves the rig.
 
-    A bench bounds it by the setting `highest`, of which the operator sees `per_si` times as many `unit`.
+    It gives the `drive` of a scenario (module:class) to any rig that has such a one; without it, to the rigs
+    that name it. A bench bounds it by the setting `highest`, of which the operator sees `per_si` times as
+    many `unit`.
     `beyond(scenario, bench)` yields what is more than a bench allows, `hurried(scenario)` what comes too soon
     on any. `rig(scenario, bench, twin, seed, run_seed)` is the emulated rig that it moves,
     `devices(scenario, bench, emulated)` are the devices of a run.
@@ -33,6 +35,7 @@ class Actuator:
     rig: str
     devices: str
     per_si: float = 1.0
+    drive: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,8 @@ class Instrument:
         return resolve_name(self.drivers[settings.driver])
 
 
+_SINE: Final = "sim_twin.rigs.impact_beam.model:SineDrive"
+_SPEED: Final = "sim_twin.rigs.crank_drive:SpeedDrive"
 _OWN: Final = {
     "signal_generator": Instrument(
         "generator",
@@ -71,6 +76,7 @@ _OWN: Final = {
             "rig.files.pairing:no_soft_start",
             "rig.emulated_rig:shaken",
             "rig.app:shaken",
+            drive=_SINE,
         ),
     ),
     "inverter": Instrument(
@@ -85,7 +91,24 @@ _OWN: Final = {
             "rig.emulated_rig:turned",
             "rig.app:turned",
             30 / pi,
+            _SPEED,
         ),
+    ),
+    "dc_supply": Instrument(
+        "DC supply",
+        "drivers.scpi.supply_settings:SupplySettings",
+        {"scpi_n6900": "drivers.scpi.supply:ScpiSupply"},
+        Actuator(
+            "maximum_speed",
+            "rpm",
+            "rig.files.pairing:too_fast",
+            "rig.files.pairing:no_ramp",
+            "rig.emulated_rig:supplied",
+            "rig.app:supplied",
+            30 / pi,
+            _SPEED,
+        ),
+        left_open={"rpm_per_volt": 5.0, "maximum_speed": "350 rpm", "maximum_current": "3 A"},
     ),
     "daq_card": Instrument(
         "card",

@@ -13,9 +13,7 @@ from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
-from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.rehearsal import rehearsed
-from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.scenario import AcquisitionSection, Scenario
@@ -52,7 +50,7 @@ def check_pair(
     record = scenario.acquisition
     if recorded_s is not None:
         record = replace(record, duration=recorded_s)
-    actuator = actuator_of(RIGS[scenario.rig].actuator)
+    actuator = actuator_of(bench.actuator_table)
     problems = [
         *resolve_name(actuator.beyond)(scenario, bench),
         *resolve_name(actuator.hurried)(scenario),
@@ -134,10 +132,10 @@ def free_bytes(folder: Path) -> float:
 
 def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     """What is more force than the bench allows."""
-    peak = scenario.drive.peak
-    highest = bench.the(GeneratorSettings).maximum_amplitude
+    peak, highest = scenario.drive.peak, bench.actuator.maximum_amplitude
     if peak > highest:
-        allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
+        setting = f"{bench.actuator_table}.maximum_amplitude"
+        allowed = f"amplitude and offset together up to {highest:g} N ({setting})"
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
 
 
@@ -150,9 +148,9 @@ def no_soft_start(scenario: Scenario) -> Iterator[Problem]:
 
 def too_fast(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     """What is faster than the bench allows."""
-    speed, highest = scenario.drive.speed, bench.the(InverterSettings).maximum_speed
+    speed, highest = scenario.drive.speed, bench.actuator.maximum_speed
     if speed > highest * (1 + _ROUNDING):
-        allowed = f"up to {_rpm(highest)} (inverter.maximum_speed)"
+        allowed = f"up to {_rpm(highest)} ({bench.actuator_table}.maximum_speed)"
         yield Problem("drive.speed", _rpm(speed), allowed)
 
 

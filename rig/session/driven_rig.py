@@ -24,7 +24,6 @@ from rig.files.bench import Bench
 from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
-from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker, drive_off_after
@@ -177,7 +176,7 @@ class DrivenRig:
     def hold_force(self, channel: str, frequency_hz: float) -> None:
         """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order."""
         if isinstance(self.motion, Shaker):
-            highest = getattr(self._bench.actuator, actuator_of(RIGS[self._bench.rig].actuator).highest)
+            highest = getattr(self._bench.actuator, actuator_of(self._bench.actuator_table).highest)
             shown = self.devices.card.channels[self.names.index(channel)]
             force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
 
