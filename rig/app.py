@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from daq.errors import ConfigurationError, Problem
 from drivers.lock import Latch
+from drivers.manual.settings import ManualMotorSettings, ManualSettings
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
@@ -22,6 +25,9 @@ from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
 from rig.session.devices import Devices
 from rig.session.progress import Screen
+
+if TYPE_CHECKING:
+    from rig.session.by_hand import ShaftSeen
 
 
 def connect(
@@ -103,6 +109,39 @@ def supplied(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         supply,
         partial(make_supply, off_first=True),
         lambda wait, measured_rpm: Motor(supply, scenario.drive.speed, wait, measured_rpm, proves=True),
+        card_of(scenario, bench, emulated),
+        encoder_of(bench, emulated),
+    )
+
+
+def shaken_by_hand(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose shaker a person sets; what shows that is known once it is recorded."""
+    return _by_hand(scenario, bench, emulated, lambda measured_rpm: None)
+
+
+def turned_by_hand(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose crank a person turns."""
+    from rig.session.by_hand import ShaftSeen
+
+    highest_rpm = bench.the(ManualMotorSettings).maximum_speed_rpm
+    return _by_hand(scenario, bench, emulated, lambda measured_rpm: ShaftSeen(measured_rpm, highest_rpm))
+
+
+def _by_hand(
+    scenario: Scenario,
+    bench: Bench,
+    emulated: Emulated,
+    seen: Callable[[Callable[[], float]], ShaftSeen | None],
+) -> Devices:
+    from rig.session.by_hand import ByHand
+
+    settings = emulated.reached(bench.actuator_table, bench.the(ManualSettings))
+    make_person = partial(INSTRUMENTS[bench.actuator_table].driver_of(settings), settings)
+    person = make_person()
+    return Devices(
+        person,
+        partial(make_person, off_first=True),
+        lambda wait, measured_rpm: ByHand(person, scenario.drive, wait, seen(measured_rpm)),
         card_of(scenario, bench, emulated),
         encoder_of(bench, emulated),
     )

@@ -105,6 +105,29 @@ def supplied(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_see
     )
 
 
+def shaken_by_hand(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig whose shaker an emulated person sets, in newtons."""
+    from drivers.manual.emulator.person import shaken as sets
+    from drivers.manual.emulator.person import start_person
+    from rig.twin.plant import ShakenPlant, compiled
+
+    drive = scenario.drive
+    return EmulatedRig(
+        partial(compiled, ShakenPlant, twin, 1.0, seed, run_seed, bench.emulation.healthy),
+        lambda sinks: start_person(sets, Fork(tuple(sinks))),
+        DriveSettings(True, drive.frequency, drive.amplitude, drive.offset, SystemClock().monotonic_s()),
+    )
+
+
+def turned_by_hand(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig whose crank an emulated person turns, in rad/s."""
+    from drivers.manual.emulator.person import start_person, turned
+
+    rpm_per_rad_s = 60.0 / math.tau
+    draw = (seed, run_seed, bench.emulation.healthy)
+    return _on_a_motor(twin, rpm_per_rad_s, lambda sinks: start_person(turned, Fork(tuple(sinks))), draw)
+
+
 def _on_a_motor(
     twin: AnyTwin,
     rpm_per_level: float,

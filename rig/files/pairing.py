@@ -139,6 +139,28 @@ def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
 
 
+def unseen_or_too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    """What a person may not set, or nobody would see."""
+    yield from too_strong(scenario, bench)
+    shown, channels = RIGS[bench.rig].channels.drive, [each.name for each in bench.daq_card.channels]
+    if shown not in channels:
+        allowed = f"{shown}: a drive that is set by hand is believed when it is measured"
+        yield Problem("daq_card.channels", ", ".join(channels), allowed)
+    elif bench.unseen:
+        allowed = "false beside a real person: what they set would be looked for on an emulated rig"
+        yield Problem("daq_card.emulated", "true", allowed)
+
+
+def no_time_for_hands(scenario: Scenario) -> Iterator[Problem]:
+    """A drive that a person cannot start at once from phase zero, or none that could be seen."""
+    if scenario.acquisition.settle < SOFT_START_FROM_S:
+        allowed = f"at least {SOFT_START_FROM_S:g} s: nobody starts a drive by hand in time with the record"
+        yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
+    if scenario.drive.offset or not scenario.drive.amplitude:
+        allowed = "an amplitude and no offset, with a drive that is set by hand"
+        yield Problem("drive", f"{scenario.drive.amplitude:g} N, offset {scenario.drive.offset:g} N", allowed)
+
+
 def no_soft_start(scenario: Scenario) -> Iterator[Problem]:
     """An offset without time to come up."""
     if scenario.drive.offset and scenario.acquisition.settle < SOFT_START_FROM_S:

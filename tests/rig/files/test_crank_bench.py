@@ -328,3 +328,17 @@ def test_an_emulated_supply_needs_no_more_than_to_be_named() -> None:
     bench = parse("[dc_supply]\nemulated = true\n", "spatial_slider_crank")
     assert bench.emulated == ("dc_supply", "daq_card")
     assert bench.actuator.maximum_v == 70.0
+
+
+def test_a_person_may_turn_it() -> None:
+    manual = '[manual_motor]\ndriver = "manual"\nmaximum_speed = "250 rpm"\npatience = "2 min"\n'
+    bench = parse(TEXT.replace(INVERTER, manual))
+    settings = bench.actuator
+    assert (settings.driver, settings.person, settings.patience_s) == ("manual", "", 120.0)
+    scenario = parse_scenario(PLANAR.replace('speed = "200 rpm"', 'speed = "251 rpm"'))
+    with pytest.raises(ConfigurationError, match=r"up to 250 rpm \(manual_motor.maximum_speed\)"):
+        check_pair(scenario, bench, TODAY)
+    # its shaft has to show on a real card, as with any other real motor
+    card = TEXT[TEXT.index("[daq_card]") :].replace('driver = "nidaqmx"', "emulated = true", 1)
+    problem = only_problem(lambda: parse(manual + card), "daq_card.emulated")
+    assert "a real manual_motor" in problem.allowed
