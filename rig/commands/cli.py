@@ -100,9 +100,9 @@ def _app() -> typer.Typer:
 
 def _version(asked: bool) -> None:
     if asked:
-        from rig.files.software import software
+        from importlib.metadata import version
 
-        typer.echo(", commit ".join(software().values()))
+        typer.echo(f"rattle {version('rattle')}")
         raise typer.Exit
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.table import Table
@@ -13,6 +13,10 @@ from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.report.catalogue import Run
+
+
+_DIGEST: Final = 12
+"""Digits of a digest that are shown."""
 
 
 def runs(
@@ -76,11 +80,14 @@ def _told(run: Run) -> dict[str, object]:
 
 def _list(chosen: list[Run], of: int) -> None:
     screen = Screen(Terminal())
-    table = Table("started (UTC)", "scenario", "notes", "tags", "log", box=None, pad_edge=False)
+    table = Table("started (UTC)", box=None, pad_edge=False)
+    table.add_column("log", no_wrap=True, min_width=max((len(run.path.name) for run in chosen), default=0))
+    for column in ("scenario", "notes", "tags"):
+        table.add_column(column, overflow="fold")
     for run in chosen:
         notes = "; ".join(f"{key}: {value}" for key, value in run.notes.items())
         begun = run.started[:19].replace("T", " ")
-        table.add_row(begun, run.name, run.damage or notes, ", ".join(run.tags), run.path.name)
+        table.add_row(begun, run.path.name, run.name, run.damage or notes, ", ".join(run.tags))
     screen.console.print(table)
     screen.say(f"{len(chosen)} of {of} runs" if len(chosen) < of else f"{of} runs")
 
@@ -105,8 +112,8 @@ def _compare(found: list[Run], as_json: bool) -> None:
     screen.say(f"first      {one.path}")
     screen.say(f"second     {other.path}")
     table = Table("different", "first", "second", box=None, pad_edge=False)
-    for row in unlike:
-        table.add_row(*row)
+    for key, *values in unlike:
+        table.add_row(key, *(each[:_DIGEST] if key.endswith("sha256") else each for each in values))
     if unlike:
         screen.console.print(table)
     show(both, screen)

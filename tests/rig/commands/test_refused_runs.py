@@ -100,6 +100,23 @@ def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    ("notes", "told"),
+    [
+        (["operator"], "KEY=TEXT"),
+        (["operator="], "KEY=TEXT"),
+        (["a.b=c"], "KEY=TEXT"),
+        (["operator=Ada", "operator=Bert"], "operator comes twice"),
+        (["my key=c"], "a key of letters, digits"),
+    ],
+)
+def test_a_note_that_cannot_be_is_refused(call: Call, tmp_path: Path, notes: list[str], told: str) -> None:
+    options = [part for each in notes for part in ("--note", each)]
+    answer = call("run", SCENARIOS / "impact_beam.toml", *options, "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert told in answer.err
+
+
 @pytest.mark.parametrize("typed", ["", "\n"])
 def test_a_run_that_nobody_can_end_is_refused(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str
