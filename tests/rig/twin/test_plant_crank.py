@@ -90,9 +90,9 @@ def test_a_hidden_fluctuation_of_the_speed_is_in_the_angle() -> None:
     shape = SpeedDrive(20.0, 0.05, 1.0, 0.4)
     motor = drawn_motor(5.0, shape, seed=1, run_seed=2)
     made = plant(replace(PLANAR, drive=shape), motor=motor)
-    made.drive(replace(UP, frequency_hz=40.0), 0.0)
+    made.drive(replace(UP, level=40.0), 0.0)
     seen = samples(made, 1.0)["crank.angle"]
-    true = angles(heard(motor, replace(UP, frequency_hz=40.0)), NEWS_S, len(seen))
+    true = angles(heard(motor, replace(UP, level=40.0)), NEWS_S, len(seen))
     assert np.abs(seen - (true - COUNT / 2)).max() < COUNT / 2 + 1e-6
     line = np.polyval(np.polyfit(np.arange(len(seen)), seen, 1), np.arange(len(seen)))
     # theta' = omega (1 + a sin theta) swings by a about its mean line, to first order in a; three turns and a
