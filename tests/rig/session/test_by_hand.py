@@ -40,6 +40,7 @@ class Person(ManualActuator):
 
     def ask(self, words: str, *order: object) -> None:
         self.asked.append((words, order))
+        self._moves = True
         self.due = self.clock.now_s + 1.0, self.does(order, self.rpm)
 
     def measured_rpm(self) -> float:
