@@ -79,17 +79,15 @@ def _told(run: Run) -> dict[str, object]:
 
 
 def _list(chosen: list[Run], of: int) -> None:
-    screen = Screen(Terminal())
-    table = Table("started (UTC)", box=None, pad_edge=False)
-    table.add_column("log", no_wrap=True, min_width=max((len(run.path.name) for run in chosen), default=0))
-    for column in ("scenario", "notes", "tags"):
-        table.add_column(column, overflow="fold")
+    from rig.pages.words import counted
+
+    screen, width = Screen(Terminal()), max((len(run.path.name) for run in chosen), default=0)
     for run in chosen:
-        notes = "; ".join(f"{key}: {value}" for key, value in run.notes.items())
-        begun = run.started[:19].replace("T", " ")
-        table.add_row(begun, run.path.name, run.name, run.damage or notes, ", ".join(run.tags))
-    screen.console.print(table)
-    screen.say(f"{len(chosen)} of {of} runs" if len(chosen) < of else f"{of} runs")
+        begun = run.started[:16].replace("T", " ")
+        screen.say(f"{begun:<16}  {run.path.name:<{width}}  {', '.join(run.tags)}".rstrip())
+        notes = (f"{key}: {value}" for key, value in run.notes.items())
+        screen.say(" " * 18 + "; ".join(filter(None, (run.damage or run.name, *notes))))
+    screen.say(counted(of, "run") if len(chosen) == of else f"{len(chosen)} of {counted(of, 'run')}")
 
 
 def _compare(found: list[Run], as_json: bool) -> None:
