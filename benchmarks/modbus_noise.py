@@ -26,7 +26,7 @@ from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
 from drivers.mitsubishi_fr.inverter import FrInverter
 from drivers.mitsubishi_fr.settings import InverterSettings
-from drivers.protocols.speed_drive import InverterOutput, MotorState
+from drivers.protocols.speed_drive import MotorOutput, MotorState
 
 ASKED_RPM, RPM_PER_HZ = 200.0, 30.0
 SET_HZ = 6.67  # as the drive keeps it, in steps of 0.01 Hz
@@ -49,7 +49,7 @@ class Truth:
     """What the emulated drive put out, by a connection of its own."""
 
     source: Connection
-    outputs: list[InverterOutput] = field(default_factory=list)
+    outputs: list[MotorOutput] = field(default_factory=list)
 
     def at(self, time_s: float) -> float:
         """Output frequency in Hz."""
@@ -62,13 +62,13 @@ class Truth:
         self._update()
         knees = [knee for output in self.outputs for knee in (output.started_s, output.settled_s)]
         found = [self.at(knee) for knee in (from_s, to_s, *knees) if from_s <= knee <= to_s]
-        found += [output.frequency_hz for output in self.outputs if from_s < output.started_s <= to_s]
+        found += [output.level for output in self.outputs if from_s < output.started_s <= to_s]
         return min(found), max(found)
 
     def await_hz(self, hz: float, within_s: float) -> bool:
         """Wait until it is at a frequency and stays there."""
         deadline_s = time.monotonic() + within_s
-        while self.at(time.monotonic()) != hz or self.outputs[-1].target_hz != hz:
+        while self.at(time.monotonic()) != hz or self.outputs[-1].target != hz:
             if time.monotonic() > deadline_s:
                 return False
             time.sleep(0.01)

@@ -122,7 +122,7 @@ def _motor(folder: Path) -> Iterator[Bench]:
 
         def heard() -> list[tuple[int, bool]]:
             outputs = zip(crank.spy.heard_ns, crank.spy.heard, strict=False)
-            return [(at, each.on and each.target_hz > 0.0) for at, each in outputs]
+            return [(at, each.on and each.target > 0.0) for at, each in outputs]
 
         made = {"card": crank.card, "inverter": crank.inverter, "encoder": crank.encoder}
         yield Bench(crank.scenario, crank.file, made, struck, heard)

@@ -67,6 +67,17 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "signal_generator.set_by_another": Fault(
         "F33", "its amplitude is turned to `volts` peak to peak at its panel", _LOST, {"volts": 1.0}
     ),
+    "dc_supply.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
+    "dc_supply.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
+    "dc_supply.wrong_model": Fault("F3", "is another make", _REFUSED, at_start=True),
+    "dc_supply.errors": Fault(
+        "F30", "has a full error queue", "drained; the run goes on", {"count": 30.0}, at_start=True
+    ),
+    "dc_supply.stale_answer": Fault(
+        "F30", "an old answer and half of one lie in its buffer", "the run goes on", at_start=True
+    ),
+    "dc_supply.set_by_another": Fault("F33", "is turned to `volts` at its panel", _LOST, {"volts": 1.0}),
+    "dc_supply.trips": Fault("F13", "switches off: over temperature", _LOST),
     "inverter.unplugged": Fault("F1", "its process is gone", "exit 1; THE MOTOR MAY STILL TURN"),
     "inverter.hangs": Fault("F1", "is silent `for` s", _WATCHDOG_STOPS, {"for": 20.0}),
     "inverter.flip": Fault("F4", "a `share` of the answers has wrong bits", _TRIED, _SOME),

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from daq.errors import ConfigurationError, Problem
 from drivers.lock import Latch
+from drivers.manual.settings import ManualMotorSettings, ManualSettings
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
+from drivers.protocols.encoder import PositionEncoder
 from drivers.scpi.settings import GeneratorSettings
+from drivers.scpi.supply_settings import SupplySettings
 from rig.emulation import NOTHING_EMULATED, Emulated, emulated_bench, starting
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
-from rig.rigs import RIGS
 from rig.session.devices import Devices
 from rig.session.progress import Screen
+
+if TYPE_CHECKING:
+    from rig.session.by_hand import ShaftSeen
 
 
 def connect(
@@ -35,9 +42,9 @@ def connect(
         notes["emulation_seed"] = str(emulated.seed)
         if emulated.drive_follows_scenario:
             deaf = " and ".join(INSTRUMENTS[table].word for table in bench.emulated)
-            real = INSTRUMENTS[RIGS[bench.rig].actuator].word
+            real = INSTRUMENTS[bench.actuator_table].word
             screen.warn(f"the emulated {deaf} cannot hear the real {real}: it plays the scenario's drive")
-    devices: Devices = resolve_name(actuator_of(RIGS[bench.rig].actuator).devices)(scenario, bench, emulated)
+    devices: Devices = resolve_name(actuator_of(bench.actuator_table).devices)(scenario, bench, emulated)
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
     loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
     card = emulated.reached("daq_card", bench.daq_card)
@@ -80,16 +87,73 @@ def turned(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     from rig.session.motor import Motor, MotorActuator
 
     settings = emulated.reached("inverter", bench.the(InverterSettings))
-    encoder = None if bench.encoder is None else emulated.reached("encoder", bench.encoder)
     drive = INSTRUMENTS["inverter"].driver_of(settings)(settings)
     return Devices(
         MotorActuator(drive),
         None,
         lambda wait, measured_rpm: Motor(drive, scenario.drive.speed, wait, measured_rpm),
         card_of(scenario, bench, emulated),
-        None if encoder is None else INSTRUMENTS["encoder"].driver_of(encoder)(encoder),
+        encoder_of(bench, emulated),
         emergency_stop=lambda: drive.emergency_stop if settings.stop_line else None,
     )
+
+
+def supplied(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose crank a motor on a DC supply turns."""
+    from rig.session.motor import Motor
+
+    settings = emulated.reached("dc_supply", bench.the(SupplySettings))
+    make_supply = partial(INSTRUMENTS["dc_supply"].driver_of(settings), settings)
+    supply = make_supply()
+    return Devices(
+        supply,
+        partial(make_supply, off_first=True),
+        lambda wait, measured_rpm: Motor(supply, scenario.drive.speed, wait, measured_rpm, proves=True),
+        card_of(scenario, bench, emulated),
+        encoder_of(bench, emulated),
+    )
+
+
+def shaken_by_hand(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose shaker a person sets; what shows that is known once it is recorded."""
+    return _by_hand(scenario, bench, emulated, lambda measured_rpm: None)
+
+
+def turned_by_hand(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
+    """The devices of a rig whose crank a person turns."""
+    from rig.session.by_hand import ShaftSeen
+
+    highest_rpm = bench.the(ManualMotorSettings).maximum_speed_rpm
+    return _by_hand(scenario, bench, emulated, lambda measured_rpm: ShaftSeen(measured_rpm, highest_rpm))
+
+
+def _by_hand(
+    scenario: Scenario,
+    bench: Bench,
+    emulated: Emulated,
+    seen: Callable[[Callable[[], float]], ShaftSeen | None],
+) -> Devices:
+    from rig.session.by_hand import ByHand
+
+    settings = emulated.reached(bench.actuator_table, bench.the(ManualSettings))
+    make_person = partial(INSTRUMENTS[bench.actuator_table].driver_of(settings), settings)
+    person = make_person()
+    return Devices(
+        person,
+        partial(make_person, off_first=True),
+        lambda wait, measured_rpm: ByHand(person, scenario.drive, wait, seen(measured_rpm)),
+        card_of(scenario, bench, emulated),
+        encoder_of(bench, emulated),
+    )
+
+
+def encoder_of(bench: Bench, emulated: Emulated) -> PositionEncoder | None:
+    """The encoder of a bench that has one."""
+    if bench.encoder is None:
+        return None
+    settings = emulated.reached("encoder", bench.encoder)
+    encoder: PositionEncoder = INSTRUMENTS["encoder"].driver_of(settings)(settings)
+    return encoder
 
 
 def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> AcquisitionCard:

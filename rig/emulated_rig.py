@@ -16,12 +16,12 @@ from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import Plant
 from drivers.protocols.generator import DriveSettings
 from drivers.protocols.instrument import ActuatorOutput
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from drivers.scpi.settings import GeneratorSettings
+from drivers.scpi.supply_settings import SupplySettings
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
-from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.twin import AnyTwin
 
@@ -53,7 +53,7 @@ def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> Emu
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
-    rig_of = resolve_name(actuator_of(RIGS[scenario.rig].actuator).rig)
+    rig_of = resolve_name(actuator_of(bench.actuator_table).rig)
     rig: EmulatedRig = rig_of(scenario, bench, twin, seed, run_seed)
     return rig
 
@@ -81,17 +81,64 @@ def shaken(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed:
 def turned(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
     """A rig whose crank an inverter turns."""
     from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
+
+    inverter = bench.the(InverterSettings)
+    setup = matching_setup(inverter, RAMP_S, bench.emulation.rehearsed("inverter"))
+    return _on_a_motor(
+        twin,
+        inverter.rpm_per_hz,
+        lambda sinks: start_inverter(InverterWiring(Fork(tuple(sinks))), setup),
+        (seed, run_seed, bench.emulation.healthy),
+    )
+
+
+def supplied(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig whose crank a motor on a DC supply turns."""
+    from drivers.scpi.emulator.process import spoilt, start_dc_supply
+
+    setup = spoilt(bench.emulation.rehearsed("dc_supply"))
+    return _on_a_motor(
+        twin,
+        bench.the(SupplySettings).rpm_per_volt,
+        lambda sinks: start_dc_supply(Fork(tuple(sinks)), setup),
+        (seed, run_seed, bench.emulation.healthy),
+    )
+
+
+def shaken_by_hand(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig whose shaker an emulated person sets, in newtons."""
+    from drivers.manual.emulator.person import shaken as sets
+    from drivers.manual.emulator.person import start_person
+    from rig.twin.plant import ShakenPlant, compiled
+
+    drive = scenario.drive
+    return EmulatedRig(
+        partial(compiled, ShakenPlant, twin, 1.0, seed, run_seed, bench.emulation.healthy),
+        lambda sinks: start_person(sets, Fork(tuple(sinks))),
+        DriveSettings(True, drive.frequency, drive.amplitude, drive.offset, SystemClock().monotonic_s()),
+    )
+
+
+def turned_by_hand(scenario: Scenario, bench: Bench, twin: AnyTwin, seed: int, run_seed: int) -> EmulatedRig:
+    """A rig whose crank an emulated person turns, in rad/s."""
+    from drivers.manual.emulator.person import start_person, turned
+
+    rpm_per_rad_s = 60.0 / math.tau
+    draw = (seed, run_seed, bench.emulation.healthy)
+    return _on_a_motor(twin, rpm_per_rad_s, lambda sinks: start_person(turned, Fork(tuple(sinks))), draw)
+
+
+def _on_a_motor(
+    twin: AnyTwin,
+    rpm_per_level: float,
+    start_actuator: Callable[[Sequence[Connection]], EmulatedInstrument],
+    draw: tuple[int, int, bool],
+) -> EmulatedRig:
+    """A rig with a shaft: `rpm_per_level` of what turns it, in Hz or V, by the bench."""
     from rig.twin.plant import CrankPlant, compiled
     from rig.twin.shaft import drawn_motor
 
-    inverter, healthy = bench.the(InverterSettings), bench.emulation.healthy
-    motor = drawn_motor(inverter.rpm_per_hz, twin.drive, seed, run_seed, healthy)
-    hz = scenario.drive.speed * 60.0 / math.tau / inverter.rpm_per_hz
-    output = InverterOutput(True, hz, hz, 0.0, SystemClock().monotonic_s())
-    setup = matching_setup(inverter, RAMP_S, bench.emulation.rehearsed("inverter"))
-    return EmulatedRig(
-        partial(compiled, CrankPlant, twin, motor, seed, run_seed, healthy),
-        lambda sinks: start_inverter(InverterWiring(Fork(tuple(sinks))), setup),
-        output,
-        motor,
-    )
+    motor = drawn_motor(rpm_per_level, twin.drive, *draw)
+    level = twin.drive.speed * 60.0 / math.tau / rpm_per_level
+    output = MotorOutput(True, level, level, 0.0, SystemClock().monotonic_s())
+    return EmulatedRig(partial(compiled, CrankPlant, twin, motor, *draw), start_actuator, output, motor)

@@ -21,7 +21,7 @@ from rig.files.bench import Bench, Emulation, tables_of
 from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
-from rig.rigs import RIGS, unit_of
+from rig.rigs import unit_of
 from rig.session.progress import FIRST_START
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ def emulated_bench(scenario: Scenario, bench: Bench) -> Iterator[Emulated]:
             ways = {table: links.enter_context(DriveLink.new()) for table in hearing if hears}
             if hears:
                 sinks = [way.sender for way in ways.values()]
-                started[RIGS[scenario.rig].actuator] = rig.start_actuator(sinks)
-                running.callback(started[RIGS[scenario.rig].actuator].close)
+                started[bench.actuator_table] = rig.start_actuator(sinks)
+                running.callback(started[bench.actuator_table].close)
             for table in shown:
                 way = ways.get(table)
                 heard = Heard(way.receiver, None) if way else Heard(None, rig.scenario_output)

@@ -20,7 +20,9 @@ from daq.plugins import OpenTable
 class Actuator:
     """What is asked of an instrument that moves the rig.
 
-    A bench bounds it by the setting `highest`, of which the operator sees `per_si` times as many `unit`.
+    It gives the `drive` of a scenario (module:class) to any rig that has such a one; without it, to the rigs
+    that name it. A bench bounds it by the setting `highest`, of which the operator sees `per_si` times as
+    many `unit`. One that is set `by_hand` is asked to stop, and cannot be made to.
     `beyond(scenario, bench)` yields what is more than a bench allows, `hurried(scenario)` what comes too soon
     on any. `rig(scenario, bench, twin, seed, run_seed)` is the emulated rig that it moves,
     `devices(scenario, bench, emulated)` are the devices of a run.
@@ -33,6 +35,8 @@ class Actuator:
     rig: str
     devices: str
     per_si: float = 1.0
+    drive: str = ""
+    by_hand: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,9 @@ class Instrument:
         return resolve_name(self.drivers[settings.driver])
 
 
+_SINE: Final = "sim_twin.rigs.impact_beam.model:SineDrive"
+_SPEED: Final = "sim_twin.rigs.crank_drive:SpeedDrive"
+_MANUAL: Final = {"manual": "drivers.manual.actuator:ManualActuator"}
 _OWN: Final = {
     "signal_generator": Instrument(
         "generator",
@@ -71,6 +78,7 @@ _OWN: Final = {
             "rig.files.pairing:no_soft_start",
             "rig.emulated_rig:shaken",
             "rig.app:shaken",
+            drive=_SINE,
         ),
     ),
     "inverter": Instrument(
@@ -85,7 +93,57 @@ _OWN: Final = {
             "rig.emulated_rig:turned",
             "rig.app:turned",
             30 / pi,
+            _SPEED,
         ),
+    ),
+    "dc_supply": Instrument(
+        "DC supply",
+        "drivers.scpi.supply_settings:SupplySettings",
+        {"scpi_n6900": "drivers.scpi.supply:ScpiSupply"},
+        Actuator(
+            "maximum_speed",
+            "rpm",
+            "rig.files.pairing:too_fast",
+            "rig.files.pairing:no_ramp",
+            "rig.emulated_rig:supplied",
+            "rig.app:supplied",
+            30 / pi,
+            _SPEED,
+        ),
+        left_open={"rpm_per_volt": 5.0, "maximum_speed": "350 rpm", "maximum_current": "3 A"},
+    ),
+    "manual_shaker": Instrument(
+        "drive set by hand",
+        "drivers.manual.settings:ManualShakerSettings",
+        _MANUAL,
+        Actuator(
+            "maximum_amplitude",
+            "N",
+            "rig.files.pairing:unseen_or_too_strong",
+            "rig.files.pairing:no_time_for_hands",
+            "rig.emulated_rig:shaken_by_hand",
+            "rig.app:shaken_by_hand",
+            drive=_SINE,
+            by_hand=True,
+        ),
+        left_open={"maximum_amplitude": "60 N"},
+    ),
+    "manual_motor": Instrument(
+        "motor set by hand",
+        "drivers.manual.settings:ManualMotorSettings",
+        _MANUAL,
+        Actuator(
+            "maximum_speed",
+            "rpm",
+            "rig.files.pairing:too_fast",
+            "rig.files.pairing:no_ramp",
+            "rig.emulated_rig:turned_by_hand",
+            "rig.app:turned_by_hand",
+            30 / pi,
+            _SPEED,
+            by_hand=True,
+        ),
+        left_open={"maximum_speed": "350 rpm"},
     ),
     "daq_card": Instrument(
         "card",

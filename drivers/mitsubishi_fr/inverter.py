@@ -93,6 +93,9 @@ class FrInverter:
             session, self._open = self._open, None
             session.end()
 
+    def arm(self, rpm: float) -> float:
+        return self.set_speed(rpm)
+
     def set_speed(self, rpm: float) -> float:
         """Set the speed; refused outside 0 to the bench's maximum, NaN included, before anything is sent."""
         if not 0.0 <= rpm <= self.settings.maximum_speed_rpm:

@@ -1,4 +1,4 @@
-"""What the rig asks of an inverter, and what an emulated one asks of its motor."""
+"""What the rig asks of what turns a motor, and what an emulated one asks of that motor."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from drivers.protocols.instrument import Instrument, Notice
 
 @dataclass(frozen=True, slots=True)
 class MotorState:
-    """What an inverter said of itself at `at_s` (s of the monotonic clock).
+    """What an inverter or a DC supply said of itself at `at_s` (s of the monotonic clock).
 
-    `set_rpm` is the speed that it keeps as its set value, `speed_rpm` follows from its output frequency: no
-    slip is in it. `fault` is what its display shows, empty for none; `degraded` that its line is disturbed.
+    `set_rpm` is the speed that it keeps as its set value, `speed_rpm` follows from its output frequency or
+    voltage: no slip is in it. `fault` is what its display shows, empty for none; `degraded` that its line is
+    disturbed.
     """
 
     at_s: float
@@ -29,7 +30,7 @@ class MotorState:
 
 
 class SpeedDrive(Instrument, Protocol):
-    """An inverter that turns the rig's crank at a set speed.
+    """An inverter, or a DC supply, that turns the rig's crank at a set speed.
 
     Every method may raise `InstrumentRefused` (it said no, tripped, or does something else than asked),
     `InstrumentSilent` (no answer in time) and, once open, `DeviceLost`. After the first of these that
@@ -64,6 +65,9 @@ class SpeedDrive(Instrument, Protocol):
     def close(self) -> None:
         """Stop the motor if it may be turning, answer or not, and hang up. Never raises."""
 
+    def arm(self, rpm: float) -> float:
+        """Prepare it for a start at that speed; nothing moves. Returns the speed as `set_speed` does."""
+
     def set_speed(self, rpm: float) -> float:
         """Set the speed in rpm; a running motor goes there on its ramp. Returns it as the drive keeps it."""
 
@@ -74,7 +78,8 @@ class SpeedDrive(Instrument, Protocol):
         """Stop in category 1: ramp to zero, see that it stands, then withdraw run; no error where it stands.
 
         The speed is taken from `measured_rpm` where that gives a finite one, else from the output frequency.
-        Where the ramp overruns 1.5 times its time, run is withdrawn at once.
+        Where the ramp overruns 1.5 times its time, run is withdrawn at once. A DC supply, which cannot brake,
+        switches off at once, and the motor coasts.
         """
 
     def cut(self) -> None:
@@ -94,38 +99,38 @@ class SpeedDrive(Instrument, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class InverterOutput:
-    """What an inverter puts out from `started_s` (s of the monotonic clock) on.
+class MotorOutput:
+    """What turns a motor from `started_s` (s of the monotonic clock) on: Hz of an inverter, V of a DC supply.
 
-    The frequency goes from `frequency_hz` to `target_hz` by `slope_hz_per_s` (>= 0) and stays there. With
-    `on` false nothing is put out and the motor coasts.
+    It goes from `level` to `target` by `slope_per_s` (>= 0) and stays there. With `on` false nothing is put
+    out and the motor coasts.
     """
 
     on: bool
-    frequency_hz: float
-    target_hz: float
-    slope_hz_per_s: float
+    level: float
+    target: float
+    slope_per_s: float
     started_s: float
 
     @property
     def settled_s(self) -> float:
         """When the target is reached."""
-        way = abs(self.target_hz - self.frequency_hz)
-        return self.started_s + (way / self.slope_hz_per_s if way > 0.0 else 0.0)
+        way = abs(self.target - self.level)
+        return self.started_s + (way / self.slope_per_s if way > 0.0 else 0.0)
 
     def at(self, time_s: float) -> float:
-        """Return the frequency in Hz at `time_s`; 0 while it is off."""
+        """Return the level at `time_s`; 0 while it is off."""
         if not self.on:
             return 0.0
-        way = self.target_hz - self.frequency_hz
-        step = self.slope_hz_per_s * max(time_s - self.started_s, 0.0)
-        return self.target_hz if step >= abs(way) else self.frequency_hz + (step if way > 0.0 else -step)
+        way = self.target - self.level
+        step = self.slope_per_s * max(time_s - self.started_s, 0.0)
+        return self.target if step >= abs(way) else self.level + (step if way > 0.0 else -step)
 
 
 class MotorLoad(Protocol):
     """The motor and what it turns, as an emulated inverter feels them."""
 
-    def drive(self, output: InverterOutput) -> None:
+    def drive(self, output: MotorOutput) -> None:
         """Take what the inverter puts out from now on."""
 
     def current_a(self) -> float:

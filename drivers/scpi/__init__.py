@@ -1,1 +1,1 @@
-"""Function generators that speak SCPI: Agilent 33210A, 33220A, 33500 and 33600 series."""
+"""Sources that speak SCPI: generators (33210A, 33220A, 33500, 33600), DC supplies (N6900, N7900)."""

@@ -21,12 +21,32 @@ _NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})
 _ERROR = re.compile(r'([+-]?\d{1,6})\s*(?:,\s*"?([^"]{0,300}).*)?', re.DOTALL)
 
 
-def _reachable(generator: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    resource = generator["resource"]
-    if not resource and not generator["emulated"]:
-        yield "resource", "the generator's VISA address, or emulated = true"
-    if generator["emulated"] and resource and not resource.startswith(_LOOPBACK):
-        yield "resource", "127.0.0.1 (an emulated instrument listens on loopback only)"
+def reachable(what: str) -> Check:
+    """A place for a real one, called `what`, and loopback for an emulated one."""
+
+    def wrong(source: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        resource = source["resource"]
+        if not resource and not source["emulated"]:
+            yield "resource", f"the {what}'s VISA address, or emulated = true"
+        if source["emulated"] and resource and not resource.startswith(_LOOPBACK):
+            yield "resource", "127.0.0.1 (an emulated instrument listens on loopback only)"
+
+    return Check(("resource", "emulated"), wrong)
+
+
+VISA_ADDRESS = Text(
+    'a VISA address, such as "TCPIP::192.168.0.5::5025::SOCKET"',
+    r"(TCPIP\d*::.+::(SOCKET|INSTR)|ASRL.+::INSTR|USB\d*::.+::INSTR|GPIB\d*::.+::INSTR)",
+)
+
+
+def longest_off_s(resource: str) -> float:
+    """How long an off may take before another connection helps, s; nothing over a network.
+
+    Any other line has one user at a time: a second one would garble the off of the first, which may wait
+    for an exchange and is one itself.
+    """
+    return 0.0 if resource.startswith("TCPIP") else 2 * MOVING_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +60,11 @@ class GeneratorSettings:
     force_per_volt: Annotated[float, Quantity("N/V", 0.001, 1000)]
     maximum_amplitude: Annotated[float, Quantity("N", 0, 1000, above=True)]
     driver: Annotated[Literal["scpi_33220a"], Key()] = "scpi_33220a"
-    resource: Annotated[
-        str,
-        Text(
-            'a VISA address, such as "TCPIP::192.168.0.5::5025::SOCKET"',
-            r"(TCPIP\d*::.+::(SOCKET|INSTR)|ASRL.+::INSTR|USB\d*::.+::INSTR|GPIB\d*::.+::INSTR)",
-        ),
-    ] = ""
+    resource: Annotated[str, VISA_ADDRESS] = ""
     emulated: Annotated[bool, Key()] = False
     name: str = "signal generator"
     timeout_s: float = 2.0  # s; 0.5 at most while it drives
-    CHECKS: ClassVar = (Check(("resource", "emulated"), _reachable),)
+    CHECKS: ClassVar = (reachable("generator"),)
 
     @staticmethod
     def place(address: str) -> Mapping[str, Any]:
@@ -61,12 +75,8 @@ class GeneratorSettings:
 
     @property
     def longest_off_s(self) -> float:
-        """How long an off may take before another connection helps, s; nothing over a network.
-
-        Any other line has one user at a time: a second one would garble the off of the first, which may wait
-        for an exchange and is one itself.
-        """
-        return 0.0 if self.resource.startswith("TCPIP") else 2 * MOVING_S
+        """See `longest_off_s`."""
+        return longest_off_s(self.resource)
 
     @property
     def maximum_amplitude_v(self) -> float:

@@ -106,6 +106,19 @@ def overrides(texts: list[str]) -> dict[str, object]:
     return found
 
 
+def noted(texts: list[str]) -> dict[str, object]:
+    """What --note says, by key of the scenario: always a text."""
+    found: dict[str, object] = {}
+    for text in texts:
+        key, mark, value = (each.strip() for each in text.partition("="))
+        if not mark or not key or not value or "." in key:
+            raise typer.BadParameter(f'--note {text}: KEY=TEXT, such as operator="Ada"')
+        if f"notes.{key}" in found:
+            raise typer.BadParameter(f"--note {key} comes twice; name one")
+        found[f"notes.{key}"] = value
+    return found
+
+
 def seconds(text: str, option: str) -> float:
     """A time as an option has it, in s: "1.5" or "20 ms"."""
     from rig.files.quantity import QuantityError, si_value

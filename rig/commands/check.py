@@ -55,7 +55,8 @@ def load_any(path: str | Path) -> Scenario | Bench | Sweep:
             return parse_bench(text, source, folder)
     allowed = (
         "a scenario (rig, [model], [drive], [acquisition]), "
-        "a bench ([signal_generator] or [inverter], [daq_card]) or a sweep ([sweep], [axes])"
+        "a bench ([signal_generator], [inverter] or what else drives, [daq_card]) "
+        "or a sweep ([sweep], [axes])"
     )
     raise ConfigurationError(source, [Problem("file", "(unknown kind)", allowed)])
 

@@ -46,6 +46,7 @@ _HELP: Final = {
     "predict:effects": (
         "List the effects that a scenario's twin can have, with the ranges of their parameters."
     ),
+    "runs:runs": "List runs by what they were, tag them, or lay two side by side, measured against measured.",
     "check:check": "Validate a scenario, bench or sweep file; lists every error at once. Nothing moves.",
     "logs:verify": "Check a log's integrity and account for every sample.",
     "logs:recover": "Rebuild a log that a crash left, into a new file.",

@@ -208,7 +208,7 @@ def import_files(
 
 def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path]) -> Recording:
     """The recording with the scenario in it, and with where it came from in its `run` record."""
-    from importlib.metadata import version
+    from rig.files.software import software
 
     starts = [track.stretches[0].time_ns for track in recording.tracks if track.stretches]
     seconds, nanoseconds = divmod(min(starts, default=0), 10**9)
@@ -218,7 +218,7 @@ def _with_records(recording: Recording, scenario: Scenario, files: Sequence[Path
         "started": f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z",
         **recording.metadata.get("run", {}),
         "imported_from": ", ".join(path.name for path in files),
-        "imported_by": f"rattle {version('rattle')}",
+        "imported_by": ", commit ".join(software().values()),
     }
     records: Mapping[str, Mapping[str, str]] = {"scenario": {"toml": scenario.text}, "run": run}
     return dataclasses.replace(recording, metadata={**recording.metadata, **records})

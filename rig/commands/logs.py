@@ -141,9 +141,10 @@ def show(run: RunRecord, screen: Screen) -> None:
 
     table = Table(box=None, pad_edge=False)
     table.add_column("channel", min_width=max(map(len, run.channels), default=0), no_wrap=True)
-    for column in ("rms measured", "predicted", "peak measured", "predicted", "unit"):
-        table.add_column(column, justify="left" if column == "unit" else "right")
     origins: tuple[Origin, Origin] = ("measured", "predicted")
+    first, second = (run.names.get(origin, origin) for origin in origins)
+    for column in (f"rms {first}", second, f"peak {first}", second, "unit"):
+        table.add_column(column, justify="left" if column == "unit" else "right")
     for name, channel in run.channels.items():
         factor, unit = as_written(channel.unit)
         both = [run.tallies.get((origin, name)) for origin in origins]

@@ -22,6 +22,7 @@ from rig.commands.arguments import (
     Model,
     ScenarioFile,
     load_pair,
+    noted,
     out_folder,
     overrides,
     print_json,
@@ -39,6 +40,10 @@ def run(
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Another value of the scenario. May come again."),
+    ] = None,
+    note: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=TEXT", help="What this run is: operator=Ada. May come again; rattle runs."),
     ] = None,
     duration: Annotated[
         str | None, typer.Option("--duration", metavar="TIME", help="How long to record.")
@@ -59,7 +64,7 @@ def run(
 
     screen = Screen(Terminal(stderr=as_json))
     lasting = [] if duration is None else [f"acquisition.duration={duration}"]
-    changed = overrides([*(settings or ()), *lasting])
+    changed = {**noted(note or []), **overrides([*(settings or ()), *lasting])}
     scenario, bench = load_pair(partial(load_scenario, settings=changed), scenario_file, bench_file)
     if until_stopped:
         if screen.nobody_enters():

@@ -86,8 +86,13 @@ class Bench:
         return found
 
     @property
+    def actuator_table(self) -> str:
+        """The table of what drives the rig."""
+        return next(iter(self.instruments))
+
+    @property
     def actuator(self) -> Any:
-        return self.instruments[RIGS[self.rig].actuator]
+        return self.instruments[self.actuator_table]
 
     @property
     def daq_card(self) -> CardSettings:
@@ -143,31 +148,32 @@ def parse_bench(text: str, source: str, folder: Path, rig: str | None = None) ->
     """Read a bench's text; paths in it start from `folder`. Raises ConfigurationError with every fault."""
     faults, given = Faults(source), read_toml(text, source)
     kind = RIGS[_inferred_rig(given) if rig is None else rig]
+    drives = _driving(given, kind)
     for name, instrument in INSTRUMENTS.items():
-        if name in given and name not in _known(kind):
-            why = f"is driven by [{kind.actuator}]" if instrument.actuator else "has none"
+        if name in given and name not in _known(kind, drives):
+            why = f"is driven by [{drives}]" if instrument.actuator else "has none"
             faults.add(name, given[name], f"none: the {kind.name} {why}")
     table = _with_defaults(given, kind, faults)
     unknown_keys(table, (*INSTRUMENTS, "emulation", STOP_TABLE), "", faults)
     instruments: dict[str, Any] = {}  # the settings of each; None where some of them are wrong
-    for name in (name for name in _known(kind) if name in table):
+    for name in (name for name in _known(kind, drives) if name in table):
         read, settings = INSTRUMENTS[name].reader, resolve_name(INSTRUMENTS[name].settings)
         reader = resolve_name(read) if read else partial(read_table, settings)
         instruments[name] = reader(table[name], name, faults)
     emulated = tuple(name for name in table if name in INSTRUMENTS and _emulated(table[name]))
     meant = (kind, *(RIGS.values() if rig is None else ()))  # a bench alone may be any rig's
     emulation = _emulation(table.get("emulation", {}), meant, emulated, folder, faults)
-    actuator, card = instruments[kind.actuator], instruments[_CARD]
+    actuator, card = instruments[drives], instruments[_CARD]
     watch_line(given, kind, instruments, faults)
     if "emulation" in given and actuator and card and not emulated:
         faults.add("emulation", given["emulation"], "none: no instrument of this bench is emulated")
-    if kind.turns and kind.actuator in given and actuator and card:  # what else shows its shaft
+    if kind.turns and drives in given and actuator and card:  # what else shows its shaft
         if card.emulated and not actuator.emulated:
-            faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=kind.actuator))
+            faults.add(f"{_CARD}.emulated", True, _REAL_CARD.format(actuator=drives))
         for name in kind.extras:
             beside = instruments.get(name)
             if beside is not None and beside.emulated != actuator.emulated:
-                why = _BESIDE[actuator.emulated].format(actuator=kind.actuator, name=name)
+                why = _BESIDE[actuator.emulated].format(actuator=drives, name=name)
                 faults.add(f"{name}.emulated", beside.emulated, why)
     if faults or emulation is None:
         raise faults.error()
@@ -181,19 +187,31 @@ def watch_line(given: Mapping[str, Any], kind: RigKind, instruments: dict[str, A
         return
     table = "inverter" if line.terminal else _CARD
     if table not in instruments:
-        faults.add(f"{STOP_TABLE}.line", line.line, f"one of the card: the {kind.name} has no [{table}]")
+        faults.add(f"{STOP_TABLE}.line", line.line, f"one of the card: this bench has no [{table}]")
     elif line.terminal and line.terminal not in Terminal.__members__:
         faults.add(f"{STOP_TABLE}.line", line.line, f"inverter/ and one of {', '.join(Terminal.__members__)}")
-    elif instruments[table].emulated and not instruments[kind.actuator].emulated:
-        allowed = f"a line of a real instrument: an emulated one knows of nobody who stops [{kind.actuator}]"
+    elif instruments[table].emulated and not instruments[drives := _driving(given, kind)].emulated:
+        allowed = f"a line of a real instrument: an emulated one knows of nobody who stops [{drives}]"
         faults.add(f"{STOP_TABLE}.line", line.line, allowed)
     else:
         instruments[table] = replace(instruments[table], stop_line=line)
 
 
-def _known(kind: RigKind) -> Iterable[str]:
-    """The tables of instruments that the bench of a rig may have; the first two it must."""
-    return kind.actuator, _CARD, *kind.extras, *(name for name, each in INSTRUMENTS.items() if each.logs)
+def actuators(kind: RigKind) -> tuple[str, ...]:
+    """The tables of what may drive a rig, its own first."""
+    drive = f"{kind.drive.__module__}:{kind.drive.__qualname__}"
+    giving = (name for name, each in INSTRUMENTS.items() if each.actuator and each.actuator.drive == drive)
+    return tuple(dict.fromkeys((kind.actuator, *giving)))
+
+
+def _driving(given: Mapping[str, Any], kind: RigKind) -> str:
+    """The first of them that a bench has; the rig's own where it has none."""
+    return next((name for name in actuators(kind) if name in given), kind.actuator)
+
+
+def _known(kind: RigKind, drives: str) -> Iterable[str]:
+    """The tables of instruments that a bench may have where one of them drives; the first two it must."""
+    return drives, _CARD, *kind.extras, *(name for name, each in INSTRUMENTS.items() if each.logs)
 
 
 def _inferred_rig(given: Mapping[str, Any]) -> str:
@@ -205,7 +223,7 @@ def _inferred_rig(given: Mapping[str, Any]) -> str:
 
     def matches(kind: RigKind) -> tuple[bool, int]:
         known = sum(isinstance(name, str) and kind.channels.unit(name) is not None for name in names)
-        return any(name in given for name in (kind.actuator, *kind.extras)), known
+        return any(name in given for name in (*actuators(kind), *kind.extras)), known
 
     return max(RIGS.values(), key=matches).name
 
@@ -216,15 +234,15 @@ def _with_defaults(given: dict[str, Any], kind: RigKind, faults: Faults) -> dict
     An instrument that is not named is emulated as well; beside a real one it must be named, so that nobody
     drives an emulated shaker while waiting for the real one.
     """
-    embedded = read_toml(kind.bench, "embedded bench")
+    embedded, drives = read_toml(kind.bench, "embedded bench"), _driving(given, kind)
     some_real = any(name in given and not _emulated(given[name]) for name in INSTRUMENTS)
     table = dict(given)
-    for name in (kind.actuator, _CARD):
+    for name in (drives, _CARD):
         if name not in given and some_real:
             faults.missing(name, f"a table [{name}] (emulated = true if it is not there)")
         if name not in given:
             table[name] = embedded[name]
-    for name in _known(kind):
+    for name in _known(kind, drives):
         if name in given and _emulated(given[name]):
             table[name] = {**embedded.get(name, INSTRUMENTS[name].left_open), **given[name]}
     return table

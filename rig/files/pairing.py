@@ -13,9 +13,7 @@ from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
-from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.rehearsal import rehearsed
-from drivers.scpi.settings import GeneratorSettings
 from rig.files.bench import Bench
 from rig.files.faults import dotted
 from rig.files.scenario import AcquisitionSection, Scenario
@@ -52,7 +50,7 @@ def check_pair(
     record = scenario.acquisition
     if recorded_s is not None:
         record = replace(record, duration=recorded_s)
-    actuator = actuator_of(RIGS[scenario.rig].actuator)
+    actuator = actuator_of(bench.actuator_table)
     problems = [
         *resolve_name(actuator.beyond)(scenario, bench),
         *resolve_name(actuator.hurried)(scenario),
@@ -134,11 +132,33 @@ def free_bytes(folder: Path) -> float:
 
 def too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     """What is more force than the bench allows."""
-    peak = scenario.drive.peak
-    highest = bench.the(GeneratorSettings).maximum_amplitude
+    peak, highest = scenario.drive.peak, bench.actuator.maximum_amplitude
     if peak > highest:
-        allowed = f"amplitude and offset together up to {highest:g} N (signal_generator.maximum_amplitude)"
+        setting = f"{bench.actuator_table}.maximum_amplitude"
+        allowed = f"amplitude and offset together up to {highest:g} N ({setting})"
         yield Problem("drive.amplitude", f"{peak:g} N", allowed)
+
+
+def unseen_or_too_strong(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
+    """What a person may not set, or nobody would see."""
+    yield from too_strong(scenario, bench)
+    shown, channels = RIGS[bench.rig].channels.drive, [each.name for each in bench.daq_card.channels]
+    if shown not in channels:
+        allowed = f"{shown}: a drive that is set by hand is believed when it is measured"
+        yield Problem("daq_card.channels", ", ".join(channels), allowed)
+    elif bench.unseen:
+        allowed = "false beside a real person: what they set would be looked for on an emulated rig"
+        yield Problem("daq_card.emulated", "true", allowed)
+
+
+def no_time_for_hands(scenario: Scenario) -> Iterator[Problem]:
+    """A drive that a person cannot start at once from phase zero, or none that could be seen."""
+    if scenario.acquisition.settle < SOFT_START_FROM_S:
+        allowed = f"at least {SOFT_START_FROM_S:g} s: nobody starts a drive by hand in time with the record"
+        yield Problem("acquisition.settle", f"{scenario.acquisition.settle:g} s", allowed)
+    if scenario.drive.offset or not scenario.drive.amplitude:
+        allowed = "an amplitude and no offset, with a drive that is set by hand"
+        yield Problem("drive", f"{scenario.drive.amplitude:g} N, offset {scenario.drive.offset:g} N", allowed)
 
 
 def no_soft_start(scenario: Scenario) -> Iterator[Problem]:
@@ -150,9 +170,9 @@ def no_soft_start(scenario: Scenario) -> Iterator[Problem]:
 
 def too_fast(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
     """What is faster than the bench allows."""
-    speed, highest = scenario.drive.speed, bench.the(InverterSettings).maximum_speed
+    speed, highest = scenario.drive.speed, bench.actuator.maximum_speed
     if speed > highest * (1 + _ROUNDING):
-        allowed = f"up to {_rpm(highest)} (inverter.maximum_speed)"
+        allowed = f"up to {_rpm(highest)} ({bench.actuator_table}.maximum_speed)"
         yield Problem("drive.speed", _rpm(speed), allowed)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import datetime
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -49,7 +51,8 @@ class Scenario:
     """A checked scenario in SI; `text` is the file as written.
 
     `model` holds what the operator says of the rig, by key of [model]: what is not there is nominal. `drive`
-    is what the rig's physics calls its drive.
+    is what the rig's physics calls its drive. `notes` say what a run was (operator, specimen, whatever a lab
+    calls it), by keys of its own; nothing depends on them.
     """
 
     name: str
@@ -59,11 +62,14 @@ class Scenario:
     acquisition: AcquisitionSection
     limits: tuple[Limit, ...]
     text: str
+    notes: Mapping[str, str] = field(default_factory=dict)
 
 
 _ONE_LINE: Final = Text("a text of one line, up to 200 characters")
 _NAME: Final = field_of(Setting("name", "name", str, REQUIRED, _ONE_LINE))
-_KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits")
+_NOTE: Final = field_of(Setting("note", "note", str, REQUIRED, Text("a text of one line", longest=500)))
+_NOTE_KEY: Final = re.compile(r"[\w-]{1,60}")
+_KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits", "notes")
 
 
 def load_scenario(path: str | Path, settings: Mapping[str, object] | None = None) -> Scenario:
@@ -106,6 +112,7 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
     if kind is None:
         raise faults.error()
     limits = tuple(_limits(table.get("limits", {}), kind, faults))
+    notes = dict(_notes(table.get("notes", {}), faults))
     given = table.get("acquisition")
     rate = sound_values(settings_of(AcquisitionSection), given).get("sample_rate")
     frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
@@ -116,7 +123,7 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
             faults.add_from(given, "sample_rate", "acquisition", allowed)
     if faults or name is None or acquisition is None:
         raise faults.error()
-    return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table))
+    return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table), notes)
 
 
 def edited(scenario: Scenario, settings: Mapping[str, object], source: str) -> Scenario:
@@ -137,6 +144,21 @@ def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dic
         if isinstance(held, dict):
             held[name] = value
     return changed
+
+
+def _notes(table: object, faults: Faults) -> Iterator[tuple[str, str]]:
+    if not isinstance(table, dict):
+        faults.add("notes", table, 'a table such as operator = "Ada"')
+        return
+    for key, value in table.items():
+        if not _NOTE_KEY.fullmatch(key):
+            faults.add(dotted("notes", key), value, "a key of letters, digits, _ and -, up to 60 of them")
+            continue
+        plain = isinstance(value, str | int | float | datetime.date | datetime.time)
+        try:
+            yield key, _NOTE.read(str(value) if plain else value)
+        except FieldError as error:
+            faults.add(dotted("notes", key), value, str(error))
 
 
 def _limits(table: object, kind: RigKind, faults: Faults) -> Iterator[Limit]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import html
 import shutil
+import tomllib
 import weakref
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -300,6 +301,15 @@ class Log:
         """The start of recording, in ns since 1970."""
         with LogReader(self.path) as log:
             return log.zero_ns or 0
+
+    @cached_property
+    def notes(self) -> dict[str, str]:
+        """What its scenario notes of the run: operator, specimen, whatever else."""
+        try:
+            notes = tomllib.loads(self.scenario).get("notes")
+        except tomllib.TOMLDecodeError:  # another program may have written it
+            return {}
+        return {key: str(value) for key, value in notes.items()} if isinstance(notes, dict) else {}
 
     @property
     def origins(self) -> dict[Origin, Channels]:

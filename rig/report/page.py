@@ -53,4 +53,5 @@ def render(run: RunRecord) -> str:
     own, at = list(made.values()), list(made).index("events")
     identity = run.metadata.get("run", {})
     subtitle = [run.facts.rig.replace("_", " "), identity.get("id", ""), identity.get("started", "")]
+    subtitle += [f"{key}: {value}" for key, value in run.facts.notes.items()]
     return page(run.facts.name or run.path.stem, subtitle, [*own[:at], *beyond, *own[at:]])

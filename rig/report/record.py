@@ -140,8 +140,8 @@ class Verdict:
 class RunRecord:
     """A run as its log tells it; `speeds` of the crank are in rpm, as they were derived.
 
-    `begins_ns` is the time of sample 0. Traces, numbers, impacts and speeds are of its first `until_stop_s`
-    where it was stopped before its time.
+    `begins_ns` is the time of sample 0. An origin that stands for something else has its name in `names`.
+    Traces, numbers, impacts and speeds are of its first `until_stop_s` where it was stopped before its time.
     """
 
     path: Path
@@ -160,6 +160,7 @@ class RunRecord:
     speeds: dict[Origin, Trace]
     verdict: Verdict | None = None
     begins_ns: int | None = None
+    names: Mapping[Origin, str] = field(default_factory=dict)
 
     @property
     def facts(self) -> ScenarioFacts:
@@ -231,6 +232,8 @@ class RunRecord:
 
     def whose(self, origin: Origin) -> str:
         """The origin as a report names it: beside a nominal twin, the prediction is the repaired one."""
+        if origin in self.names:
+            return self.names[origin]
         if origin == SURROGATE:
             return "surrogate"
         return "repaired" if self.repaired and origin == "predicted" else origin
@@ -350,12 +353,21 @@ def _joined(blocks: list[SampleBlock]) -> Trace:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioFacts:
-    """Name, rig and drive in the operator's words; `cycle_s` is one cycle of the drive, None if unknown."""
+    """Name, rig, drive and `notes` in the operator's words.
+
+    `cycle_s` is one cycle of the drive, None if unknown; `settings` are the keys of [model], [drive] and
+    [acquisition], such as drive.speed, with what stands there.
+    """
 
     name: str = ""
     rig: str = ""
     drive: str = ""
     cycle_s: float | None = None
+    notes: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+
+_TABLES = ("model", "drive", "acquisition", "notes")
 
 
 @functools.lru_cache(maxsize=8)
@@ -365,14 +377,16 @@ def scenario_facts(toml: str) -> ScenarioFacts:
         scenario = read_toml(toml, "scenario")
     except ConfigurationError:
         return ScenarioFacts()
-    drive = scenario.get("drive", {})
-    drive = drive if isinstance(drive, dict) else {}
+    tables = {name: found if isinstance(found := scenario.get(name), dict) else {} for name in _TABLES}
+    drive = tables["drive"]
     hertz = _quantity(drive.get("frequency"), "Hz") or _quantity(drive.get("speed"), "rad/s") / math.tau
     return ScenarioFacts(
         name=str(scenario.get("name", "")),
         rig=str(scenario.get("rig", "")),
         drive=", ".join(f"{key} {value}" for key, value in drive.items()),
         cycle_s=1.0 / hertz if hertz > 0 and math.isfinite(1.0 / hertz) else None,
+        notes={key: str(value) for key, value in tables.pop("notes").items()},
+        settings={f"{name}.{key}": str(each) for name in tables for key, each in tables[name].items()},
     )
 
 

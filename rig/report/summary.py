@@ -132,6 +132,24 @@ def closeness(run: RunRecord) -> list[Closeness]:
     return found
 
 
+def distance_to(run: RunRecord, origin: Origin) -> tuple[float, float]:
+    """How far an origin's autospectra lie from the measured ones, and their halves from another; dB.
+
+    Rms over channels but angles; NaN without one.
+    """
+    found: list[tuple[float, float]] = []
+    for name in run.measured:
+        measured, other = run.traces.get(("measured", name)), run.traces.get((origin, name))
+        if measured is None or other is None or name in run.roles.unwrapped:
+            continue
+        spectrum, half = _banded(measured.values, measured), len(measured.values) // 2
+        if (spectrum.density > 0).any():
+            halves = (_banded(part, measured) for part in (measured.values[:half], measured.values[half:]))
+            found.append((distance_db(spectrum, _banded(other.values, other)), distance_db(*halves)))
+    both = np.sqrt(np.mean(np.array(found) ** 2, axis=0)) if found else (math.nan, math.nan)
+    return float(both[0]), float(both[1])
+
+
 def overall(channels: Sequence[Closeness]) -> Closeness:
     """Rms over channels."""
     rows = np.array([(each.nominal_db, each.repaired_db, each.halves_db) for each in channels])

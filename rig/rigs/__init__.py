@@ -41,8 +41,17 @@ def channel_names() -> tuple[str, ...]:
 
 def shows_marks(channel: str) -> bool:
     """Whether a channel of this name is a once-per-revolution marker."""
+    return _has(channel, Role.MARKER)
+
+
+def shows_speed(channel: str) -> bool:
+    """Whether a channel of this name is a tachometer."""
+    return _has(channel, Role.SPEED)
+
+
+def _has(channel: str, role: Role) -> bool:
     known = declared(channel)
-    return known is not None and known.role is Role.MARKER
+    return known is not None and known.role is role
 
 
 def shaft_channel(channels: Iterable[str]) -> str | None:

@@ -228,6 +228,9 @@ def plan_of(scenario: Scenario, bench: Bench) -> CentringPlan:
     if bench.unseen:
         allowed = "false beside a real generator: by emulated forces the real beam is pushed anywhere"
         raise ConfigurationError(bench.source, [Problem("daq_card.emulated", "true", allowed)])
+    if not isinstance(bench.actuator, GeneratorSettings):
+        allowed = "[signal_generator]: an offset is searched for in steps that nobody sets by hand"
+        raise ConfigurationError(bench.source, [Problem(bench.actuator_table, "(here)", allowed)])
     rig, per_volt = twin_of(scenario).rig, bench.the(GeneratorSettings).force_per_volt
     beam = resting(rig)
     reach, step = rig.clearance / beam.compliance, _STEP_V * per_volt

@@ -24,8 +24,8 @@ from rig.files.bench import Bench
 from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
-from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
+from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker, drive_off_after
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
@@ -130,7 +130,7 @@ class DrivenRig:
         self._supervisor = Supervisor(
             devices.spare,
             devices.locks,
-            bench.actuator.emulated,
+            bench.actuator.emulated or actuator_of(bench.actuator_table).by_hand,
             devices.line,
             devices.latch,
             self.motion.longest_stop_s,
@@ -176,10 +176,13 @@ class DrivenRig:
 
     def hold_force(self, channel: str, frequency_hz: float) -> None:
         """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order."""
-        if isinstance(self.motion, Shaker):
-            highest = getattr(self._bench.actuator, actuator_of(RIGS[self._bench.rig].actuator).highest)
+        if isinstance(self.motion, Shaker | ByHand):
+            highest = getattr(self._bench.actuator, actuator_of(self._bench.actuator_table).highest)
             shown = self.devices.card.channels[self.names.index(channel)]
             force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
+            if isinstance(self.motion, ByHand):
+                self.motion.seen = SineSeen(force)
+                return
 
             def prove(ordered: float) -> None:
                 """Raise before a soft start goes on where the measured force is beyond what was ordered."""
@@ -228,6 +231,8 @@ class DrivenRig:
                 raise Hung(f"{self._hung}, and the drive was switched off")
 
         acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
+        if isinstance(motion, ByHand):
+            motion.alive = lambda: acquisition.error is None and not acquisition.hangs
         self.watch.checks += [self.heed_emergency_stop, acquisition.check, self.shaft.check]
         self.watch.at_times(motion.check)
         self.watch.checks += [heed_hung, self._supervisor.check]

@@ -58,7 +58,7 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
         stop, devices, notes = connected(stack, request.connect, first, request.bench, screen)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
         if not isinstance(rig.motion, Motor):
-            raise ConfigurationError(first.name, [Problem("rig", first.rig, "a slider-crank")])
+            raise ConfigurationError(first.name, [Problem("rig", first.rig, "a crank that rattle turns")])
         ended = threading.Event()  # the last dwell, and the record with it
         rig.launch(stack)
         rig.motion.arm(soft=True)

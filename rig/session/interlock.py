@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -90,6 +91,7 @@ class LimitWatch:
         return longest >= self._hold[limit.channel]
 
 
+_FREQUENCY_BLOCKS = 10  # a second of the card's readings
 _OVER_S = 0.2  # two readings of the card; a whole cycle where that is longer
 _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
@@ -98,35 +100,51 @@ _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 class ForceWatch:
     """Holds the measured drive, its sine and its mean, to `highest` and to what was ordered, in its unit.
 
-    It looks over whole cycles, `over_s` long. `take` is for the acquisition thread.
+    It looks over whole cycles, `over_s` long. `take` is for the acquisition thread. `amplitude` is the
+    sine's, `frequency_hz` what it is seen to have over the last second, NaN until then.
     """
 
     def __init__(self, channel: Channel, frequency_hz: float, sample_rate: float, highest: float) -> None:
-        self.channel, self._highest = channel, highest
+        self.channel, self.highest = channel, highest
+        self._nominal_hz, self._rate = frequency_hz, sample_rate
         self.over_s = max(1, int(_OVER_S * frequency_hz)) / frequency_hz
         at_s = np.arange(round(self.over_s * sample_rate)) / sample_rate
         self._sine = 2.0 * np.exp(-2j * np.pi * frequency_hz * at_s) / len(at_s)
         self._values = np.zeros(len(at_s))
-        self._force = 0.0
+        self._force = self.amplitude = 0.0
+        self.frequency_hz = math.nan
+        self._phasor = 0j
+        self._advances = deque[tuple[float, int]](maxlen=_FREQUENCY_BLOCKS)  # rad too far, samples
 
     def take(self, values: NDArray[np.floating]) -> str:
         """Take the next samples, shape (n,); what is wrong, newly."""
         self._values = np.concatenate((self._values, values))[-len(self._values) :]
         mean, before = float(self._values.mean()), self._force
-        self._force = abs(complex(self._sine @ (self._values - mean))) + abs(mean)
-        limit = _BEYOND_BENCH * self._highest
+        self._follow(complex(self._sine @ (self._values - mean)), len(values))
+        self._force = self.amplitude + abs(mean)
+        limit = _BEYOND_BENCH * self.highest
         if not self._force > limit or before > limit:  # told once, as it passes
             return ""
         unit = self.channel.unit
         return (
-            f"{self.channel.name} = {self._force:.4g} {unit}, where the bench allows {self._highest:g} {unit}"
+            f"{self.channel.name} = {self._force:.4g} {unit}, where the bench allows {self.highest:g} {unit}"
         )
+
+    def _follow(self, phasor: complex, count: int) -> None:
+        """By how much the sine turns between two looks more than it should."""
+        nominal = np.exp(2j * np.pi * self._nominal_hz * count / self._rate)
+        self._advances.append((float(np.angle(phasor * np.conj(self._phasor * nominal))), count))
+        self._phasor, self.amplitude = phasor, abs(phasor)
+        turned, samples = (sum(column) for column in zip(*self._advances, strict=True))
+        whole = len(self._advances) == self._advances.maxlen
+        off_hz = turned * self._rate / (2 * np.pi * samples) if whole and samples else math.nan
+        self.frequency_hz = self._nominal_hz + off_hz
 
     def above(self, ordered: float) -> str:
         """How the force is beyond what was ordered, N; empty where it is not."""
         if not math.isfinite(self._force):
             return f"{self.channel.name} shows no number"
-        if not self._force > _BEYOND_ORDER * ordered + _FAINT * self._highest:
+        if not self._force > _BEYOND_ORDER * ordered + _FAINT * self.highest:
             return ""
         return (
             f"{self.channel.name} = {self._force:.3g} {self.channel.unit} where {ordered:.3g} is ordered: "

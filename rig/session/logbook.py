@@ -6,7 +6,6 @@ import datetime
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 from daq.block import NS_PER_S
@@ -17,6 +16,7 @@ from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.instrument import Notice
 from rig.files.bench import Bench
+from rig.files.software import software
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.stream import Block, Consumer, Metadata, Record, Stream
@@ -61,7 +61,7 @@ def run_record(
     return {
         "id": run_id,
         "started": f"{_now(clock):%Y-%m-%dT%H:%M:%S.%fZ}",
-        "software": f"rattle {version('rattle')}",
+        **software(),
         "bench": bench.source,
         "bench_sha256": _digest(bench.text),
         "calibration_sha256": _digest("\n".join(calibration)),

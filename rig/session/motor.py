@@ -31,6 +31,10 @@ _SEEN_TURNS, _SEEN_S = 8.0, 2.0
 """A marker shows a speed after four marks that agree; the reading that has them comes a block later."""
 _FEWEST_TURNS, _MEAN_S = 3, 1.0
 _MOST_TRIMS = 6
+_PROOF_SHARE, _PROOF_S = 0.125, 0.5
+"""Of the wanted speed, and for how long it is looked at: two of a card's readings, and their way."""
+_BEYOND_ORDER, _FAINT = 1.5, 0.02
+"""What motor and gearing may make of an order, and of the wanted speed besides: noise of a tachometer."""
 HELD_SHARE = 0.005
 """Of the wanted speed: a mean that stays further off after trimming is told as a warning."""
 
@@ -63,7 +67,9 @@ class Motor:
 
     `wait` waits that many seconds and may raise; `measured_rpm` is the speed of the shaft by the instruments
     on it, NaN where they do not show it. Only `start` changes the set value: while a run settles and records,
-    the inverter holds still, for every correction would be a disturbance in the record.
+    it holds still, for every correction would be a disturbance in the record. What `proves` is a motor whose
+    speed per volt is known from the bench file alone: it has to show an eighth of the speed before it is told
+    to go on, as far as an instrument shows one so slow.
     """
 
     def __init__(
@@ -73,8 +79,10 @@ class Motor:
         wait: Callable[[float], None],
         measured_rpm: Callable[[], float],
         clock: Clock | None = None,
+        proves: bool = False,
     ) -> None:
         self._drive, self._wait, self._measured_rpm = drive, wait, measured_rpm
+        self._proves = proves
         self._clock = clock or SystemClock()
         self.speed_rad_s = speed_rad_s
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * RPM_PER_RAD_S
@@ -87,7 +95,7 @@ class Motor:
 
     @property
     def what(self) -> str:
-        return f"crank at {self._wanted_rpm:g} rpm, inverter set to {self._kept_rpm:g} rpm"
+        return f"crank at {self._wanted_rpm:g} rpm, {self._drive.name} set to {self._kept_rpm:g} rpm"
 
     @property
     def longest_stop_s(self) -> float:
@@ -102,7 +110,8 @@ class Motor:
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)
         first_rpm = path[0].speed * RPM_PER_RAD_S if path else self._wanted_rpm
-        self._kept_rpm = self._order(lambda: self._drive.set_speed(first_rpm))
+        first_rpm *= _PROOF_SHARE if self._proves else 1.0
+        self._kept_rpm = self._order(lambda: self._drive.arm(first_rpm))
 
     def start(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         """Come up on the ramp, through the speeds of `path`, and trim until the shaft turns as wanted.
@@ -115,6 +124,9 @@ class Motor:
         speeds = [*(drive.speed for drive in path), self.speed_rad_s]
         self._wanted_rpm = self._fastest_rpm = speeds[0] * RPM_PER_RAD_S
         self._order(self._drive.start)
+        if self._proves:
+            self._prove()
+            self._kept_rpm = self._order(lambda: self._drive.set_speed(self._wanted_rpm))
         self._await_output()
         self._await_shaft()
         for speed_rad_s in speeds[1:]:
@@ -157,6 +169,18 @@ class Motor:
     def _order(self, order: Callable[[], _T]) -> _T:
         self._ordering = True  # until somebody looks again
         return order()
+
+    def _prove(self) -> None:
+        """Raise InterlockTripped where the shaft is faster than ordered, before it is ordered more."""
+        ordered_rpm = self._kept_rpm
+        self._await_output()
+        for _ in range(round(_PROOF_S / _STEP_S)):
+            rpm = self._look_on()
+        if abs(rpm) > _BEYOND_ORDER * ordered_rpm + _FAINT * self._wanted_rpm:
+            raise InterlockTripped(
+                f"interlock: the shaft turns at {rpm:.4g} rpm where {ordered_rpm:.4g} rpm is ordered: what a "
+                "volt makes in the bench file, the gearing; the motor is off"
+            )
 
     def _move_to(self, speed_rad_s: float) -> None:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * RPM_PER_RAD_S
@@ -212,7 +236,7 @@ class Motor:
             return InterlockTripped("interlock: no instrument shows that the shaft turns; the motor is off")
         return self._refused(
             f"the shaft turns at {rpm:.4g} rpm and not at {self._wanted_rpm:g} rpm",
-            "the gearing and the number of poles in the bench file (speed per Hz), belt, and pulses per turn",
+            "the gearing and the poles in the bench file (speed per Hz or per V), belt, and pulses per turn",
         )
 
     def _trim(self) -> None:
@@ -239,7 +263,7 @@ class Motor:
         off = mean_rpm / self._wanted_rpm - 1.0
         text = (
             f"shaft at {mean_rpm:.3f} rpm for {self._wanted_rpm:g} rpm ({off:+.3%}), "
-            f"inverter set to {self._kept_rpm:g} rpm"
+            f"{self._drive.name} set to {self._kept_rpm:g} rpm"
         )
         if abs(off) > HELD_SHARE:
             self._note("warning", "motor.off_speed", text)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.angle.marker import MOST_MISSING, MarkTracker
 from daq.channel import Channel
 from daq.clock import Clock
-from rig.rigs import shaft_channel, shows_marks
+from rig.rigs import shaft_channel, shows_marks, shows_speed
 
 RPM_PER_RAD_S = 60.0 / math.tau
 STALE_S = 0.5
@@ -22,6 +22,8 @@ _KEPT_S = 61.0
 """A turn at 1 rpm, the slowest that a scenario may ask for; of faster turns the last one is kept."""
 _POINT_S = 0.005  # a point of the angle is kept so often: 20 within `_LATEST_S`
 _LATEST_S = 0.1  # what counts as now: a block of the card and a little of the last
+_STANDS_RPM = 2.0
+"""A tachometer that shows less may stand on a shaft that stands: its zero is none."""
 _STEADY_SHARE = 0.10  # what a turn's mean may differ from the latest, with an uneven turn, and still count
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
@@ -66,6 +68,23 @@ class ShaftSpeed:
         if self._clock.monotonic_s() - self._at_s > STALE_S:
             return math.nan
         return self.shown.speed_rad_s * RPM_PER_RAD_S
+
+
+class Tachometer:
+    """The mean of a card's last block by a tachometer on the shaft; taken and asked for like `ShaftSpeed`."""
+
+    def __init__(self, channels: Iterable[Channel], clock: Clock) -> None:
+        self.channel = next((each.name for each in channels if shows_speed(each.name)), None)
+        self._clock = clock
+        self._rpm, self._at_s = math.nan, -math.inf
+
+    def take(self, values: NDArray[np.float64]) -> None:
+        if len(values):
+            self._rpm, self._at_s = float(values.mean()) * RPM_PER_RAD_S, self._clock.monotonic_s()
+
+    def rpm(self) -> float:
+        stale = self._clock.monotonic_s() - self._at_s > STALE_S
+        return math.nan if stale or abs(self._rpm) < _STANDS_RPM else self._rpm
 
 
 class ByAngle:

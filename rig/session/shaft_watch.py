@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -21,7 +22,7 @@ from rig.session.encoder_check import at_marks
 from rig.session.encoder_record import EncoderRecord
 from rig.session.interlock import guards_of_shaft
 from rig.session.motor import OVERSPEED
-from rig.session.shaft_speed import ShaftSpeed
+from rig.session.shaft_speed import ShaftSpeed, Tachometer
 from rig.stream import Stream
 
 _MOST_MARKS = 4096  # over a minute at 3000 rpm
@@ -107,6 +108,7 @@ class ShaftWatch:
     def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
         self._names, self._rate = [channel.name for channel in channels], sample_rate
         self._speed = ShaftSpeed(channels, sample_rate, clock)
+        self._tachometer = Tachometer(channels, clock)
         self._marks = MarkWatch(channels)
         self._by_card, self._by_encoder = guards_of_shaft(clock)
 
@@ -116,7 +118,9 @@ class ShaftWatch:
         return self._by_card.tripped is not None or self._by_encoder.tripped is not None
 
     def rpm(self) -> float:
-        return self._speed.rpm()
+        """By angle or mark; where these do not tell, as a mark of a slow shaft, by a tachometer."""
+        rpm = self._speed.rpm()
+        return self._tachometer.rpm() if math.isnan(rpm) else rpm
 
     def recording(
         self, encoder: PositionEncoder, acquisition: Acquisition, stream: Stream, wanted_rad_s: float | None
@@ -139,6 +143,8 @@ class ShaftWatch:
 
     def take(self, reading: CardReading, acquisition: Acquisition) -> Iterator[Event]:
         """Take a block; what to tell of it."""
+        if self._tachometer.channel is not None:
+            self._tachometer.take(reading.values[self._names.index(self._tachometer.channel)])
         if self._speed.channel is not None:
             self._speed.take(reading.first_sample, reading.values[self._names.index(self._speed.channel)])
             yield from self._by_card.look(self._speed.shown, acquisition.acquired / self._rate)

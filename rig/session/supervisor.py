@@ -60,9 +60,10 @@ class Supervisor:
     """Brings the drive to rest when this process dies or `beat` stays away for 0.5 s.
 
     `spare` makes a second driver of the same actuator, which switches it off by a connection of its own, for
-    as long as it takes, and holds `locks` meanwhile; it must be picklable. An `emulated` actuator is tried
-    once. Where it is None no second one can be opened: then the supervisor ends a run that hangs for 4 s, so
-    that nothing keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
+    as long as it takes, and holds `locks` meanwhile; it must be picklable. It does so `once` with an actuator
+    that ends with its run, as an emulated one, and with a person, who has been asked then. Where it is None
+    no second one can be opened: then the supervisor ends a run that hangs for 4 s, so that nothing keeps the
+    actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
 
     It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
     `latch`. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at nothing
@@ -73,7 +74,7 @@ class Supervisor:
         self,
         spare: Callable[[], Actuator] | None,
         locks: Sequence[InstrumentLock] = (),
-        emulated: bool = False,
+        once: bool = False,
         line: Callable[[], LineReader] | None = None,
         latch: Latch | None = None,
         off_s: float = 0.0,
@@ -85,7 +86,7 @@ class Supervisor:
         self._line_seen: EmergencyStop | None = None
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
-        watched = spare, locks, emulated, line, latch, hurry_s
+        watched = spare, locks, once, line, latch, hurry_s
         self._child = Child("supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None)
         self._pipe_has = select.poll()  # Connection.poll makes one for each of a hundred looks a second
         self._pipe_has.register(self._child.pipe.fileno(), select.POLLIN)
@@ -184,7 +185,7 @@ def _supervise(
     pipe: Connection,
     spare: Callable[[], Actuator] | None,
     locks: Sequence[InstrumentLock],
-    emulated: bool,
+    once: bool,
     line: Callable[[], LineReader] | None,
     latch: Latch | None,
     hurry_s: float,
@@ -205,8 +206,8 @@ def _supervise(
             if why != _GONE and os.getppid() == run:
                 os.kill(run, signal.SIGKILL)
             _say(why)
-        elif emulated:
-            switch_off(spare)  # it ends with the run
+        elif once:
+            switch_off(spare)
         elif os.fork() == 0:  # the run waits for its child, which this one is not
             _switch_off_for_good(pipe, spare, locks, told=why == _OFF)
             os._exit(0)

@@ -176,9 +176,9 @@ def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:
 
 def _guards(sweep: Sweep, bench: Bench) -> Iterator[str]:
     kind, scenario = RIGS[sweep.rig], sweep.points[0].scenario
-    actuator, asked = actuator_of(kind.actuator), max(point.scenario.drive.peak for point in sweep.points)
+    actuator, asked = actuator_of(bench.actuator_table), max(p.scenario.drive.peak for p in sweep.points)
     allowed = f"{getattr(bench.actuator, actuator.highest) * actuator.per_si:g} {actuator.unit}"
-    said = f"{asked * actuator.per_si:g} of {allowed} ({kind.actuator}.{actuator.highest})"
+    said = f"{asked * actuator.per_si:g} of {allowed} ({bench.actuator_table}.{actuator.highest})"
     yield f"guard      drive at most {said}"
     if kind.turns:
         yield f"guard      {SPEED_GUARDED}"

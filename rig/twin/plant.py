@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.protocols.generator import DriveSettings
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from rig.twin.shaft import EmulatedMotor, ShaftCourse, SpeedChange
 from sim_twin.ranges import require
 from sim_twin.rigs.crank_drive import SpeedDrive
@@ -132,7 +132,7 @@ class CrankPlant(_DrawnPlant):
         self._start_s, self._passed_s = 0.0, math.inf
         self._turn(self._standing)
 
-    def drive(self, output: InverterOutput, at_sample: float) -> None:
+    def drive(self, output: MotorOutput, at_sample: float) -> None:
         self._start_s = output.started_s - at_sample / self._rate
         self._pass_on(output.started_s)
         self._course.hear(output)

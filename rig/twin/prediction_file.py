@@ -13,6 +13,7 @@ from daq.log.writer import LogWriter
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario
+from rig.files.software import software
 from rig.twin.prediction import blocks_of, settling_s, skip
 from rig.twin.scenario_twin import predicted_channels
 from sim_twin.twin import AnyTwin
@@ -48,7 +49,7 @@ def write_prediction(
     with LogWriter(path) as log, removed_if_it_fails(path):
         log.add_metadata("scenario", {"toml": scenario.text})
         drawn = {} if seed is None else {"seed": str(seed)}
-        log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", **drawn})
+        log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", **software(), **drawn})
         log.add_metadata("twin", twin_record(effects, fitted))
         for channel in predicted_channels(twin):
             log.declare("predicted", channel)

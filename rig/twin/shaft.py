@@ -1,4 +1,4 @@
-"""The shaft of an emulated crank: its angle as a function of time, from what the inverter has put out.
+"""The shaft of an emulated crank: its angle as a function of time, from what turns it has put out.
 
 Every process that shows the shaft computes it from the same outputs and gets the same angle.
 """
@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
 
 STEP_S: Final = 0.01
@@ -28,13 +28,13 @@ _MOST_SLIP: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class EmulatedMotor:
-    """What turns the shaft: `rad_s_per_hz` of output, in truth.
+    """What turns the shaft: `rad_s_per_level` of output (Hz, V), in truth.
 
     Within a revolution the speed goes as that of `shape`, which turns at 1 rad/s. Before the first output the
     shaft stands at `start_angle` rad.
     """
 
-    rad_s_per_hz: float
+    rad_s_per_level: float
     shape: SpeedDrive
     start_angle: float = 0.0
 
@@ -112,14 +112,14 @@ class ShaftCourse:
         self._motor = motor
         self._stretches = [_Stretch(_ALWAYS_S)]
 
-    def hear(self, output: InverterOutput) -> None:
+    def hear(self, output: MotorOutput) -> None:
         """Follow an output from its beginning on; whatever was to come then is forgotten."""
         while self._stretches[-1].start_s >= output.started_s:
             self._stretches.pop()
         before, at_s = self._stretches[-1], output.started_s
         if output.on:
-            per_hz = self._motor.rad_s_per_hz
-            first, last = output.frequency_hz * per_hz, output.target_hz * per_hz
+            per_level = self._motor.rad_s_per_level
+            first, last = output.level * per_level, output.target * per_level
             span_s = output.settled_s - at_s
         else:
             first, last = before.speed_in(before.step_at(at_s)), 0.0
@@ -159,7 +159,7 @@ class LinkedShaft:
     """
 
     def __init__(
-        self, motor: EmulatedMotor, outputs: Connection | None = None, initial: InverterOutput | None = None
+        self, motor: EmulatedMotor, outputs: Connection | None = None, initial: MotorOutput | None = None
     ) -> None:
         self._course, self._outputs = ShaftCourse(motor), outputs
         self._looking = threading.Lock()

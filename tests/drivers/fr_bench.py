@@ -34,7 +34,7 @@ from drivers.mitsubishi_fr.registers import (
     Command,
 )
 from drivers.mitsubishi_fr.settings import NO_FUNCTION, InverterSettings
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 
 T = TypeVar("T")
 GAP_S = 0.002
@@ -162,9 +162,9 @@ class RecordedMotor(FreeMotor):
 
     def __init__(self) -> None:
         super().__init__()
-        self.outputs: list[InverterOutput] = []
+        self.outputs: list[MotorOutput] = []
 
-    def drive(self, output: InverterOutput) -> None:
+    def drive(self, output: MotorOutput) -> None:
         super().drive(output)
         self.outputs.append(output)
 

@@ -26,8 +26,11 @@ from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
 from drivers.protocols.generator import DriveGenerator
 from drivers.protocols.speed_drive import SpeedDrive
-from drivers.scpi.emulator.process import start_function_generator
+from drivers.scpi.emulator.process import start_dc_supply, start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
+from drivers.scpi.instrument import ScpiSource
+from drivers.scpi.supply import ScpiSupply
+from drivers.scpi.supply_settings import SupplySettings
 from tests.drivers.conftest import WIRING, card_settings
 from tests.drivers.encoders import CALM_MS, slow_shaft, socketcand
 from tests.drivers.plants import SinePlant
@@ -71,6 +74,17 @@ def _use_generator(driver: Driver) -> None:
 def _arm_generator(driver: Driver) -> None:
     assert isinstance(driver, ScpiGenerator)
     driver.arm_sine(20.0, 0.5, 0.0, triggered=False)
+    driver.start()
+
+
+def _use_supply(driver: Driver) -> None:
+    assert isinstance(driver, ScpiSupply)
+    driver.set_speed(100.0)
+
+
+def _arm_supply(driver: Driver) -> None:
+    assert isinstance(driver, ScpiSupply)
+    driver.arm(200.0)
     driver.start()
 
 
@@ -118,6 +132,14 @@ CASES = {
         _arm_generator,
         _use_generator,
         lambda port: f"ASRL/dev/pts/{port}::INSTR",
+    ),
+    "supply": Case(
+        start_dc_supply,
+        lambda emulator: emulator.address,
+        lambda address: ScpiSupply(SupplySettings(5.0, 300.0, 3.0, resource=address, timeout_s=0.5)),
+        _arm_supply,
+        _use_supply,
+        lambda port: f"TCPIP::127.0.0.1::{port}::SOCKET",
     ),
     "card": Case(
         lambda: start_daq_card(SinePlant, WIRING),
@@ -192,7 +214,7 @@ def test_works_again_after_closing_and_opening(case: Case) -> None:
         for _ in range(2):
             case.arm(driver)
             case.use(driver)
-            if isinstance(driver, ScpiGenerator):
+            if isinstance(driver, ScpiSource):
                 driver.off()  # closing leaves its output as it is, and one that drives is refused
             driver.close()
             driver.close()

@@ -24,7 +24,7 @@ from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverte
 from drivers.mitsubishi_fr.inverter import FrInverter, _Open, reset_tripped
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings
-from drivers.protocols.speed_drive import InverterOutput, SpeedDrive
+from drivers.protocols.speed_drive import MotorOutput, SpeedDrive
 from drivers.rehearsal import rehearsed
 from tests.drivers.fr_peer import PlainServer
 
@@ -60,12 +60,12 @@ class Ends:
         self.theirs = (theirs_outputs, theirs_currents, theirs_rehearsal)
         self.wiring = InverterWiring(*self.theirs)
 
-    def await_output(self, wanted: Callable[[InverterOutput], bool]) -> InverterOutput:
+    def await_output(self, wanted: Callable[[MotorOutput], bool]) -> MotorOutput:
         """Return the next output that is as wanted."""
         deadline_s = time.monotonic() + DEADLINE_S
         while self.outputs.poll(max(deadline_s - time.monotonic(), 0.0)):
             output = self.outputs.recv()
-            assert isinstance(output, InverterOutput)
+            assert isinstance(output, MotorOutput)
             if wanted(output):
                 return output
         raise AssertionError("no such output")
@@ -115,9 +115,9 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         assert any("Pr.1 maximum frequency is 120 Hz" in warning for warning in inverter.warnings)
         assert inverter.set_speed(200.0) == pytest.approx(200.1, abs=1e-9)
         inverter.start()
-        output = ends.await_output(lambda output: output.target_hz > 0.0)
-        assert output.target_hz == pytest.approx(6.67, abs=1e-9)
-        assert output.slope_hz_per_s == pytest.approx(120.0, abs=1e-9)
+        output = ends.await_output(lambda output: output.target > 0.0)
+        assert output.target == pytest.approx(6.67, abs=1e-9)
+        assert output.slope_per_s == pytest.approx(120.0, abs=1e-9)
         while (state := inverter.read()).output_frequency_hz != 6.67:
             assert time.monotonic() < output.settled_s + DEADLINE_S
         assert (state.running, state.fault) == (True, "")
@@ -126,7 +126,7 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
         inverter.stop()
         assert inverter.read().speed_rpm == 0.0
         inverter.stop()  # as on every way out of a run: done again, told once
-        assert ends.await_output(lambda output: output.target_hz == 0.0).on
+        assert ends.await_output(lambda output: output.target == 0.0).on
         assert inverter.health is not None
         assert inverter.health.asked > 10
     told = inverter.take_notices()
@@ -146,7 +146,7 @@ def test_a_stop_that_its_caller_cannot_wait_for_goes_on(
     with opened(settings_for(emulator.address)) as inverter:
         inverter.set_speed(200.0)
         inverter.start()
-        ends.await_output(lambda output: output.target_hz > 0.0)
+        ends.await_output(lambda output: output.target > 0.0)
         monkeypatch.setattr(_Open, "longest_stop_s", 0.1)
         # A shaft that seems to turn on holds the stop up for one and a half ramps, 0.5 s at least.
         with pytest.raises(InstrumentSilent, match=r"its stop, which goes on, has not ended within 0\.1 s"):
@@ -236,14 +236,14 @@ def test_when_the_program_dies_the_drive_stops_by_itself() -> None:
         ) as program:
             assert program.stdout is not None
             assert program.stdout.readline() == "runs\n"
-            ends.await_output(lambda output: output.target_hz > 0.0)
+            ends.await_output(lambda output: output.target > 0.0)
             program.send_signal(signal.SIGKILL)
             killed_s = time.monotonic()
-        output = ends.await_output(lambda output: output.target_hz == 0.0)
+        output = ends.await_output(lambda output: output.target == 0.0)
         # The last poll was up to a period and an answer before; how exact the drive is: test_fr_drive.
         assert WATCHDOG_S - 0.5 < output.started_s - killed_s < WATCHDOG_S + 0.5
         assert output.on
-        assert output.frequency_hz == pytest.approx(6.67, abs=1e-9)
+        assert output.level == pytest.approx(6.67, abs=1e-9)
 
 
 def test_wrong_settings_are_all_told_and_the_drive_can_be_opened_after_that() -> None:

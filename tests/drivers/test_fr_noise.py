@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.modbus_noise import LINES, MUST_HOLD, Outcome, Truth, differences, one
-from drivers.protocols.speed_drive import InverterOutput, MotorState
+from drivers.protocols.speed_drive import MotorOutput, MotorState
 
 PATIENCE = 2.5  # a stall of this machine is no silence of the drive
 RIGHT = MotorState(10.0, True, 200.1, 200.1, 6.67, 0.6, 22.2)
@@ -29,8 +29,8 @@ def truth() -> Iterator[Truth]:
     """Return a drive that has run at 6.67 Hz since 1 s and is stopped at 20 s, with a ramp of 1 s."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
     with ours, theirs:
-        theirs.send(InverterOutput(True, 6.67, 6.67, 10.0, 1.0))
-        theirs.send(InverterOutput(True, 6.67, 0.0, 6.67, 20.0))
+        theirs.send(MotorOutput(True, 6.67, 6.67, 10.0, 1.0))
+        theirs.send(MotorOutput(True, 6.67, 0.0, 6.67, 20.0))
         yield Truth(ours)
 
 

@@ -26,6 +26,7 @@ from rig.session import spoilt_disk
 EVERYWHERE = {"unplugged", "hangs"}
 SOURCES = {
     "signal_generator": (generator_process,),
+    "dc_supply": (generator_process,),
     "inverter": (server,),
     "encoder": (encoder, encoder_process),
     "daq_card": (wiring,),
@@ -54,7 +55,8 @@ def test_the_page_of_drills_has_the_table() -> None:
     ]
     assert page.endswith("\n".join(rows) + "\n")
     for named in re.findall(
-        r"`((?:signal_generator|inverter|daq_card|encoder|disk)\.[^`]*)`", page.partition("## The table")[0]
+        r"`((?:signal_generator|dc_supply|inverter|daq_card|encoder|disk)\.[^`]*)`",
+        page.partition("## The table")[0],
     ):
         rehearsed(named)
 

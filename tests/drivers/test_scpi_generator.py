@@ -18,7 +18,7 @@ from daq.clock import SystemClock
 from daq.errors import InstrumentAbsent, InstrumentRefused
 from drivers.emulator_process import EmulatedInstrument
 from drivers.protocols.generator import DriveGenerator, DriveSettings
-from drivers.scpi.emulator.process import GeneratorSetup, start_function_generator
+from drivers.scpi.emulator.process import SourceSetup, start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from drivers.scpi.link import ScpiLink
 from drivers.scpi.settings import Choice
@@ -227,7 +227,7 @@ def test_a_start_that_overtakes_a_stop_is_taken_back(
 
 @pytest.mark.parametrize("way", [0, 1], ids=["TCP", "pty"])
 def test_what_an_earlier_client_left_is_cleared(way: int) -> None:
-    setup = GeneratorSetup(pending_errors=(-410, -420, *[-113] * 30), stale_answer=b"+1.5E+00\nhalf an ans")
+    setup = SourceSetup(pending_errors=(-410, -420, *[-113] * 30), stale_answer=b"+1.5E+00\nhalf an ans")
     with start_function_generator(setup=setup) as emulator:
         driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=emulator.addresses[way]))
         driver.open()
@@ -259,7 +259,7 @@ def test_noise_on_the_line_does_not_stop_the_emulator(generator_emulator: Emulat
     "identity", ["Stanford Research Systems,DS345,1,1.0", "Agilent Technologies,34401A,0,1", "33220A", ""]
 )
 def test_another_model_answers(identity: str) -> None:
-    with start_function_generator(setup=GeneratorSetup(identity=identity)) as emulator:
+    with start_function_generator(setup=SourceSetup(identity=identity)) as emulator:
         driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=emulator.address))
         with pytest.raises(InstrumentAbsent, match="which is no 33210A, 33220A") as caught:
             driver.open()

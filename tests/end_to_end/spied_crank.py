@@ -26,7 +26,7 @@ from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
 from drivers.protocols.emergency_stop import StopLine
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from rig.twin.shaft import EmulatedMotor, LinkedShaft, ShaftCourse
 from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.end_to_end.command import await_true
@@ -98,9 +98,9 @@ class TurningPlant:
     def start(self, sample_rate: float) -> None:
         self._rate, self._made = sample_rate, 0
 
-    def drive(self, output: InverterOutput, at_sample: float) -> None:
+    def drive(self, output: MotorOutput, at_sample: float) -> None:
         self._start_s = output.started_s - at_sample / self._rate
-        self._steady_s = output.settled_s if output.target_hz > 0.0 else math.inf
+        self._steady_s = output.settled_s if output.target > 0.0 else math.inf
         self._course.hear(output)
 
     def advance(self, count: int) -> NDArray[np.float64]:
@@ -137,7 +137,7 @@ class Fork:
 
     sinks: tuple[Connection, ...]
 
-    def send(self, output: InverterOutput, /) -> None:
+    def send(self, output: MotorOutput, /) -> None:
         for sink in self.sinks:
             with suppress(OSError):
                 sink.send(output)
@@ -147,7 +147,7 @@ class InverterSpy:
     """Hears every change of an inverter's output."""
 
     def __init__(self, receiver: Connection) -> None:
-        self.heard: list[InverterOutput] = []
+        self.heard: list[MotorOutput] = []
         self.heard_ns: list[int] = []
         self._receiver = receiver
         self._thread = threading.Thread(target=self._listen, name="inverter spy", daemon=True)
@@ -155,11 +155,11 @@ class InverterSpy:
 
     @property
     def runs(self) -> bool:
-        return bool(self.heard) and self.heard[-1].on and self.heard[-1].target_hz > 0.0
+        return bool(self.heard) and self.heard[-1].on and self.heard[-1].target > 0.0
 
     @property
     def moved(self) -> bool:
-        return any(output.target_hz > 0.0 for output in self.heard)
+        return any(output.target > 0.0 for output in self.heard)
 
     def await_stopping(self) -> None:
         """Wait until it was told, or tripped, to come to rest; what it puts out then ends on its ramp."""

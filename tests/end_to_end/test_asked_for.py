@@ -18,6 +18,7 @@ from tests.end_to_end.files import CHANNELS, write_scenario
 def test_a_run_with_other_values_until_enter_for_another_program(tmp_path: Path) -> None:
     """Enter is pressed again and again from the start on: what comes in the record ends it."""
     settings = ("--set", "drive.frequency=21 Hz", "--set", "model.clearance=0.2 mm", "--set", 'name="other"')
+    settings += ("--note", "operator=Ada", "--note", "specimen=steel 3")
     asked = (*settings, "--until-stopped", "--json", "--out", tmp_path)
     scenario = write_scenario(tmp_path / "s.toml", duration_s=60.0)
     with command("run", scenario, *asked, typed="\n") as running:
@@ -46,5 +47,7 @@ def test_a_run_with_other_values_until_enter_for_another_program(tmp_path: Path)
         remark = log.scenario.splitlines()[0]
     assert (ran.name, ran.drive.frequency, ran.model["clearance"]) == ("other", 21.0, 0.0002)
     assert remark.startswith(
-        '# s.toml with drive.frequency = "21 Hz", model.clearance = "0.2 mm", name = "other"'
+        '# s.toml with notes.operator = "Ada", notes.specimen = "steel 3", '
+        'drive.frequency = "21 Hz", model.clearance = "0.2 mm", name = "other"'
     )
+    assert ran.notes == {"operator": "Ada", "specimen": "steel 3"}

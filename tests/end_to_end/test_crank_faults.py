@@ -14,7 +14,7 @@ from daq.block import NS_PER_S
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import recover_log
 from drivers.canopen_cia406.emulator.process import EncoderSetup
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from drivers.rehearsal import rehearsed
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
 from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
@@ -48,14 +48,14 @@ def stopped(run: Command, crank: SpiedCrank) -> Ended:
     return ended
 
 
-def last_from_full_speed(outputs: list[InverterOutput]) -> InverterOutput:
-    return next(output for output in reversed(outputs) if output.frequency_hz > 0.5 * RPM / RPM_PER_HZ)
+def last_from_full_speed(outputs: list[MotorOutput]) -> MotorOutput:
+    return next(output for output in reversed(outputs) if output.level > 0.5 * RPM / RPM_PER_HZ)
 
 
-def came_down_on_its_ramp(outputs: list[InverterOutput]) -> bool:
+def came_down_on_its_ramp(outputs: list[MotorOutput]) -> bool:
     """Whether what was put out last goes from full speed to zero as the ramp has it."""
     down = last_from_full_speed(outputs)
-    return down.on and down.target_hz == 0.0 and down.slope_hz_per_s == pytest.approx(60.0 / RAMP_S)
+    return down.on and down.target == 0.0 and down.slope_per_s == pytest.approx(60.0 / RAMP_S)
 
 
 def events(log: Path) -> list[str]:
@@ -195,7 +195,7 @@ def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
     assert (trip.level, trip.source) == ("error", "inverter")
     assert "inverter.run" not in [event.code for event in told if event.time_ns > trip.time_ns]
     off = next(at for at, output in enumerate(mortal_crank.spy.heard) if not output.on)
-    assert all(output.target_hz == 0.0 for output in mortal_crank.spy.heard[off:])
+    assert all(output.target == 0.0 for output in mortal_crank.spy.heard[off:])
     assert "it has tripped: E.OC1. Check the motor and its load, then reset it at its panel" in refused(
         mortal_crank, tmp_path
     )

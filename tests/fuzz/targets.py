@@ -46,6 +46,8 @@ from drivers.mitsubishi_fr.line import LineHealth, NoAnswer
 from drivers.mitsubishi_fr.registers import MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_AND_COMMAND, STATUS_BLOCK
 from drivers.scpi.generator import ScpiGenerator
 from drivers.scpi.settings import GeneratorSettings
+from drivers.scpi.supply import ScpiSupply
+from drivers.scpi.supply_settings import SupplySettings
 from rig.files.bench import load_bench
 from rig.files.effects_file import load_effects
 from rig.files.foreign import Answers, matched_to_rig
@@ -320,7 +322,7 @@ class _AnsweringVisa:
         return self
 
     def write(self, command: str) -> None:
-        self._asked = command.endswith("?")
+        self._asked = "?" in command
 
     def read_bytes(self, count: int, **_: object) -> bytes:
         if not self._asked or not self._lines:
@@ -347,6 +349,20 @@ def _scpi(data: bytes) -> None:
         generator.close()
 
 
+def _scpi_supply(data: bytes) -> None:
+    with mock.patch("pyvisa.ResourceManager", return_value=_AnsweringVisa(data)):
+        supply = ScpiSupply(SupplySettings(5.0, 300.0, 3.0, resource="TCPIP::192.0.2.1::5025::SOCKET"))
+        _all(
+            supply.open,
+            partial(supply.arm, 100.0),
+            supply.start,
+            *[supply.check] * 5,
+            supply.read,
+            supply.off,
+        )
+        supply.close()
+
+
 TARGETS = {
     "log": Target(_log, ".mcap"),
     "recovery": Target(_recovery, ".mcap"),
@@ -355,6 +371,7 @@ TARGETS = {
     "can": Target(_can, longest=1 << 12),
     "sdo": Target(_sdo, longest=1 << 9),
     "scpi": Target(_scpi, longest=1 << 12),
+    "scpi_supply": Target(_scpi_supply, longest=1 << 12),
     "tdms": Target(partial(_imported, tdms.FORMAT), ".tdms"),
     "mat": Target(partial(_imported, mat.FORMAT), ".mat"),
     "uff": Target(partial(_imported, uff.FORMAT), ".uff"),

@@ -18,7 +18,7 @@ from pymodbus.constants import ExcCodes
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.registers import Command, Status, Terminal
 from drivers.mitsubishi_fr.settings import RAMPS_WITHDRAWN
-from drivers.protocols.speed_drive import InverterOutput, MotorLoad
+from drivers.protocols.speed_drive import MotorLoad, MotorOutput
 from drivers.rehearsal import Rehearsed
 
 # Raw values. Pr.3 to 6 are those of the manual's example of a read; the rest is as rattle needs it.
@@ -93,7 +93,7 @@ NO_LOAD_A = 0.6  # A; of a small motor
 class OutputSink(Protocol):
     """The way to another process, or to several: a connection is one."""
 
-    def send(self, output: InverterOutput, /) -> None:
+    def send(self, output: MotorOutput, /) -> None:
         """Pass on what is put out; OSError where nobody is there any more."""
 
 
@@ -103,8 +103,8 @@ class FreeMotor:
     def __init__(self) -> None:
         self._on = False
 
-    def drive(self, output: InverterOutput) -> None:
-        self._on = output.on and (output.frequency_hz > 0.0 or output.target_hz > 0.0)
+    def drive(self, output: MotorOutput) -> None:
+        self._on = output.on and (output.level > 0.0 or output.target > 0.0)
 
     def current_a(self) -> float:
         return NO_LOAD_A if self._on else 0.0
@@ -121,7 +121,7 @@ class RemoteLoad:
         self._free = FreeMotor()
         self._current_a: float | None = None
 
-    def drive(self, output: InverterOutput) -> None:
+    def drive(self, output: MotorOutput) -> None:
         self._free.drive(output)
         if self._outputs is not None:
             with suppress(OSError):  # the plant is gone; the drive goes on
@@ -152,7 +152,7 @@ class EmulatedDrive:
         self._history = [0] * len(fr.FAULTS)
         self._last_frame_s: float | None = None  # None: the watchdog has not begun to count
         self._mode = self._mode_at_start()
-        self.output = InverterOutput(True, 0.0, 0.0, _NO_RAMP_HZ_PER_S, now())
+        self.output = MotorOutput(True, 0.0, 0.0, _NO_RAMP_HZ_PER_S, now())
 
     def put_faults(self, faults: DriveFaults) -> None:
         """Let something else be wrong from now on."""
@@ -303,7 +303,7 @@ class EmulatedDrive:
             return
         highest = self._parameters[1]
         target_hz = min(self._set, highest) * fr.RUNNING_FREQUENCY.scale if self._run else 0.0
-        if (self._run and not self.output.on) or target_hz != self.output.target_hz:
+        if (self._run and not self.output.on) or target_hz != self.output.target:
             self._put_out(True, target_hz, now_s)
 
     def _put_out(self, on: bool, target_hz: float, at_s: float) -> None:
@@ -313,7 +313,7 @@ class EmulatedDrive:
         time_s = ramp.value(self._parameters[ramp.number - fr.PARAMETERS])
         reference_hz = fr.RAMP_REFERENCE.value(self._parameters[20])
         slope = reference_hz / time_s if time_s > 0.0 else _NO_RAMP_HZ_PER_S
-        self.output = InverterOutput(on, from_hz, target_hz, slope, at_s)
+        self.output = MotorOutput(on, from_hz, target_hz, slope, at_s)
         self._load.drive(self.output)
 
     def _indicate(self, code: int, at_s: float) -> None:

@@ -35,7 +35,7 @@ STATION_PARAMETER = 117
 class InverterWiring:
     """What an emulated inverter is joined to, by connections to other processes.
 
-    Every change of its output (`InverterOutput`) goes to `outputs`; `currents` brings the motor current in A
+    Every change of its output (`MotorOutput`) goes to `outputs`; `currents` brings the motor current in A
     as floats; `rehearsal` brings what is to go wrong (`Rehearsed`, `LineFaults`).
     """
 

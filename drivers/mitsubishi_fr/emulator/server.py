@@ -97,7 +97,7 @@ class InverterServer:
     async def _serve(self) -> None:
         while not self._stopped.is_set():
             self.drive.settle()
-            if self.drive.output.target_hz > 0.0:
+            if self.drive.output.target > 0.0:
                 self._used_s = min(self._used_s, self._loop.time())  # the first time alone
             for fault in self._to_come.due(self._loop.time() - self._used_s):
                 self.befall(fault)

@@ -1,4 +1,4 @@
-"""The emulated generator in a process of its own, on TCP and on a pty at once, each with its own buffers."""
+"""An emulated SCPI source in a process of its own, on TCP and on a pty at once, each with its own buffers."""
 
 from __future__ import annotations
 
@@ -13,16 +13,22 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection
+from typing import Any, Protocol
 
 from daq.clock import SystemClock
 from drivers.emulator_process import START_DEADLINE_S, EmulatedInstrument, start
 from drivers.protocols.generator import DriveSettings
+from drivers.protocols.instrument import ActuatorOutput
+from drivers.protocols.speed_drive import MotorOutput
 from drivers.rehearsal import Rehearsal, Rehearsed
-from drivers.scpi.emulator.agilent_33220a import IDENTITY, Emulated33220A
+from drivers.scpi.emulator import agilent_33220a, keysight_n6900
+from drivers.scpi.emulator.agilent_33220a import Emulated33220A
 from drivers.scpi.emulator.command_tree import CommandError
+from drivers.scpi.emulator.keysight_n6900 import EmulatedN6900
+from drivers.scpi.supply_settings import Trouble
 
 INPUT_BUFFER = 65536  # bytes; beyond, -363 and all of it is dropped
-_LOOK_S = 0.02  # how late a rehearsed fault may come
+_LOOK_S = 0.02  # how late a rehearsed fault or a watchdog may come
 OUTPUT_BUFFER = 65536  # bytes; beyond, -430 (IEEE 488.2: deadlocked) and all of it is dropped
 
 
@@ -42,10 +48,14 @@ class ScpiServer:
     """Listens on 127.0.0.1 and on a pty until `stop`; `stale_answer` lies in each port before anyone asks."""
 
     def __init__(
-        self, instrument: Emulated33220A, stale_answer: bytes = b"", rehearsed: tuple[Rehearsed, ...] = ()
+        self,
+        instrument: Emulated33220A | EmulatedN6900,
+        stale_answer: bytes = b"",
+        rehearsed: tuple[Rehearsed, ...] = (),
     ) -> None:
         self._instrument, self._stale_answer = instrument, stale_answer
-        self._to_come, self._look_s = Rehearsal(rehearsed), _LOOK_S if rehearsed else None
+        self._supply = instrument if isinstance(instrument, EmulatedN6900) else None  # which time trips too
+        self._to_come, self._look_s = Rehearsal(rehearsed), _LOOK_S if rehearsed or self._supply else None
         self.used_s = math.inf  # monotonic s of the first output: faults count from there
         self._selector = selectors.DefaultSelector()
         self._listener: socket.socket | None = None
@@ -72,10 +82,7 @@ class ScpiServer:
     def serve(self) -> None:
         """Answer until `stop` is called."""
         while True:
-            for fault in self._to_come.due(SystemClock().monotonic_s() - self.used_s):
-                self._instrument.run(
-                    f"VOLT {fault.number('volts')}" if fault.kind == "set_by_another" else ""
-                )
+            self._pass()
             for key, events in self._selector.select(self._look_s):
                 if key.fileobj == self._wake_read:
                     return
@@ -91,6 +98,16 @@ class ScpiServer:
                     continue
                 except OSError:
                     self._drop(key.data)
+
+    def _pass(self) -> None:
+        """What comes by itself."""
+        for fault in self._to_come.due(SystemClock().monotonic_s() - self.used_s):
+            if fault.kind == "set_by_another":
+                self._instrument.run(f"VOLT {fault.number('volts')}")
+            elif fault.kind == "trips" and self._supply is not None:
+                self._supply.trip(Trouble.OVER_TEMPERATURE)
+        if self._supply is not None:
+            self._supply.look()
 
     def stop(self) -> None:
         """End `serve`; may be called by any thread."""
@@ -159,33 +176,40 @@ class ScpiServer:
 
 
 @dataclass(frozen=True, slots=True)
-class GeneratorSetup:
-    """How the emulated generator behaves: its *IDN? answer, and what it starts with (faults to rehearse).
+class SourceSetup:
+    """How an emulated source behaves: its *IDN? answer (None: its own), and what it starts with (faults).
 
     `pending_errors` are SCPI codes in its error queue, `stale_answer` bytes that lie unread in its ports.
     """
 
-    identity: str = IDENTITY
+    identity: str | None = None
     pending_errors: tuple[int, ...] = ()
     stale_answer: bytes = b""
     rehearsed: tuple[Rehearsed, ...] = ()
 
 
-def spoilt(faults: tuple[Rehearsed, ...]) -> GeneratorSetup:
-    """A generator to which these come, some of them from the start."""
+def spoilt(faults: tuple[Rehearsed, ...]) -> SourceSetup:
+    """A source to which these come, some of them from the start."""
     errors = [-113] * sum(int(each.number("count")) for each in faults if each.kind == "errors")
     kinds = {each.kind for each in faults}
-    return GeneratorSetup(
-        "Another Maker,Model 1,0,1.0" if "wrong_model" in kinds else IDENTITY,
+    return SourceSetup(
+        "Another Maker,Model 1,0,1.0" if "wrong_model" in kinds else None,
         tuple(errors),
         b"+1.5E+00\nhalf an ans" if "stale_answer" in kinds else b"",
         faults,
     )
 
 
+class Told(Protocol):
+    """The way to another process, or to several: a connection is one."""
+
+    def send(self, output: Any, /) -> None:
+        """Pass on what is put out; OSError where nobody is there any more."""
+
+
 def start_function_generator(
     drive: Connection | None = None,
-    setup: GeneratorSetup | None = None,
+    setup: SourceSetup | None = None,
     name: str = "emulated signal generator",
     deadline_s: float = START_DEADLINE_S,
 ) -> EmulatedInstrument:
@@ -193,17 +217,45 @@ def start_function_generator(
 
     Every change of its output goes to `drive`. Raises `InstrumentAbsent` where it does not start in time.
     """
-    return start(partial(_server, drive, setup or GeneratorSetup()), name, deadline_s)
+    return start(partial(_generator, drive, setup or SourceSetup()), name, deadline_s)
 
 
-def _server(drive: Connection | None, setup: GeneratorSetup) -> ScpiServer:
-    def tell(settings: DriveSettings) -> None:
-        if settings.on:
-            server.used_s = min(server.used_s, settings.started_s)
-        if drive is not None:
-            with suppress(OSError):  # the card is gone; the generator goes on
-                drive.send(settings)
+def start_dc_supply(
+    outputs: Told | None = None,
+    setup: SourceSetup | None = None,
+    name: str = "emulated DC supply",
+    deadline_s: float = START_DEADLINE_S,
+) -> EmulatedInstrument:
+    """Start an emulated N6954A; its addresses are as those of the generator.
 
-    instrument = Emulated33220A(tell, SystemClock().monotonic_s, setup.identity, setup.pending_errors)
+    Every change of its output (`MotorOutput`) goes to `outputs`. Raises like that of the generator.
+    """
+    return start(partial(_supply, outputs, setup or SourceSetup()), name, deadline_s)
+
+
+def _generator(drive: Connection | None, setup: SourceSetup) -> ScpiServer:
+    def tell(output: DriveSettings) -> None:
+        _pass_on(server, drive, output, output.on)
+
+    identity = agilent_33220a.IDENTITY if setup.identity is None else setup.identity
+    instrument = Emulated33220A(tell, SystemClock().monotonic_s, identity, setup.pending_errors)
     server = ScpiServer(instrument, setup.stale_answer, setup.rehearsed)
     return server
+
+
+def _supply(outputs: Told | None, setup: SourceSetup) -> ScpiServer:
+    def tell(output: MotorOutput) -> None:
+        _pass_on(server, outputs, output, output.on)
+
+    identity = keysight_n6900.IDENTITY if setup.identity is None else setup.identity
+    instrument = EmulatedN6900(tell, SystemClock().monotonic_s, identity, setup.pending_errors)
+    server = ScpiServer(instrument, setup.stale_answer, setup.rehearsed)
+    return server
+
+
+def _pass_on(server: ScpiServer, sink: Told | None, output: ActuatorOutput, on: bool) -> None:
+    if on:
+        server.used_s = min(server.used_s, output.started_s)
+    if sink is not None:
+        with suppress(OSError):  # the card is gone; the source goes on
+            sink.send(output)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.scpi.emulator.process import GeneratorSetup, start_function_generator
+from drivers.scpi.emulator.process import SourceSetup, start_function_generator
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 
@@ -100,6 +100,23 @@ def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    ("notes", "told"),
+    [
+        (["operator"], "KEY=TEXT"),
+        (["operator="], "KEY=TEXT"),
+        (["a.b=c"], "KEY=TEXT"),
+        (["operator=Ada", "operator=Bert"], "operator comes twice"),
+        (["my key=c"], "a key of letters, digits"),
+    ],
+)
+def test_a_note_that_cannot_be_is_refused(call: Call, tmp_path: Path, notes: list[str], told: str) -> None:
+    options = [part for each in notes for part in ("--note", each)]
+    answer = call("run", SCENARIOS / "impact_beam.toml", *options, "--out", tmp_path / "runs")
+    assert answer.code == 2
+    assert told in answer.err
+
+
 @pytest.mark.parametrize("typed", ["", "\n"])
 def test_a_run_that_nobody_can_end_is_refused(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str
@@ -162,7 +179,7 @@ def test_absent_instruments_are_all_named_with_what_to_check(call: Call, tmp_pat
 
 
 def test_another_model_is_named_and_not_driven(call: Call, tmp_path: Path, nobody: int) -> None:
-    setup = GeneratorSetup(identity="HEWLETT-PACKARD,34401A,0,11-5-2")
+    setup = SourceSetup(identity="HEWLETT-PACKARD,34401A,0,11-5-2")
     with start_function_generator(setup=setup) as generator:
         bench = write_bench(tmp_path / "bench.toml", generator.address, f"127.0.0.1:{nobody}")
         answer = call("run", write_scenario(tmp_path / "s.toml"), "--bench", bench, "--out", tmp_path / "r")
@@ -174,7 +191,7 @@ def test_another_model_is_named_and_not_driven(call: Call, tmp_path: Path, nobod
 
 def test_one_present_and_one_absent_names_the_absent_alone(call: Call, tmp_path: Path, nobody: int) -> None:
     """An error left in the generator's queue by somebody else is nobody's fault now."""
-    with start_function_generator(setup=GeneratorSetup(pending_errors=(-113, -222))) as generator:
+    with start_function_generator(setup=SourceSetup(pending_errors=(-113, -222))) as generator:
         bench = write_bench(tmp_path / "bench.toml", generator.address, f"127.0.0.1:{nobody}")
         answer = call("run", write_scenario(tmp_path / "s.toml"), "--bench", bench, "--out", tmp_path / "r")
     assert answer.code == 1

@@ -307,7 +307,7 @@ def test_an_emergency_stop_is_read_by_the_instrument_that_its_line_is_on() -> No
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (f"{REAL}\n{TERMINAL}", "one of the card: the impact_beam has no [inverter]"),
+        (f"{REAL}\n{TERMINAL}", "one of the card: this bench has no [inverter]"),
         (f'{REAL}\n[emergency_stop]\nline = "ai0"', "a digital input of the card, such as"),
         (f"{UNSEEN}\n{CARD_LINE}", "a line of a real instrument: an emulated"),
     ],

@@ -282,3 +282,63 @@ def test_an_outdated_sensor_of_a_real_card_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"not before today, 2028-01-01") as caught:
         check_pair(parse_scenario(PLANAR), load_bench(EXAMPLE), datetime.date(2028, 1, 1))
     assert len(caught.value.problems) == 3
+
+
+SUPPLY = """\
+[dc_supply]
+driver = "scpi_n6900"
+resource = "TCPIP::192.168.0.6::5025::SOCKET"
+rpm_per_volt = 5.0
+maximum_speed = "300 rpm"
+maximum_current = "3 A"
+"""
+
+
+def test_whatever_gives_the_drive_of_a_rig_may_drive_it() -> None:
+    bench = parse(TEXT.replace(INVERTER, SUPPLY))
+    assert (bench.actuator_table, bench.actuator.driver) == ("dc_supply", "scpi_n6900")
+    assert (bench.actuator.maximum_v, bench.actuator.slew_v_per_s) == (60.0, 20.0)
+    scenario = parse_scenario(PLANAR.replace('speed = "200 rpm"', 'speed = "301 rpm"'))
+    assert scenario.drive.speed > bench.actuator.maximum_speed
+    with pytest.raises(ConfigurationError, match=r"up to 300 rpm \(dc_supply.maximum_speed\)"):
+        check_pair(scenario, bench, TODAY)
+    assert parse(TEXT.replace(INVERTER, SUPPLY), rig=None).rig == "planar_slider_crank"
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "allowed"),
+    [
+        (SUPPLY + INVERTER, "dc_supply", "is driven by [inverter]"),
+        (SUPPLY.replace("5.0", "1.5"), "dc_supply.maximum_speed", "at most 160 V, not 200 V"),
+        (
+            SUPPLY.replace('resource = "TCPIP::192.168.0.6::5025::SOCKET"\n', ""),
+            "dc_supply.resource",
+            "supply's",
+        ),
+        (SUPPLY.replace('"3 A"', '"3 V"'), "dc_supply.maximum_current", "A"),
+    ],
+)
+def test_a_supply_that_cannot_be_is_told(text: str, key: str, allowed: str) -> None:
+    encoder = TEXT[TEXT.index("[encoder]") : TEXT.index("[daq_card]")]
+    problem = only_problem(lambda: parse(TEXT.replace(INVERTER, text).replace(encoder, "")), key)
+    assert allowed in problem.allowed
+
+
+def test_an_emulated_supply_needs_no_more_than_to_be_named() -> None:
+    bench = parse("[dc_supply]\nemulated = true\n", "spatial_slider_crank")
+    assert bench.emulated == ("dc_supply", "daq_card")
+    assert bench.actuator.maximum_v == 70.0
+
+
+def test_a_person_may_turn_it() -> None:
+    manual = '[manual_motor]\ndriver = "manual"\nmaximum_speed = "250 rpm"\npatience = "2 min"\n'
+    bench = parse(TEXT.replace(INVERTER, manual))
+    settings = bench.actuator
+    assert (settings.driver, settings.person, settings.patience_s) == ("manual", "", 120.0)
+    scenario = parse_scenario(PLANAR.replace('speed = "200 rpm"', 'speed = "251 rpm"'))
+    with pytest.raises(ConfigurationError, match=r"up to 250 rpm \(manual_motor.maximum_speed\)"):
+        check_pair(scenario, bench, TODAY)
+    # its shaft has to show on a real card, as with any other real motor
+    card = TEXT[TEXT.index("[daq_card]") :].replace('driver = "nidaqmx"', "emulated = true", 1)
+    problem = only_problem(lambda: parse(manual + card), "daq_card.emulated")
+    assert "a real manual_motor" in problem.allowed

@@ -325,3 +325,26 @@ def test_other_values_stand_in_the_scenario_as_if_they_had_been_written(tmp_path
     ]
     again = parse_scenario(found.text)
     assert (again.name, again.drive, set(again.limits)) == (found.name, found.drive, set(found.limits))
+
+
+def test_notes_are_free_keys_that_say_what_a_run_was() -> None:
+    text = SOUND + '[notes]\noperator = "Ada"\nspecimen = 3\nmounted = 2026-11-23\n'
+    assert parse_scenario(text).notes == {"operator": "Ada", "specimen": "3", "mounted": "2026-11-23"}
+    assert parse_scenario(SOUND).notes == {}
+    noted = load_scenario(SCENARIOS / "impact_beam.toml", {"notes.operator": "Ada"})
+    assert noted.notes == {"operator": "Ada"}
+    assert parse_scenario(noted.text).notes == {"operator": "Ada"}
+
+
+@pytest.mark.parametrize(
+    ("line", "key"),
+    [
+        ('operator = "a\\nb"', "notes.operator"),
+        ('"a b" = "c"', "notes.a b"),
+        (f'operator = "{501 * "a"}"', "notes.operator"),
+        ("operator = [1]", "notes.operator"),
+        ('inner.key = "c"', "notes.inner"),
+    ],
+)
+def test_a_note_is_one_line_under_a_plain_key(line: str, key: str) -> None:
+    only_problem(lambda: parse_scenario(f"{SOUND}[notes]\n{line}\n"), key)

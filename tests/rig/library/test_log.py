@@ -236,3 +236,12 @@ def test_a_figure_leaves_out_what_has_no_sample(path: Path) -> None:
         "<b>base.acceleration</b>",
         "<b>crank.angle</b>",
     ]
+
+
+def test_what_a_run_was_is_at_hand(path: Path, tmp_path: Path) -> None:
+    assert rattle.open(path).notes == {}
+    noted = write_log(
+        tmp_path / "noted.mcap", 0.1, scenario='name = "a"\n[notes]\noperator = "Ada"\nheat = 21\n'
+    )
+    assert rattle.open(noted).notes == {"operator": "Ada", "heat": "21"}
+    assert rattle.open(write_log(tmp_path / "torn.mcap", 0.1, scenario="[notes")).notes == {}

@@ -82,6 +82,9 @@ class FakeDrive:
     def close(self) -> None:
         self.told.append(("close",))
 
+    def arm(self, rpm: float) -> float:
+        return self.set_speed(rpm)
+
     def set_speed(self, rpm: float) -> float:
         if rpm > HIGHEST_RPM:
             raise InstrumentRefused(self.name, self.address, "above the maximum", code="limit")

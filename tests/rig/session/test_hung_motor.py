@@ -15,7 +15,7 @@ from drivers.emulator_process import DriveLink
 from drivers.mitsubishi_fr.emulator.drive import InverterSetup
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.settings import InverterSettings
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S, WATCHDOG_S, RAMP_S = 0.8, 0.5, 0.6
@@ -34,7 +34,7 @@ def setup() -> InverterSetup:
     return InverterSetup(parameters)
 
 
-def last_output(link: DriveLink, until_s: float) -> InverterOutput:
+def last_output(link: DriveLink, until_s: float) -> MotorOutput:
     """The last of what is put out, once it is off, or at a time."""
     output = None
     while (left_s := until_s - time.monotonic()) > 0.0:
@@ -67,7 +67,7 @@ def test_the_motor_stands_within_patience_watchdog_and_ramp(how: str) -> None:
             _, said = run.communicate(timeout=10)
         assert run.returncode == -signal.SIGKILL
     assert not output.on  # tripped, and at rest: it came down on its ramp
-    assert output.frequency_hz == 0.0 == output.target_hz
+    assert output.level == 0.0 == output.target
     assert output.started_s - hung_s < within_s
     assert "the run gave no sign of life for" in said
     assert "its inverter's own watchdog (Pr.122) stops it" in said

@@ -220,3 +220,41 @@ def test_a_shaft_that_runs_away_on_its_way_down_is_an_interlock() -> None:
     ):
         moved.go_to(60.0 * math.tau / 60.0)
     assert drive.clock.now_s - began_s < OVERSPEED_S + 1.0 + 2 * 0.02 + 1e-6
+
+
+def proved(drive: FakeDrive, rpm: float = 200.0) -> Motor:
+    moved = Motor(drive, rpm * math.tau / 60.0, drive.clock.sleep, drive.shaft_rpm, drive.clock, proves=True)
+    moved.arm(soft=True)
+    moved.start(soft=True)
+    return moved
+
+
+def test_a_motor_that_has_to_prove_itself_shows_an_eighth_of_the_speed_first() -> None:
+    drive = FakeDrive(SteppedClock(), slip=0.03)
+    proved(drive)
+    speeds = [each[1] for each in drive.told if each[0] == "set_speed"]
+    assert speeds[:2] == pytest.approx([25.0, 200.0])
+    assert drive.shaft_rpm() == pytest.approx(200.0, abs=STEP_RPM / 2 + 1e-9)
+
+
+@pytest.mark.parametrize("times", [1.7, 8.0])
+def test_a_shaft_that_is_faster_than_its_volts_is_stopped_at_an_eighth_of_the_order(times: float) -> None:
+    drive = FakeDrive(SteppedClock(), slip=1.0 - times)
+    with pytest.raises(InterlockTripped, match=r"turns at .* rpm where 25 rpm is ordered: what a volt makes"):
+        proved(drive)
+    assert [each[1] for each in drive.told if each[0] == "set_speed"] == pytest.approx([25.0])
+
+
+def test_a_shaft_that_is_too_slow_for_its_instrument_is_proved_by_nothing_and_goes_on() -> None:
+    drive = FakeDrive(SteppedClock())
+    slow = Motor(
+        drive,
+        RAD_S,
+        drive.clock.sleep,
+        lambda: drive.shaft_rpm() if drive.shaft_rpm() > 30.0 else math.nan,
+        drive.clock,
+        proves=True,
+    )
+    slow.arm(soft=True)
+    slow.start(soft=True)
+    assert drive.shaft_rpm() == pytest.approx(200.0, abs=STEP_RPM / 2 + 1e-9)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 
 from rig.files.bench import embedded_bench
+from rig.files.software import commit_of, software
 from rig.session.logbook import run_record
 from tests.rig.session.shafts import SteppedClock
 
@@ -36,6 +40,34 @@ def test_notes_and_the_encoders_identity_stand_in_the_record() -> None:
     assert found["emulated"] == "card"
     assert found["encoder"] == "rotary encoder, serial number 1"
     assert "encoder" not in record({})
+
+
+def test_version_and_commit_stand_in_the_record() -> None:
+    found = record({})
+    assert found["software"].startswith("rattle ")
+    assert software().items() <= found.items()
+
+
+def test_the_commit_is_that_of_the_working_tree_and_says_whether_it_was_changed(tmp_path: Path) -> None:
+    assert commit_of(tmp_path) == ""
+
+    def git(*asked: str) -> str:
+        who = ("-c", "user.name=a", "-c", "user.email=a@b")
+        command = [str(shutil.which("git")), "-C", str(tmp_path), *who, *asked]
+        told = subprocess.run(command, capture_output=True, check=True)  # noqa: S603
+        return told.stdout.decode().strip()
+
+    git("init", "-q")
+    assert commit_of(tmp_path) == ""  # no commit yet
+    (tmp_path / "a").write_text("1")
+    git("add", "a")
+    git("commit", "-qm", "one")
+    commit = git("rev-parse", "HEAD")
+    assert commit_of(tmp_path) == commit
+    (tmp_path / "untracked").write_text("1")
+    assert commit_of(tmp_path) == commit
+    (tmp_path / "a").write_text("2")
+    assert commit_of(tmp_path) == f"{commit}, changed since"
 
 
 def test_each_sensors_sensitivity_and_calibration_stand_in_the_record() -> None:

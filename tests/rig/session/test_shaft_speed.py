@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.channel import Channel
 from rig.session.interlock import SpeedGuard
 from rig.session.motor import OVERSPEED
-from rig.session.shaft_speed import STALE_S, ShaftSpeed
+from rig.session.shaft_speed import STALE_S, ShaftSpeed, Tachometer
 from tests.rig.session.shafts import SteppedClock
 
 RATE, BLOCK = 25_600.0, 2560
@@ -201,3 +201,17 @@ def test_a_coarse_angle_of_a_slow_shaft_has_the_speed_of_its_turns() -> None:
     channel = Channel("crank.angle", "rad", scale=step, raw_unit="count")
     _, said = shown(channel, np.floor(turned(20.0, 9.0) / step) * step)
     assert said[-40:] == pytest.approx([20.0] * 40, rel=2 / 100)
+
+
+def test_a_tachometer_shows_the_mean_of_a_block_and_nothing_of_a_shaft_that_stands() -> None:
+    clock = SteppedClock()
+    tachometer = Tachometer((FORCE, Channel("motor.tachometer", "rad/s")), clock)
+    assert tachometer.channel == "motor.tachometer"
+    assert math.isnan(tachometer.rpm())
+    tachometer.take(np.array([9.0, 11.0]))
+    assert tachometer.rpm() == pytest.approx(10.0 * 60.0 / math.tau)
+    clock.sleep(STALE_S + 0.01)
+    assert math.isnan(tachometer.rpm())
+    tachometer.take(np.full(10, 0.1))  # 1 rpm
+    assert math.isnan(tachometer.rpm())
+    assert Tachometer((FORCE, MARKER), clock).channel is None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from rig.files.scenario import load_scenario
 from rig.twin.plant import CrankPlant
 from rig.twin.scenario_twin import twin_of
@@ -23,7 +23,7 @@ RATE = 25_600.0
 BLOCK = 640  # 25 ms, as the emulated card makes them
 COUNT = math.tau / 4096
 NEWS_S = 500.0
-UP = InverterOutput(True, 0.0, 40.0, 200.0, NEWS_S)  # to 200 rpm in 0.2 s
+UP = MotorOutput(True, 0.0, 40.0, 200.0, NEWS_S)  # to 200 rpm in 0.2 s
 
 
 def twin(rig: str) -> AnyTwin:
@@ -51,7 +51,7 @@ def samples(made: CrankPlant, seconds: float) -> dict[str, NDArray[np.float64]]:
     return dict(zip(made.channels, np.concatenate(blocks, axis=1), strict=True))
 
 
-def heard(motor: EmulatedMotor, *outputs: InverterOutput) -> ShaftCourse:
+def heard(motor: EmulatedMotor, *outputs: MotorOutput) -> ShaftCourse:
     course = ShaftCourse(motor)
     for output in outputs:
         course.hear(output)
@@ -66,7 +66,7 @@ def test_angle_and_marker_show_the_shaft_through_ramp_and_run_and_stop() -> None
     made = plant()
     standing = samples(made, 0.05)
     assert set(standing["crank.angle"]) == {math.floor(MOTOR.start_angle / COUNT) * COUNT}
-    down = InverterOutput(True, 40.0, 0.0, 200.0, NEWS_S + 0.5)
+    down = MotorOutput(True, 40.0, 0.0, 200.0, NEWS_S + 0.5)
     first = len(standing["crank.angle"]) + 100.25  # news come between samples
     made.drive(UP, first)
     turning = samples(made, 0.4)
@@ -90,9 +90,9 @@ def test_a_hidden_fluctuation_of_the_speed_is_in_the_angle() -> None:
     shape = SpeedDrive(20.0, 0.05, 1.0, 0.4)
     motor = drawn_motor(5.0, shape, seed=1, run_seed=2)
     made = plant(replace(PLANAR, drive=shape), motor=motor)
-    made.drive(replace(UP, frequency_hz=40.0), 0.0)
+    made.drive(replace(UP, level=40.0), 0.0)
     seen = samples(made, 1.0)["crank.angle"]
-    true = angles(heard(motor, replace(UP, frequency_hz=40.0)), NEWS_S, len(seen))
+    true = angles(heard(motor, replace(UP, level=40.0)), NEWS_S, len(seen))
     assert np.abs(seen - (true - COUNT / 2)).max() < COUNT / 2 + 1e-6
     line = np.polyval(np.polyfit(np.arange(len(seen)), seen, 1), np.arange(len(seen)))
     # theta' = omega (1 + a sin theta) swings by a about its mean line, to first order in a; three turns and a
@@ -124,9 +124,9 @@ def test_a_second_task_finds_the_shaft_where_it_has_come_to() -> None:
 def test_the_spatial_cranks_tachometer_shows_the_speed_with_its_tolerances() -> None:
     motor = drawn_motor(5.0, SPATIAL.drive, seed=3, run_seed=4)
     made = plant(SPATIAL, 3, 4, motor)
-    made.drive(replace(UP, target_hz=46.0), 0.0)
+    made.drive(replace(UP, target=46.0), 0.0)
     seen = samples(made, 0.5)["motor.tachometer"]
-    speed = 46.0 * motor.rad_s_per_hz
+    speed = 46.0 * motor.rad_s_per_level
     settled = seen[round((46.0 / 200.0 + 2 * STEP_S) * RATE) :]
     # its gain is off by 0.5 % (sd), so 2 % are four of them; its noise is 0.1 % of the scenario's speed
     assert settled.mean() == pytest.approx(speed, rel=0.02)

@@ -17,20 +17,20 @@ from scipy.integrate import solve_ivp
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.canopen_cia406.encoder import CanopenEncoder
 from drivers.canopen_cia406.settings import EncoderSettings
-from drivers.protocols.speed_drive import InverterOutput
+from drivers.protocols.speed_drive import MotorOutput
 from rig.twin.shaft import COAST_RAD_S2, STEP_S, EmulatedMotor, LinkedShaft, ShaftCourse, drawn_motor
 from sim_twin.rigs.crank_drive import SpeedDrive
 
 SMOOTH = SpeedDrive(1.0)
 MOTOR = EmulatedMotor(0.5, SMOOTH, start_angle=1.25)
 BEGIN_S = 1000.0
-UP = InverterOutput(True, 0.0, 40.0, 40.0, BEGIN_S)  # to 20 rad/s in 1 s
+UP = MotorOutput(True, 0.0, 40.0, 40.0, BEGIN_S)  # to 20 rad/s in 1 s
 RAMP_ERROR = 20.0 * STEP_S**2 / 8.0
 """rad: the most that a constant speed within a step leads to, beside an even ramp of 20 rad/s2."""
 ROUNDING = 1e-9
 
 
-def course(*outputs: InverterOutput, motor: EmulatedMotor = MOTOR) -> ShaftCourse:
+def course(*outputs: MotorOutput, motor: EmulatedMotor = MOTOR) -> ShaftCourse:
     made = ShaftCourse(motor)
     for output in outputs:
         made.hear(output)
@@ -82,7 +82,7 @@ def test_changes_of_speed_lie_one_step_apart_and_lead_from_one_to_the_next() -> 
 
 
 def test_a_ramp_that_is_cut_short_goes_on_from_where_it_was() -> None:
-    down = InverterOutput(True, 20.0, 0.0, 40.0, BEGIN_S + 0.5)
+    down = MotorOutput(True, 20.0, 0.0, 40.0, BEGIN_S + 0.5)
     shaft = course(UP, down)
     assert shaft.angle(BEGIN_S + 9.0) == pytest.approx(MOTOR.start_angle + 2.5 + 2.5, abs=ROUNDING)
     for edge_s in (BEGIN_S, BEGIN_S + 0.5, BEGIN_S + 1.0):
@@ -91,14 +91,14 @@ def test_a_ramp_that_is_cut_short_goes_on_from_where_it_was() -> None:
 
 
 def test_without_an_output_it_coasts_until_friction_has_stopped_it() -> None:
-    shaft = course(UP, InverterOutput(False, 0.0, 0.0, 40.0, BEGIN_S + 2.0))
+    shaft = course(UP, MotorOutput(False, 0.0, 0.0, 40.0, BEGIN_S + 2.0))
     at_rest = shaft.angle(BEGIN_S + 2.0) + 20.0**2 / (2.0 * COAST_RAD_S2)
     assert shaft.angle(BEGIN_S + 100.0) == pytest.approx(at_rest, abs=ROUNDING)
     assert shaft.turning_at(BEGIN_S + 100.0).drive.speed == 0.0
 
 
 def test_hearing_twice_changes_nothing() -> None:
-    outputs = (UP, InverterOutput(False, 0.0, 0.0, 40.0, BEGIN_S + 0.3), replace(UP, started_s=BEGIN_S + 0.9))
+    outputs = (UP, MotorOutput(False, 0.0, 0.0, 40.0, BEGIN_S + 0.3), replace(UP, started_s=BEGIN_S + 0.9))
     once, again = course(*outputs), course(*outputs, outputs[-1])
     times = np.linspace(BEGIN_S - 1.0, BEGIN_S + 5.0, 100)
     assert [once.angle(time_s) for time_s in times] == [again.angle(time_s) for time_s in times]
@@ -107,14 +107,14 @@ def test_hearing_twice_changes_nothing() -> None:
 def test_a_motor_is_drawn_again_by_its_seeds() -> None:
     motors = [drawn_motor(5.0, SpeedDrive(20.0), seed, 1) for seed in range(200)]
     assert motors == [drawn_motor(5.0, SpeedDrive(20.0), seed, 1) for seed in range(200)]
-    slips = np.array([1.0 - motor.rad_s_per_hz / (5.0 * math.tau / 60.0) for motor in motors])
+    slips = np.array([1.0 - motor.rad_s_per_level / (5.0 * math.tau / 60.0) for motor in motors])
     assert slips.min() >= -ROUNDING
     assert 0.025 < slips.max() <= 0.03 + ROUNDING  # evenly up to 3 %: all of 200 below 2.5 % has p = 1e-16
     other_run = drawn_motor(5.0, SpeedDrive(20.0), 7, 2)
-    assert other_run.rad_s_per_hz == motors[7].rad_s_per_hz
+    assert other_run.rad_s_per_level == motors[7].rad_s_per_level
     assert other_run.start_angle != motors[7].start_angle
     nominal = drawn_motor(5.0, SpeedDrive(20.0), 7, 1, healthy=False)
-    assert nominal.rad_s_per_hz == pytest.approx(5.0 * math.tau / 60.0, rel=1e-15)
+    assert nominal.rad_s_per_level == pytest.approx(5.0 * math.tau / 60.0, rel=1e-15)
 
 
 def test_a_shaft_of_another_process_hears_what_came_and_is_the_same() -> None:
@@ -122,7 +122,7 @@ def test_a_shaft_of_another_process_hears_what_came_and_is_the_same() -> None:
     with receiver, sender:
         shaft = LinkedShaft(MOTOR, receiver, replace(UP, started_s=BEGIN_S - 10.0))
         assert shaft(BEGIN_S) == course(replace(UP, started_s=BEGIN_S - 10.0)).angle(BEGIN_S)
-        down = InverterOutput(True, 40.0, 0.0, 40.0, BEGIN_S + 1.0)
+        down = MotorOutput(True, 40.0, 0.0, 40.0, BEGIN_S + 1.0)
         sender.send(down)
         both = course(replace(UP, started_s=BEGIN_S - 10.0), down)
         assert [shaft(BEGIN_S + k) for k in range(4)] == [both.angle(BEGIN_S + k) for k in range(4)]

@@ -1,0 +1,1 @@
+"""A person who is not there, at the other end of a socket."""
