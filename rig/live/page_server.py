@@ -52,6 +52,7 @@ class PageServer(ThreadingHTTPServer):
         self._changed = threading.Condition()
         self._state, self._number = b"null", time.time_ns()
         self._began = 0.0
+        self._ends = False
         self._told_s = -_HEARD_S
         self.asked_s = time.monotonic()
 
@@ -65,6 +66,9 @@ class PageServer(ThreadingHTTPServer):
     def __exit__(self, *error: object) -> None:
         self.shutdown()
         self.server_close()
+        with self._changed:
+            self._ends = True
+            self._changed.notify_all()
 
     def tell(self, state: bytes, began: float) -> bool:
         """Take a state of the run that began then (Unix time, s); returns whether it is shown."""
@@ -80,7 +84,8 @@ class PageServer(ThreadingHTTPServer):
     def after(self, number: int) -> tuple[int, bytes] | None:
         """The newest state if it is another than `number`, at once or when it comes; None if none does."""
         with self._changed:
-            if self._changed.wait_for(lambda: self._number != number, _HELD_S):
+            self._changed.wait_for(lambda: self._number != number or self._ends, _HELD_S)
+            if self._number != number:
                 return self._number, self._state
         return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import pickle
 import tempfile
@@ -25,7 +26,8 @@ from rig.stream import Block, Record, Shape
 LAST_WORDS_S = 1.5
 """What is still on its way when the run ends has this long to reach the viewer."""
 _START_TIMEOUT_S = 30.0
-_WINDOW_S = 3.0
+_WINDOW_S, _CYCLES = 3.0, 8
+"""What plots over time show: so many cycles can be told from each other."""
 _QUEUE_BYTES_A_TRACE = 512 << 10
 """2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
 _LEAST_TRACES = 32
@@ -171,7 +173,8 @@ class LiveView:
         """Show these channels from now on."""
         traces = sum(map(len, layout.origins.values()))
         self._sender.maximum_bytes = max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE
-        self.offer(replace(layout, window_s=_WINDOW_S))
+        cycles_s = math.inf if layout.cycle_s is None else _CYCLES * layout.cycle_s
+        self.offer(replace(layout, window_s=min(_WINDOW_S, cycles_s)))
 
     def open(self) -> LiveView:
         """Start, and wait until the page is there; raises InstrumentAbsent if it does not come."""

@@ -61,7 +61,7 @@ DRAWN = """colours => [...document.querySelectorAll(".cell")].map(cell => {
   return [cell.querySelector("b").textContent, colours.map(colour => {
     let count = 0;
     for (let at = 0; at < data.length; at += 4)
-      if (data[at + 3] > 200 && colour.every((each, part) => Math.abs(data[at + part] - each) < 30)) count++;
+      if (data[at + 3] > 100 && colour.every((each, part) => Math.abs(data[at + part] - each) < 30)) count++;
     return count;
   })];
 })"""
