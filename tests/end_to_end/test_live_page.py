@@ -96,6 +96,21 @@ def test_a_run_at_a_terminal_is_armed_waits_for_enter_and_is_told_to_its_end(
             pass
 
 
+@pytest.mark.long
+def test_a_replay_is_shown_on_the_page_that_is_there(
+    settled_log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with PageServer(0) as server:
+        monkeypatch.setenv(PORT_VARIABLE, str(server.port))
+        ended = rattle("replay", settled_log, "--speed", "0", "--live")
+        assert ended.code == 0, ended.err
+        assert f"live view  {server.url}" in ended.out
+        state = Watched(server).await_stage("replayed", "most")
+    assert state["ended"]
+    assert all(each is not None for each in state["channels"][0]["traces"]["predicted"])
+    assert [row[0] for row in state["figures"]] == ["", "impacts", "largest"]
+
+
 def test_a_taken_port_is_told_before_anything_is_connected(
     bench: SpiedBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
