@@ -90,7 +90,7 @@ def _measure(arguments: argparse.Namespace, folder: Path, port: int) -> int:
         run.wait()
         looks = page.evaluate("() => looks")
         browser.close()
-    return _report(looks, first_s)
+    return run.returncode or _report(looks, first_s)
 
 
 def _report(looks: list[tuple[float, float, str]], first_s: float) -> int:

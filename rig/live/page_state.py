@@ -276,8 +276,10 @@ class PageState:
             was_low, was_high = self._edges[name]
             if was_low <= low and high <= was_high and high - low > 0.4 * (was_high - was_low):
                 return was_low, was_high
-        span = max(high - low, 1e-9, 1e-6 * max(abs(low), abs(high)))
-        step = 10.0 ** math.floor(math.log10(span)) / 2
+        if high - low <= 1e-6 * max(abs(low), abs(high)):  # a line, of a sensor that is silent or dead
+            around = abs(high) / 2 or 1.0
+            low, high = low - around, high + around
+        step = 10.0 ** math.floor(math.log10(high - low)) / 2
         self._edges[name] = math.floor(low / step) * step, math.ceil(high / step) * step
         return self._edges[name]
 
@@ -316,7 +318,7 @@ def _steps(values: Array | None, low: float, high: float) -> list[list[int | Non
     if values is None:
         return None
     with np.errstate(invalid="ignore"):
-        steps = np.rint((values - low) * (_STEPS / (high - low)))
+        steps = np.rint((values.astype(np.float64) - low) * (_STEPS / (high - low)))
     if np.isfinite(steps).all():
         whole: list[list[int | None]] = steps.astype(int).tolist()
         return whole

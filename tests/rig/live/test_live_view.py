@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -169,13 +170,13 @@ def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: 
 
 
 def test_the_page_is_told_also_once_reruns_server_is_gone_and_that_it_is_over() -> None:
-    with PageServer(0) as page:
-        live = LiveView(layout_of("16 channels", MANY, MANY), page_port=page.port).open()
+    with PageServer(0) as page, ExitStack() as stack:
+        live = stack.enter_context(LiveView(layout_of("16 channels", MANY, MANY), page_port=page.port))
         os.kill(live.processes[SERVER], signal.SIGKILL)
 
         def told() -> Any:
             found = page.after(0)
-            return None if found is None else json.loads(found[1])
+            return (found and json.loads(found[1])) or {"channels": []}
 
         live.offer(Progress("recording", 0.1, 5.0))
         live.offer(Block("measured", SampleBlock("channel_0", 0, START_NS, RATE, QUIET + 3)))

@@ -115,6 +115,14 @@ def test_what_is_no_number_is_left_out_and_a_gap_stays_one(told: Told) -> None:
     assert state["channels"][0]["level"] == pytest.approx(math.sin(0.5), rel=1e-3)
 
 
+@pytest.mark.parametrize("value", [0.0, 5.0, -3e-7, 2e30, 1e-40])
+def test_a_channel_that_shows_one_value_only_is_a_line_in_the_middle(told: Told, value: float) -> None:
+    told.state.take(Block("measured", block(np.full(2000, value))))
+    (channel,) = told.newest()["channels"]
+    cycle = np.array(channel["traces"]["measured"][0])
+    assert 300 < cycle.min() == cycle.max() < 700
+
+
 def test_levels_are_shown_before_anything_is_recorded_and_the_highest_stays(told: Told) -> None:
     told.state.take(Levels(START_NS + NS_PER_S, [60.0]))
     told.state.take(Levels(START_NS + 2 * NS_PER_S, [4.0]))
