@@ -251,7 +251,8 @@ class PageState:
                 cycle, band = trace.cycles(*self._grid, self._columns) or (None, None)
                 trend = trace.trend(first_bin, bins) if trace.rate else None
                 shown.append((layout.whose(origin), [cycle, band, trend]))
-        low, high = self._edge(name, [each for _, parts in shown for each in parts if each is not None])
+        drawn = [each * factor for _, parts in shown for each in parts if each is not None]
+        low, high = (edge / factor for edge in self._edge(name, drawn))
         bounds = layout.bounds.get(name, (None, None, None))
         level, most = self._levels.get(name), self._most.get(name)
         return {
