@@ -25,7 +25,7 @@ from rig.stream import Block, LastSeconds, Record, Shape
 PERIOD_S: Final = 0.2
 _SAID_AGAIN_S: Final = 1.0
 """Where nothing is new: the page would take a run that says nothing for dead."""
-_SHARE: Final = 5
+_SHARE: Final = 10
 """Of the time that it took to make one state: so long it waits at least before it makes the next."""
 _TREND_S, _BIN_S = 30.0, 0.25
 _CYCLES: Final = 8
