@@ -41,6 +41,7 @@ from daq.log.reader import LogReader
 from daq.log.records import STOPPING
 from drivers.emulator_process import EmulatedInstrument
 from drivers.emulator_truth import TRUTH_FOLDER
+from rig.live.page_server import PORT_VARIABLE
 from rig.session.driven_rig import STOPPED
 from tests.accounting import discrepancies, sent_in
 from tests.drivers.plants import SinePlant
@@ -143,7 +144,7 @@ class Terminal:
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
-            env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
+            env=os.environ | {"TERM": "xterm", "COLUMNS": "100", PORT_VARIABLE: "0"},
         )
         self._ours, self._theirs, self.shown = ours, theirs, b""
         self._reading = threading.Thread(target=self._read, daemon=True)
@@ -152,6 +153,9 @@ class Terminal:
     def stop_reading(self, stopped: bool) -> None:
         """What Ctrl-S and Ctrl-Q do."""
         termios.tcflow(self._theirs, termios.TCOOFF if stopped else termios.TCOON)
+
+    def enter(self) -> None:
+        os.write(self._ours, b"\n")
 
     def close(self) -> None:
         helpers = _family(self.run.pid)
@@ -293,6 +297,9 @@ def once(rig: str, way: str, rng: Random) -> dict[str, float]:
         bench = stack.enter_context(RIGS[rig](folder))
         terminal = Terminal(bench, folder, *(["--live"] if way == "viewer" else []))
         stack.callback(terminal.close)
+        if way == "viewer":
+            _await(lambda: b"armed" in terminal.shown, _PATIENCE_S, terminal)
+            terminal.enter()
         _await(lambda: bench.drives, _PATIENCE_S, terminal)
         if way != "limit":
             time.sleep(rng.uniform(0.0, _AFTER_S))

@@ -27,6 +27,7 @@ import psutil
 
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
+from rig.live.page_server import PORT_VARIABLE
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "impact_beam_sixteen_channels.toml"
@@ -99,6 +100,7 @@ def main() -> int:
         bench.write_text(of_bench + _STALL.format(faults=faults))
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
+        os.environ[PORT_VARIABLE] = "0"
         watched = _watch(command, arguments.seconds)
         return _report(list(Path(folder).glob("*.mcap")), watched, arguments.seconds, arguments.channels)
 

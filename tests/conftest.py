@@ -51,6 +51,7 @@ def pytest_configure() -> None:
     No test but those of the verdict waits for healthy rigs to be simulated.
     """
     os.environ["RATTLE_HEALTHY_RIGS"] = "0"
+    os.environ["RATTLE_LIVE_PORT"] = "0"  # a page of each run's own, which ends with it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

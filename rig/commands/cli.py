@@ -23,6 +23,9 @@ _HELP: Final = {
     "run:emulate": (
         "Start the emulated instruments on their real wire protocols; prints where each listens."
     ),
+    "run:live": (
+        "Keep up the page of the live view, which runs and replays with --live tell; the first starts it too."
+    ),
     "predict:predict": (
         "Run the twin only: from rest with the full drive, or with --seed a healthy rig with noise."
     ),

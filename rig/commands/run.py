@@ -87,6 +87,8 @@ def run(
     request = RunRequest(scenario, bench, connect, out, live, fitted)
     if until_stopped:
         request = replace(request, enough=screen.enter_pressed())
+    if live and screen.attended:
+        request = replace(request, armed=True)
     log = run_scenario(request, screen, clock)
 
     # The rig stands: what its report takes, most of scipy, is loaded only now.
@@ -101,6 +103,24 @@ def run(
         from rig.report.summary import as_json as figures
 
         print_json({"log": str(log), "report": str(log.with_suffix(".html")), **figures(recorded)})
+
+
+def live(
+    port: Annotated[
+        int | None, typer.Option("--port", min=1, max=65_535, help="Default: RATTLE_LIVE_PORT, else 8710.")
+    ] = None,
+    stop: Annotated[bool, typer.Option("--stop", help="End the one that is up.")] = False,
+) -> None:
+    from rig.live.page_server import PORT, answering, page_port, page_url, serve_page, stop_page
+
+    screen, at = Screen(Terminal()), port or page_port() or PORT
+    if stop:
+        screen.say(f"{page_url(at)} {'ended' if stop_page(at) else 'was not up'}")
+    elif answering(at) is not None:
+        screen.say(f"live view  {page_url(at)} is up; rattle live --stop ends it")
+    else:
+        screen.say(f"live view  {page_url(at)}; Ctrl-C ends it")
+        serve_page(at)
 
 
 _NO_PARITY: Final = (

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -17,7 +18,8 @@ from rig.derived.turns import KEPT_S, Turns, turns_from
 from rig.live import mechanism, paths
 from rig.live.crank_plots import IMPACT_FRAME, ORDER_FRAME, ImpactPicture, OrderPicture, SpeedPlot, speed_view
 from rig.live.mechanism import Body, Joint, JointPicture, MovingMechanism, Pose, Solid, joints_view
-from rig.live.picture import Layout, OwnViews, Stage
+from rig.live.picture import Layout, OwnViews, Point, Stage, looking
+from rig.live.sketch import Line, sketched
 from rig.stream import Block, LastSeconds, Record, Shape
 from sim_twin.rigs.channel_table import ChannelTable
 
@@ -34,8 +36,15 @@ class CrankPicture(ABC):
     speed_rad_s: float
     """The speed that was set."""
 
-    @abstractmethod
-    def eye(self) -> rrb.EyeControls3D: ...
+    rod_m: float
+    seen: ClassVar[tuple[Point, Point, Point]]
+    """From where it is looked at, toward where, in lengths of the rod, and what is up."""
+
+    def eye(self) -> rrb.EyeControls3D:
+        return looking(self.rod_m, *self.seen)
+
+    def sketch(self, shown: Layout) -> CrankSketch:
+        return CrankSketch(self, shown)
 
     @abstractmethod
     def fixed(self) -> tuple[Solid, ...]: ...
@@ -89,6 +98,50 @@ class CrankPicture(ABC):
 
     def heard(self, shown: Layout) -> dict[str, tuple[str, ...]]:
         return self.channels.heard(shown.units)
+
+
+class CrankSketch:
+    """The bodies as lines, by the crank angle and with ideal joints."""
+
+    def __init__(self, picture: CrankPicture, shown: Layout) -> None:
+        self._picture, self._shown = picture, shown
+        place, target, up = (np.array(each) for each in picture.seen)
+        right = np.cross(target - place, up)
+        upward = np.cross(right, target - place)
+        self._plane = np.stack((right / np.linalg.norm(right), upward / np.linalg.norm(upward)))
+        turn = np.concatenate([self._lines(each) for each in self._frames(np.linspace(0.0, 2 * np.pi, 36))])
+        room = 0.08 * picture.rod_m
+        left, low = turn.min(axis=0) - room
+        right_edge, high = turn.max(axis=0) + room
+        self._room = float(left), float(low), float(right_edge), float(high)
+
+    def note(self, shape: Shape, begin_s: float, cycle_s: float) -> None:
+        """Joints are ideal here."""
+
+    def drawn(self, angles: Mapping[Origin, NDArray[np.floating]]) -> dict[str, Any]:
+        """One revolution of each origin that shows its angle."""
+        each = {self._shown.whose(origin): self._frames(angle) for origin, angle in angles.items()}
+        frames = [
+            [(whose, line) for whose, of in each.items() for line in of[at]]
+            for at in range(min(map(len, each.values()), default=0))
+        ]
+        path = np.array([frame[1][0] for frame in self._frames(np.linspace(0.0, 2 * np.pi, 37))])
+        return sketched("one revolution, slowed; ideal joints", [path], frames, self._room)
+
+    def _frames(self, angle: NDArray[np.floating]) -> list[list[Line]]:
+        """The line of each body at angles in rad, shape (n,)."""
+        picture = self._picture
+        known = np.isfinite(angle)
+        poses = picture.poses(np.asarray(angle[known], dtype=np.float64))
+        bodies = [
+            (place[:, None] + np.array(body.line) @ turned.transpose(0, 2, 1)) @ self._plane.T
+            for body, (place, turned) in zip(picture.bodies(), poses, strict=True)
+        ]
+        return [[lines[at] for lines in bodies] for at in range(int(known.sum()))]
+
+    @staticmethod
+    def _lines(frame: list[Line]) -> Line:
+        return np.concatenate(frame)
 
 
 class _Turning:

@@ -6,9 +6,9 @@ A rig's picture is a frozen dataclass of numbers and words: it is loaded where i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import rerun as rr
@@ -18,9 +18,12 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.reader import SURROGATE, Origin
+from rig.derived.settings import role_of
 from rig.live import paths
+from rig.live.sketch import Sketch
 from rig.rigs import RIGS
 from rig.stream import Record
+from sim_twin.rigs.channel_table import Role
 
 if TYPE_CHECKING:
     from sim_twin.twin import AnyTwin
@@ -98,6 +101,16 @@ class Picture(Protocol):
 
     def play(self, stage: Stage) -> Play: ...
 
+    def sketch(self, shown: Layout) -> Sketch: ...
+
+
+class Bounds(NamedTuple):
+    """What a channel's magnitude may reach, in its unit: full scale, a warning, the end of the run."""
+
+    range: float | None = None
+    warning: float | None = None
+    abort: float | None = None
+
 
 _POINTS_PER_S = 12_000
 _FEWEST, _MOST = 800, 2_500
@@ -108,7 +121,8 @@ class Layout:
     """What is shown of a run: channels of all origins, drawn in their order, and the rig's picture.
 
     `units` has the unit of every channel, in the order of the views. `window_s` is how much of the newest
-    data the plots show, None for everything. `derived`: channels that are computed from them.
+    data the plots show, None for everything. `derived`: channels that are computed from them. `cycle_s`: how
+    long a cycle of the drive, or a revolution, is meant to last; None where nothing turns or swings evenly.
     """
 
     title: str
@@ -117,6 +131,13 @@ class Layout:
     window_s: float | None = None
     derived: Sequence[str] = ()
     picture: Picture | None = None
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+    cycle_s: float | None = None
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Channels that are angles, which grow as long as a shaft turns."""
+        return frozenset(name for name in self.units if role_of(name) is Role.ANGLE)
 
     def whose(self, origin: str) -> str:
         """The origin as the view names it: beside a nominal twin, the prediction is the repaired one."""
@@ -147,6 +168,8 @@ def layout_of(
     nominal: Sequence[Channel] = (),
     derived: Sequence[Channel] = (),
     surrogate: Sequence[Channel] = (),
+    bounds: Mapping[str, Bounds] | None = None,
+    cycle_s: float | None = None,
 ) -> Layout:
     """Layout of the channels of all origins: the measured first, then what is only predicted."""
     return Layout(
@@ -161,4 +184,6 @@ def layout_of(
         derived=[channel.name for channel in derived],
         picture=picture,
         window_s=window_s,
+        bounds=bounds or {},
+        cycle_s=cycle_s,
     )

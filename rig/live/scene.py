@@ -20,7 +20,7 @@ from rig.live import paths
 from rig.live.axes import SpectrumPicture
 from rig.live.picture import Layout, OwnViews, Stage
 from rig.live.series import CycleFigurePlots, line_style
-from rig.live.view import Dropped, Shown
+from rig.live.view import Dropped, Levels, Progress, Shown
 from rig.stream import Block, LastSeconds, Record, Shape
 
 Item = TypeVar("Item")
@@ -113,6 +113,8 @@ class Scene:
         """Show each as soon as it is due, until there are no more."""
         for frame in frames:
             match frame:
+                case Progress() | Levels() | Layout():
+                    continue
                 case Dropped(records):
                     self._show_dropped(records)
                 case Shape():

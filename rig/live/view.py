@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import pickle
 import tempfile
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -19,12 +21,13 @@ from daq.errors import InstrumentAbsent
 from daq.log.records import Event, Impact
 from daq.process import Child
 from rig.live.picture import Layout
-from rig.stream import Block, Consumer, Record, Shape
+from rig.stream import Block, Record, Shape
 
 LAST_WORDS_S = 1.5
 """What is still on its way when the run ends has this long to reach the viewer."""
 _START_TIMEOUT_S = 30.0
-_WINDOW_S = 3.0
+_WINDOW_S, _CYCLES = 3.0, 8
+"""What plots over time show: so many cycles can be told from each other."""
 _QUEUE_BYTES_A_TRACE = 512 << 10
 """2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
 _LEAST_TRACES = 32
@@ -38,7 +41,23 @@ class Dropped(NamedTuple):
     records: int
 
 
-Shown = Block | Shape | Event | Impact | Dropped
+class Progress(NamedTuple):
+    """What the run is at, as the terminal says it; `done` of `total` (0: nobody knows), in `unit`."""
+
+    text: str
+    done: float = 0.0
+    total: float = 0.0
+    unit: str = "s"
+
+
+class Levels(NamedTuple):
+    """The largest magnitude of each measured channel in a reading that ends at `time_ns`, recorded or not."""
+
+    time_ns: int
+    most: list[float]
+
+
+Shown = Block | Shape | Event | Impact | Dropped | Layout | Progress | Levels
 """What goes to the view process; of anything else no view shows something."""
 
 
@@ -53,7 +72,7 @@ class Sender:
         self.dropped = 0
         self.broken = False
         self._pipe = pipe
-        self._maximum_bytes = maximum_bytes
+        self.maximum_bytes = maximum_bytes
         self._waiting: deque[bytes] = deque()
         self._bytes = 0
         self._lock = threading.Lock()
@@ -63,7 +82,7 @@ class Sender:
     def start(self) -> None:
         self._thread.start()
 
-    def offer(self, record: Record | Dropped) -> None:
+    def offer(self, record: Record | Shown) -> None:
         """Queue a copy of a record that a view shows; returns at once, whatever the reader does."""
         if self._stop.is_set() or not isinstance(record, Shown):
             return
@@ -74,7 +93,7 @@ class Sender:
         with self._lock:
             self._waiting.append(pickled)
             self._bytes += len(pickled)
-            while self._bytes > self._maximum_bytes:
+            while self._bytes > self.maximum_bytes:
                 self._bytes -= len(self._waiting.popleft())
                 self.dropped += 1
 
@@ -108,46 +127,74 @@ class Sender:
 
 
 class LiveView:
-    """Shows a run in a browser at `url` while it runs; opened and closed in one thread, offered to from any.
+    """Shows a run while it runs; opened and closed in one thread, offered to from any.
 
-    Two processes work behind it, one that talks to Rerun and Rerun's own server, both on loopback only. When
-    they stall or die, what is offered is dropped and counted in `dropped`; the caller does not notice.
-    Measured data waits up to `patience_s` for its prediction, so that both appear together.
+    `url` is that of Rerun's time line. With `page_port` the operator's page there is told as well, from the
+    start on; 0 is a page of its own, at `page_url`. Two processes work behind it, one that talks to Rerun and
+    Rerun's own server, both on loopback only. When they stall or die, what is offered is dropped and counted
+    in `dropped`; the caller does not notice. In Rerun measured data waits up to `patience_s` for its
+    prediction, so that both appear together.
     """
 
-    offer: Consumer
-    """Shows a record if there is time and a place for it; there once the view is open."""
+    offer: Callable[[Record | Shown], None]
+    """Shows a record if there is time and a place for it; there once the view is started."""
 
-    def __init__(self, layout: Layout, patience_s: float = 3.0, memory_limit: str = "64MB") -> None:
+    def __init__(
+        self,
+        layout: Layout | None = None,
+        patience_s: float = 3.0,
+        memory_limit: str = "64MB",
+        page_port: int | None = None,
+    ) -> None:
         self.url = ""
         self.sink_url = ""
-        self._layout = replace(layout, window_s=_WINDOW_S)
+        self.page_url = ""
+        self._layout = layout
         self._patience_s = patience_s
         self._memory_limit = memory_limit
-        self._open = False
+        self._page_port = page_port
+        self._started = self._open = False
 
-    def open(self) -> LiveView:
-        """Start both processes, wait until the page is there; raises InstrumentAbsent if it does not come."""
-        complaints = self._complaints = tempfile.NamedTemporaryFile()  # noqa: SIM115  closed in close()
-        arguments = (complaints.name, self._layout, self._patience_s, self._memory_limit)
+    def start(self) -> LiveView:
+        """Start both processes, which takes seconds; what is offered from now on waits for them."""
+        self._complaints = tempfile.NamedTemporaryFile()  # noqa: SIM115  closed in close()
+        arguments = (self._complaints.name, self._patience_s, self._memory_limit, self._page_port)
         self._child = Child("live view", _show, *arguments, grace_s=LAST_WORDS_S)
         self._child.start()
+        self._sender = Sender(self._child.pipe, _LEAST_TRACES * _QUEUE_BYTES_A_TRACE)
+        self._sender.start()
+        self.offer = self._sender.offer
+        self._started = True
+        if self._layout is not None:
+            self.show(self._layout)
+        return self
+
+    def show(self, layout: Layout) -> None:
+        """Show these channels from now on."""
+        traces = sum(map(len, layout.origins.values()))
+        self._sender.maximum_bytes = max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE
+        cycles_s = math.inf if layout.cycle_s is None else _CYCLES * layout.cycle_s
+        self.offer(replace(layout, window_s=min(_WINDOW_S, cycles_s)))
+
+    def open(self) -> LiveView:
+        """Start, and wait until the page is there; raises InstrumentAbsent if it does not come."""
+        if not self._started:
+            self.start()
+        complaints = self._complaints
         answer: Any = ""
         with contextlib.suppress(EOFError, OSError):
             answer = self._child.pipe.recv() if self._child.pipe.poll(_START_TIMEOUT_S) else ""
         if isinstance(answer, str):  # it says why there is no page, if it can
+            self._started = False
             self._child.end(0.0)
+            self._sender.close(None)
             lines = complaints.read().decode(errors="replace").split("\n")
             said = next((line for line in reversed(lines) if line.strip()), "no word from it")
             self._child.pipe.close()
             complaints.close()
             raise InstrumentAbsent("live view", "127.0.0.1", answer or f"it did not start: {said}")
-        self.url, self.sink_url, server = answer
+        self.url, self.sink_url, server, self.page_url = answer
         self._server = psutil.Process(server)
-        traces = sum(len(names) for names in self._layout.origins.values())
-        self._sender = Sender(self._child.pipe, max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE)
-        self._sender.start()
-        self.offer = self._sender.offer
         self._open = True
         return self
 
@@ -169,15 +216,16 @@ class LiveView:
 
     def close(self, timeout_s: float = 4.0) -> None:
         """Let the view show what it has, at most `timeout_s`, and end both processes."""
-        if not self._open:
+        if not self._started:
             return
-        self._open = False
         deadline = time.monotonic() + timeout_s
         self._sender.close(timeout_s / 3)
         self._child.end(max(deadline - time.monotonic(), 0.0))
         # the server dies with the view process, unless that was killed too early
-        with contextlib.suppress(psutil.NoSuchProcess):
-            self._server.kill()
+        if self._open:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                self._server.kill()
+        self._started = self._open = False
         self._sender.close(None)
         self._child.pipe.close()
         self._complaints.close()
@@ -189,7 +237,9 @@ class LiveView:
         self.close()
 
 
-def _show(pipe: Connection, complaints: str, layout: Layout, patience_s: float, memory_limit: str) -> None:
+def _show(
+    pipe: Connection, complaints: str, patience_s: float, memory_limit: str, page_port: int | None
+) -> None:
     """In the view process, in a session of its own: what the terminal sends is for the sequencer alone."""
     os.setsid()
     with open(complaints, "ab") as file:  # what Rerun has to say is not for the terminal either
@@ -197,4 +247,4 @@ def _show(pipe: Connection, complaints: str, layout: Layout, patience_s: float, 
         os.dup2(file.fileno(), 2)
     from rig.live.view_process import serve
 
-    serve(pipe, layout, patience_s, memory_limit)
+    serve(pipe, patience_s, memory_limit, page_port)

@@ -37,10 +37,14 @@ class Terminal(Console):
 
 
 class Screen:
-    """Lines and progress bars on the terminal; on a pipe, lines alone."""
+    """Lines and progress bars on the terminal; on a pipe, lines alone.
+
+    Each of `stages` is told what goes on, how far it is, of how much, and the unit of both.
+    """
 
     def __init__(self, console: Console) -> None:
         self.console = console
+        self.stages: list[Callable[[str, float, float, str], None]] = []
         self._queue: SimpleQueue[Callable[[], None] | None] | None = None
 
     @contextmanager
@@ -66,6 +70,16 @@ class Screen:
     def warn(self, text: str) -> None:
         self.say(f"! {text}", "yellow")
 
+    def stage(self, text: str, done: float = 0.0, total: float = 0.0, unit: str = "s") -> None:
+        """Tell what goes on now, but not the terminal; `total` is 0 where nobody knows how long it takes."""
+        for tell in self.stages:
+            tell(text, done, total, unit)
+
+    @property
+    def attended(self) -> bool:
+        """Whether there is a person to press Enter."""
+        return self.console.is_terminal and sys.stdin is not None and sys.stdin.isatty()
+
     def _show(self, show: Callable[[], None]) -> None:
         if self._queue is None:
             show()
@@ -74,7 +88,7 @@ class Screen:
 
     def hold(self, text: str, ended: Callable[[], bool] = lambda: False) -> None:
         """Wait for Enter, where there is a person to press it, or until `ended`."""
-        if self.console.is_terminal and sys.stdin.isatty():
+        if self.attended:
             self.say(text)
             while not ended():
                 if select.select([sys.stdin], [], [], _LOOK_S)[0]:
@@ -109,6 +123,7 @@ class Screen:
     @contextmanager
     def busy(self, text: str) -> Iterator[None]:
         """Show that something goes on that has no length."""
+        self.stage(text)
         if not self.console.is_terminal:
             self.say(f"{text} ...")
             yield
@@ -122,24 +137,31 @@ class Screen:
 
         What it gives is told how far it is, in that unit.
         """
+        self.stage(text, 0.0, total, unit)
         if not self.console.is_terminal:
             self.say(f"{text} ({total:g} {unit}) ...")
             said = 0
 
             def quarters(done: float) -> None:
                 nonlocal said
-                if (now := min(3, int(4 * done / total)) if total else 3) > said:
+                self.stage(text, done, total, unit)
+                if unit != "s" and (now := min(3, int(4 * done / total)) if total else 3) > said:
                     said = now
                     self.say(f"{text} {25 * now} %")
 
-            yield (lambda done: None) if unit == "s" else quarters
+            yield quarters
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
         progress = Progress(*columns, console=self.console, transient=True)
         task = progress.add_task(text, total=total)
         self._show(progress.start)
+
+        def update(done: float) -> None:
+            self.stage(text, done, total, unit)
+            progress.update(task, completed=done)
+
         try:
-            yield lambda done: progress.update(task, completed=done)
+            yield update
         finally:
             self._show(progress.stop)
 

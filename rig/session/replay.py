@@ -15,6 +15,7 @@ from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, derivation_of, derived_channels
 from rig.files.scenario import AcquisitionSection
+from rig.session.on_page import VIEW_STAYS, on_page, show
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
@@ -36,23 +37,25 @@ def replay_log(
     """
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
+        view = stack.enter_context(on_page(screen)) if live else None
         log = stack.enter_context(LogReader(path))
         if not log.channels("measured") and not log.channels("predicted"):
             raise LogError(f"{path}: no channels in it")
         stream, derived = Stream(consumers), _Derived()
-        if live:
+        if view is not None:
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
             from rig.live.picture import layout_of, picture_of  # only what is shown need load Rerun
-            from rig.live.view import LiveView
 
             origins = {origin: list(log.channels(origin).values()) for origin in PLAYED}
             picture, derivable = picture_of(twin), derived_channels(origins, scenario)
             measured, predicted, beside = (origins[each] for each in ("measured", "predicted", "nominal"))
             learnt = origins[SURROGATE]
-            shown = layout_of(scenario.name, measured, predicted, picture, None, beside, derivable, learnt)
-            view = stack.enter_context(LiveView(shown))
-            screen.say(f"live view  {view.url}")
+            cycle_s = 1 / scenario.drive.cycle_hz
+            shown = layout_of(
+                scenario.name, measured, predicted, picture, None, beside, derivable, learnt, cycle_s=cycle_s
+            )
+            show(view, shown, screen)
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
         derivation = derivation_of(log, stream)
         stream += [derived, derivation]
@@ -60,8 +63,9 @@ def replay_log(
             count = _play(log, speed, clock, stop, stream)
         derivation.finish()
         screen.say(f"derived    {derived}")
+        screen.stage(f"replayed: {path}")
         if live:
-            screen.hold("the live view stays open; Enter closes it", lambda: stop.wanted)
+            screen.hold(VIEW_STAYS, lambda: stop.wanted)
         return count
 
 

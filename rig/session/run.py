@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.reader import Origin
 from daq.log.records import RECORD_END
 from daq.quantity import settings_of
 from daq.time_base.run_clock import RunClock
+from drivers.protocols.card import CardReading
 from rig.derived.derivation import DerivationProcess, derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
@@ -25,6 +29,7 @@ from rig.session.devices import Connect, connected
 from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, ON_THEIR_WAY_S, FrequencyCheck, FrequencyHold, Trimmed
+from rig.session.on_page import VIEW_STAYS, on_page, show
 from rig.session.progress import FIRST_START, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
@@ -144,7 +149,8 @@ class RunRequest:
     `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
     quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
-    `path`: the sections [drive] that the drive comes through before it settles.
+    `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for Enter,
+    with all connected and measuring, before anything moves.
     """
 
     scenario: Scenario
@@ -157,22 +163,31 @@ class RunRequest:
     enough: Callable[[], bool] = lambda: False
     view_stays: bool = True
     path: tuple[Any, ...] = ()
+    armed: bool = False
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     with ExitStack() as stack:
+        view = stack.enter_context(on_page(screen)) if request.live else None
         stop, devices, notes = connected(stack, request.connect, request.scenario, request.bench, screen)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
-        return _Run(request, rig, notes, stop).execute(stack)
+        return _Run(request, rig, notes, stop, view).execute(stack)
 
 
 class _Run:
     """The parts of one run, joined."""
 
-    def __init__(self, request: RunRequest, rig: DrivenRig, notes: dict[str, str], stop: StopRequest) -> None:
+    def __init__(
+        self,
+        request: RunRequest,
+        rig: DrivenRig,
+        notes: dict[str, str],
+        stop: StopRequest,
+        view: LiveView | None,
+    ) -> None:
         self._request, self._scenario = request, request.scenario
-        self._rig, self._notes, self._stop = rig, notes, stop
+        self._rig, self._notes, self._stop, self._view = rig, notes, stop, view
         self._hold: FrequencyHold | None = None
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
@@ -216,11 +231,12 @@ class _Run:
             derivation.wait_ready(self._stop.check)
         log = rig.open_log(stack, self._request.folder, self._scenario.name)
         derived = derived_channels(origins, self._scenario)
-        view = self._view(stack, twin, origins, derived) if self._request.live else None
         rig.stream += [*self._request.consumers, *filter(None, [self._frequency]), derivation]
         stack.callback(lambda: derivation.finish(rig.logbook.note))  # however the run ends
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
         readers: list[Reader] = [lambda reading: feed.take(reading, rig.acquisition)]
+        if (view := self._view) is not None:
+            readers.append(self._show(view, twin, origins, derived))
         if (hold := self._hold) is not None:
             row = rig.names.index(hold.channel)
             readers.insert(0, lambda reading: hold.take(reading.values[row]))
@@ -241,33 +257,53 @@ class _Run:
         if view is not None:
             rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
         rig.recorder.close()
-        if self._request.live and self._request.view_stays:
-            rig.screen.hold("the live view stays open; Enter closes it", lambda: self._stop.wanted)
+        rig.screen.stage(f"finished: {log}")
+        if view is not None and self._request.view_stays:
+            rig.screen.hold(VIEW_STAYS, lambda: self._stop.wanted)
         return log
 
-    def _view(
-        self, stack: ExitStack, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
-    ) -> LiveView:
-        """The live view, which gets every record from now on and may drop it."""
-        from rig.live.picture import (  # here, for a run that nobody watches need not load Rerun
-            layout_of,
-            picture_of,
-        )
-        from rig.live.view import LiveView
+    def _show(
+        self, view: LiveView, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
+    ) -> Reader:
+        """Give the view every record from now on, which it may drop; what is returned shows it the levels."""
+        from rig.live.picture import Bounds, layout_of, picture_of
+        from rig.live.view import Levels
 
         encoder, measured = self._rig.devices.encoder, [*origins["measured"], *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        predicted, picture = origins["predicted"], picture_of(twin)
-        shown = layout_of(self._scenario.name, measured, predicted, picture, derived=derived)
-        view = stack.enter_context(LiveView(shown))
-        self._rig.screen.say(f"live view  {view.url}")
-        self._rig.stream.append(view.offer)
-        return view
+        limits = {limit.channel: (limit.warning, limit.abort) for limit in self._scenario.limits}
+        bounds = {
+            each.name: Bounds(each.range, *limits.get(each.name, (None, None)))
+            for each in self._request.bench.daq_card.channels
+        }
+        cycle_s = 1 / self._scenario.drive.cycle_hz
+        predicted, picture, rig = origins["predicted"], picture_of(twin), self._rig
+        shown = layout_of(
+            self._scenario.name, measured, predicted, picture, derived=derived, bounds=bounds, cycle_s=cycle_s
+        )
+        show(view, shown, rig.screen)
+        rig.stream.append(view.offer)
+
+        def levels(reading: CardReading) -> None:
+            end = reading.first_sample + reading.values.shape[1]
+            time_ns = sample_time_ns(rig.acquisition.base.start_ns, end, rig.sample_rate)
+            most = np.fmax(np.fmax.reduce(reading.values, axis=1), -np.fmin.reduce(reading.values, axis=1))
+            view.offer(Levels(time_ns, most.tolist()))
+
+        return levels
+
+    def _await_enter(self) -> None:
+        rig, text = self._rig, "armed: Enter starts"
+        rig.screen.say(text)
+        rig.screen.stage(text)
+        rig.watch.until(rig.acquisition, rig.screen.enter_pressed())
 
     def _move_and_record(self) -> None:
         rig, path = self._rig, self._request.path
         with rig.moving():
+            if self._request.armed:
+                self._await_enter()
             Sequence(self._scenario.acquisition, rig, self._feed, self._hold, path).drive_and_record()
         rig.tell_of_marks()
         if rig.encoder is not None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from daq.log.reader import Origin
 from daq.log.records import Impact
 from rig.live import paths
 from rig.live.picture import Layout, OwnViews, Stage, looking
 from rig.live.series import over_time, points_style
+from rig.live.sketch import FRAMES, Line, sketched
 from rig.stream import Record, Shape
 
 if TYPE_CHECKING:
@@ -60,6 +64,9 @@ class BeamPicture:
         peaks = over_time(paths.PEAKS, "Largest force of each impact [N]", shown.window_s)
         return OwnViews((beam, (peaks, 2.5)))
 
+    def sketch(self, shown: Layout) -> BeamSketch:
+        return BeamSketch(self, shown)
+
     def play(self, stage: Stage) -> _BeamPlay:
         return _BeamPlay(self, stage)
 
@@ -105,6 +112,47 @@ class BeamPicture:
                 radii=rr.Radius.ui_points([2.5, 2.5, *[1.0] * len(ribs)]),
             ),
         )
+
+
+class BeamSketch:
+    """The predicted beam from the side, at the newest phases of the cycle that came, between its stops.
+
+    The forces on these are arrows, measured and predicted.
+    """
+
+    def __init__(self, picture: BeamPicture, shown: Layout) -> None:
+        self._picture, self._shown = picture, shown
+        self._newest: deque[tuple[float, Line]] = deque(maxlen=2 * FRAMES)
+
+    def note(self, shape: Shape, begin_s: float, cycle_s: float) -> None:
+        height = self._picture.magnification * np.asarray(shape.points_m, dtype=np.float64)
+        line = np.column_stack((np.linspace(0.0, self._picture.length_m, len(height)), height))
+        self._newest.append(((shape.time_s - begin_s) / cycle_s % 1.0, line))
+
+    def drawn(self, angles: Mapping[Origin, NDArray[np.floating]]) -> dict[str, Any]:
+        """One cycle, put together of several."""
+        length, whose = self._picture.length_m, self._shown.whose("predicted")
+        phases = np.array([phase for phase, _ in self._newest])
+        frames = [
+            [(whose, self._newest[int(np.abs((phases - at + 0.5) % 1.0 - 0.5).argmin())][1])]
+            for at in np.arange(FRAMES) / FRAMES
+            if len(phases)
+        ]
+        stops = [
+            self._picture.magnification * (sign * self._picture.clearance_m - self._picture.rest_offset_m)
+            for sign in (1, -1)
+        ]
+        fixed = [np.array([[0.94 * length, stop], [1.06 * length, stop]]) for stop in stops]
+        fixed.append(np.array([[0.0, 0.0], [length, 0.0]]))
+        reach = 0.36 * length
+        room = (-0.04 * length, -reach, 1.12 * length, reach)
+        caption = f"predicted beam, {self._picture.magnification:.0f} x, slowed; arrows: forces on the stops"
+        ends = [
+            (side, (length, stop), sign)
+            for side, stop, sign in zip(_SIDES, stops, (1.0, -1.0), strict=True)
+            if side in self._shown.units
+        ]
+        return sketched(caption, fixed, frames, room, ends)
 
 
 class _BeamPlay:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from rig.live.crank_picture import CrankPicture
 from rig.live.mechanism import SQUARE, Bar, Body, Box, Joint, Pose, Solid, turned_to
-from rig.live.picture import looking
+from rig.live.picture import Point
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS
 
@@ -28,6 +27,7 @@ class PlanarCrankPicture(CrankPicture):
     """Crank around the origin, slider along +x, gravity along -y. In m and rad/s."""
 
     rig: ClassVar[str] = "planar_slider_crank"
+    seen: ClassVar[tuple[Point, Point, Point]] = (0.45, 0.2, 0.85), (0.52, 0.0, 0.0), (0.0, 1.0, 0.0)
     channels: ClassVar[ChannelTable] = CHANNELS
 
     crank_m: float
@@ -40,9 +40,6 @@ class PlanarCrankPicture(CrankPicture):
     def of(cls, twin: Twin[PlanarSliderCrank, SpeedDrive]) -> PlanarCrankPicture:
         rig = twin.rig
         return cls(rig.crank_length, rig.rod_length, rig.clearance_1, rig.clearance_2, twin.drive.mean_speed)
-
-    def eye(self) -> rrb.EyeControls3D:
-        return looking(self.rod_m, (0.45, 0.2, 0.85), (0.52, 0.0, 0.0), up=(0.0, 1.0, 0.0))
 
     def fixed(self) -> tuple[Solid, ...]:
         """The crank's bearing, and the guide's two rails along the stroke."""

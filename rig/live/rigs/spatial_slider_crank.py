@@ -7,12 +7,11 @@ from math import cos, sin
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from rig.live.crank_picture import CrankPicture
 from rig.live.mechanism import SQUARE, Bar, Body, Box, Joint, Pose, Solid, turned_to
-from rig.live.picture import looking
+from rig.live.picture import Point
 from sim_twin.rigs.channel_table import ChannelTable
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
 
@@ -29,6 +28,7 @@ class SpatialCrankPicture(CrankPicture):
     """Guide along x, z up, the crank's circle spanned by z and the horizontal across its axis. SI."""
 
     rig: ClassVar[str] = "spatial_slider_crank"
+    seen: ClassVar[tuple[Point, Point, Point]] = (0.3, -0.9, 0.4), (0.48, 0.0, 0.0), (0.0, 0.0, 1.0)
     channels: ClassVar[ChannelTable] = CHANNELS
 
     crank_m: float
@@ -57,10 +57,6 @@ class SpatialCrankPicture(CrankPicture):
             guide_clearance_m=rig.guide_clearance,
             speed_rad_s=twin.drive.mean_speed,
         )
-
-    def eye(self) -> rrb.EyeControls3D:
-        """From the side, a little from above and from behind the crank."""
-        return looking(self.rod_m, (0.3, -0.9, 0.4), (0.48, 0.0, 0.0))
 
     def fixed(self) -> tuple[Solid, ...]:
         """The guide along the stroke, and the crank's axle."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 import psutil
@@ -16,8 +19,9 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.records import Event
+from rig.live.page_server import PageServer
 from rig.live.picture import layout_of
-from rig.live.view import LiveView
+from rig.live.view import LiveView, Progress
 from rig.stream import Block, Shape
 from tests.rig.synthetic_run import RATE, START_NS
 
@@ -163,6 +167,23 @@ def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: 
         time.sleep(max(0.1 - (time.monotonic() - started), 0.0))  # the card's own pace
     assert (time.process_time() - before) / seconds < 0.03  # the budget; 1.2 % as measured
     assert view.dropped == 0
+
+
+def test_the_page_is_told_also_once_reruns_server_is_gone_and_that_it_is_over() -> None:
+    with PageServer(0) as page, ExitStack() as stack:
+        live = stack.enter_context(LiveView(layout_of("16 channels", MANY, MANY), page_port=page.port))
+        os.kill(live.processes[SERVER], signal.SIGKILL)
+
+        def told() -> Any:
+            found = page.after(0)
+            return (found and json.loads(found[1])) or {"channels": []}
+
+        live.offer(Progress("recording", 0.1, 5.0))
+        live.offer(Block("measured", SampleBlock("channel_0", 0, START_NS, RATE, QUIET + 3)))
+        assert wait_until(lambda: told()["channels"] and told()["channels"][0]["level"] == 3.0)
+        assert told()["stage"]["text"] == "recording"
+        live.close(CLOSE_S)
+        assert told()["ended"]
 
 
 def test_a_view_of_no_channels_opens() -> None:

@@ -1,0 +1,111 @@
+"""How soon the live view shows a run, and how far behind its newest sample it is.
+
+Runs `rattle run --live` on the emulated beam with 16 channels, or as many as are asked for, and opens the
+address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from the address to
+the first picture; how far behind the newest sample the page was each time it had drawn, while the run
+recorded. Run and browser share this machine's cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import sync_playwright
+
+from benchmarks.recording_load import SCENARIO, _beam_bench
+from rig.live.page_server import PORT_VARIABLE, PageServer, stop_page
+
+ROOT = Path(__file__).parents[1]
+CHROMIUM = "/usr/bin/chromium"
+FIRST_S, BEHIND_S = 5.0, 2.0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--channels", type=int, default=16)
+    parser.add_argument("--size", default="1280x800")
+    parser.add_argument("--picture", help="PNG of the page in the middle of the record")
+    arguments = parser.parse_args()
+    print(f"load before the run       {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores")
+    with PageServer(0) as free:
+        port = free.port
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return _measure(arguments, Path(folder), port)
+    finally:
+        stop_page(port)
+
+
+def _measure(arguments: argparse.Namespace, folder: Path, port: int) -> int:
+    scenario, bench = folder / "scenario.toml", folder / "bench.toml"
+    text = re.sub(r'sample_rate = ".*"', 'sample_rate = "51200 Hz"', SCENARIO.read_text())
+    scenario.write_text(re.sub(r'duration = ".*"', f'duration = "{arguments.seconds:g} s"', text))
+    bench.write_text(_beam_bench(arguments.channels))
+    width, height = map(int, arguments.size.split("x"))
+    command = [
+        sys.executable,
+        "-m",
+        "rig.start",
+        "run",
+        str(scenario),
+        "--bench",
+        str(bench),
+        "--out",
+        folder,
+    ]
+    with sync_playwright() as playwright:
+        run = subprocess.Popen(  # noqa: S603 - our own
+            [*command, "--live"],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {PORT_VARIABLE: str(port), "PYTHONUNBUFFERED": "1"},
+        )
+        assert run.stdout is not None
+        address = next(line.split()[-1] for line in run.stdout if line.startswith("live view"))
+        named_s = time.monotonic()
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu", "--no-first-run"]
+        )
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.goto(address)
+        page.wait_for_function("() => looks.length > 0")
+        first_s = time.monotonic() - named_s
+        for line in run.stdout:
+            if line.startswith("recording"):
+                break
+        if arguments.picture:
+            page.wait_for_timeout(500 * arguments.seconds)
+            page.screenshot(path=arguments.picture)
+        print(run.stdout.read(), end="")
+        run.wait()
+        looks = page.evaluate("() => looks")
+        browser.close()
+    return run.returncode or _report(looks, first_s)
+
+
+def _report(looks: list[tuple[float, float, str]], first_s: float) -> int:
+    recording = [(at, behind) for at, behind, stage in looks if stage == "recording"]
+    behind = np.array([each for _, each in recording])
+    each_s = np.diff([at for at, _ in recording]) / 1000
+    before = sorted({stage for _, _, stage in looks[: len(looks) - len(recording)]} - {"recording"})
+    print(f"address to first picture  {first_s:.2f} s, with the browser's start (bar {FIRST_S:g})")
+    print(f"before and after it said  {'; '.join(before)}")
+    often = f"every {np.median(each_s):.2f} s, at the longest {each_s.max():.2f} s"
+    print(f"pictures of the record    {len(behind)}, {often}")
+    late = f"95 % {np.quantile(behind, 0.95):.2f} s, largest {behind.max():.2f} s (bar {BEHIND_S:g})"
+    print(f"behind the newest sample  median {np.median(behind):.2f} s, {late}")
+    return int(first_s > FIRST_S or behind.max() > BEHIND_S)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

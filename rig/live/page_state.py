@@ -1,0 +1,326 @@
+"""What the operator's page shows, as one text: made anew a few times a second from the records that come."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import NS_PER_S, SampleBlock, sample_time_ns
+from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, Origin, derived_name
+from daq.log.records import Event, Impact
+from rig.live import paths
+from rig.live.picture import Layout
+from rig.live.sketch import FRAMES
+from rig.live.view import Dropped, Levels, Progress, Shown
+from rig.pages.words import as_written, number
+from rig.stream import Block, LastSeconds, Record, Shape
+
+PERIOD_S: Final = 0.2
+_SAID_AGAIN_S: Final = 1.0
+"""Where nothing is new: the page would take a run that says nothing for dead."""
+_SHARE: Final = 10
+"""Of the time that it took to make one state: so long it waits at least before it makes the next."""
+_TREND_S, _BIN_S = 30.0, 0.25
+_CYCLES: Final = 8
+_CYCLES_A_BIN: Final = 2  # then each has a whole one in it
+_COLUMNS, _FEWEST_COLUMNS = 6000, 40
+"""Of all pictures of a cycle together, and of one at least: a browser without a graphics card keeps up."""
+_STEPS: Final = 1000
+"""From the lower edge of a plot to the upper one; whole numbers are what JSON is quick at."""
+_NO_CYCLE_S: Final = 0.05
+_EVENTS: Final = 40
+
+Array = NDArray[np.floating]
+
+
+class _Trace:
+    """The newest samples of one channel of one origin, and least and largest of every `bin_s`."""
+
+    def __init__(self, kept_s: float, bin_s: float, wraps: bool) -> None:
+        self.recent = LastSeconds(kept_s)
+        self._bin_s = bin_s
+        self.rate = 0.0
+        self._wraps = wraps
+        self._bins: dict[int, tuple[float, float]] = {}
+
+    @property
+    def end_s(self) -> float:
+        return self.recent.end_sample / self.rate if self.rate else 0.0
+
+    def add(self, block: SampleBlock) -> None:
+        if block.end_sample <= self.recent.end_sample:
+            self._bins.clear()  # another record begins
+        self.rate = block.sample_rate
+        self.recent.add(block)
+        values, a_bin = self.seen(block.values), max(round(self._bin_s * self.rate), 1)
+        first = block.first_sample // a_bin
+        starts = np.maximum(np.arange(first, (block.end_sample - 1) // a_bin + 1) * a_bin, block.first_sample)
+        least, most = _extremes(values, starts - block.first_sample)
+        for at, (low, high) in enumerate(zip(least.tolist(), most.tolist(), strict=True), first):
+            before = self._bins.get(at, (math.nan, math.nan))
+            self._bins[at] = min(low, before[0]), max(high, before[1])
+        for old in [at for at in self._bins if at <= first - _TREND_S / self._bin_s]:
+            del self._bins[old]
+
+    def seen(self, values: Array) -> Array:
+        """As the page shows them: an angle, which grows for ever, as part of a turn."""
+        return np.degrees(np.mod(values, math.tau)) if self._wraps else values
+
+    def trend(self, first: int, count: int) -> Array:
+        """Least and largest in each bin from `first` on, shape (2, count)."""
+        return np.array([self._bins.get(first + at, (np.nan, np.nan)) for at in range(count)]).T
+
+    def cycles(self, begin_s: float, cycle_s: float, columns: int) -> tuple[Array, Array] | None:
+        """Least and largest in each column of the newest whole cycle, and of the newest ones together.
+
+        Both of shape (2, columns). Cycles begin at `begin_s` and every `cycle_s` before and after it.
+        """
+        if not self.rate:
+            return None
+        last = math.floor((self.end_s - begin_s) / cycle_s)  # the number of the cycle that is under way
+        found = []
+        for at in range(last - 1, last - 1 - _CYCLES, -1):
+            edges = (begin_s + (at + np.arange(columns + 1) / columns) * cycle_s) * self.rate
+            edge = np.ceil(edges).astype(np.int64)
+            if edge[0] < self.recent.first_sample or edge[0] < 0:
+                break
+            found.append(_extremes(self.seen(self.recent.between(edge[0], edge[-1])), edge[:-1] - edge[0]))
+        if not found:
+            return None
+        every = np.array(found)
+        return every[0], np.stack((np.fmin.reduce(every[:, 0]), np.fmax.reduce(every[:, 1])))
+
+
+def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
+    """Least and largest from each start to the next, shape (2, n); NaN only where all are."""
+    return np.stack((np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)))
+
+
+class PageState:
+    """Takes every record of a run and hands its state, as JSON, to `publish` a few times a second."""
+
+    def __init__(self, publish: Callable[[bytes], None], explore: str = "") -> None:
+        self._publish = publish
+        self._explore = explore
+        self._progress = Progress("starting")
+        self._layout = Layout("", {}, {})
+        self._started = self._newest_ns = 0
+        self._start_ns: int | None = None
+        self._events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
+        self._dropped = 0
+        self._ended = False
+        self._changed, self._due_s = True, 0.0
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        layout = self._layout
+        angles = self._wraps = layout.angles
+        self._bin_s = max(_BIN_S, _CYCLES_A_BIN * (layout.cycle_s or 0.0))
+        kept_s = max(1.0, 3.2 * (layout.cycle_s or _NO_CYCLE_S)) + 0.2
+        self._traces = {
+            (origin, name): _Trace(kept_s, self._bin_s, name in angles)
+            for origin, names in layout.origins.items()
+            for name in names
+        }
+        self._columns = max(_COLUMNS // max(len(self._traces), 1) // 2, _FEWEST_COLUMNS)
+        self._columns = min(self._columns, 160)
+        self._grid = 0.0, layout.cycle_s or _NO_CYCLE_S
+        self._levels: dict[str, float] = {}
+        self._most: dict[str, float] = {}
+        self._impacts: dict[str, tuple[int, float, str]] = {}
+        self._speeds: dict[Origin, float] = {}
+        self._edges: dict[str, tuple[float, float]] = {}
+        self._peaks = {derived_name("measured", name, CYCLE_PEAK) for name in layout.units}
+        self._speed_of = {derived_name(origin, CRANK_SPEED): origin for origin in layout.origins}
+        self._sketch = layout.picture.sketch(layout) if layout.picture else None
+
+    def take(self, frame: Shown) -> None:
+        """Note what a record says; cheap, whatever comes."""
+        self._changed = True
+        match frame:
+            case Layout():
+                self._layout = frame
+                self._lay_out()
+            case Progress():
+                if frame.text != self._progress.text:
+                    self._due_s = 0.0
+                self._progress = frame
+            case Levels(time_ns, most):
+                self._newest_ns = max(self._newest_ns, time_ns)
+                self._note_levels(dict(zip(self._layout.origins.get("measured", ()), most, strict=False)))
+            case Dropped(records):
+                self._dropped = records
+            case Event():
+                self._events.append((frame.level, frame.text))
+            case _:
+                self._note(frame)
+
+    def _note(self, record: Record) -> None:
+        match record:
+            case Impact():
+                count, largest, _ = self._impacts.get(record.origin, (0, 0.0, ""))
+                unit = self._layout.units.get(record.channel, "")
+                self._impacts[record.origin] = count + 1, max(largest, record.peak), unit
+            case Shape() if self._sketch is not None:
+                self._sketch.note(record, *self._grid)
+            case Block("derived", samples):
+                self._note_derived(samples)
+            case Block(origin, samples) if (origin, samples.channel) in self._traces:
+                self._note_block(origin, samples)
+
+    def _note_levels(self, most: dict[str, float]) -> None:
+        for name, level in most.items():
+            if math.isfinite(level) and name not in self._wraps:
+                self._levels[name] = float(level)
+                self._most[name] = max(float(level), self._most.get(name, 0.0))
+
+    def _note_block(self, origin: Origin, samples: SampleBlock) -> None:
+        if self._start_ns is None:
+            self._start_ns = sample_time_ns(samples.time_ns, -samples.first_sample, samples.sample_rate)
+        self._traces[origin, samples.channel].add(samples)
+        if origin == "measured":
+            end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
+            self._newest_ns = max(self._newest_ns, end_ns)
+            if len(samples):
+                level = float(np.fmax.reduce(np.abs(samples.values)))
+                self._note_levels({samples.channel: level})
+
+    def _note_derived(self, samples: SampleBlock) -> None:
+        if samples.channel in self._peaks and self._start_ns is not None:
+            # where cycles begin, anew with every block: a crank's revolutions are not all alike
+            self._grid = (samples.time_ns - self._start_ns) / NS_PER_S, 1 / samples.sample_rate
+        known = samples.values[np.isfinite(samples.values)]
+        if samples.channel in self._speed_of and len(known):
+            self._speeds[self._speed_of[samples.channel]] = float(known[-1])
+
+    def end(self) -> None:
+        """No more will come: say what there is."""
+        self._ended, self._changed, self._due_s = True, True, 0.0
+        self.look()
+
+    def look(self) -> None:
+        """Publish what is new, unless it was too lately that something was."""
+        begin_s = time.monotonic()
+        if begin_s < self._due_s + (0.0 if self._changed else _SAID_AGAIN_S):
+            return
+        self._publish(json.dumps(self._state(), separators=(",", ":")).encode())
+        self._changed = False
+        took_s = time.monotonic() - begin_s
+        self._due_s = begin_s + max(PERIOD_S, _SHARE * took_s)
+
+    def _state(self) -> dict[str, Any]:
+        layout, progress = self._layout, self._progress
+        measured = [self._traces["measured", name] for name in layout.origins.get("measured", ())]
+        reached_s = max((each.end_s for each in measured or self._traces.values()), default=0.0)
+        bin_s = self._bin_s
+        bins = min(math.ceil(max(reached_s, 4.0) / bin_s), round(_TREND_S / bin_s))
+        first_bin = max(math.ceil(reached_s / bin_s) - bins, 0)
+        return {
+            "title": layout.title,
+            "stage": progress._asdict(),
+            "ended": self._ended,
+            "explore": self._explore,
+            "newest": self._newest_ns / NS_PER_S,
+            "cycle_s": self._grid[1] if layout.cycle_s else None,
+            "bin_s": bin_s,
+            "trend_s": [first_bin * bin_s, (first_bin + bins) * bin_s],
+            "colours": {
+                layout.whose(each): list(paths.COLOURS[layout.whose(each)]) for each in layout.origins
+            },
+            "channels": [self._channel(name, first_bin, bins) for name in layout.units],
+            "figures": self._figures(),
+            "events": list(self._events),
+            "dropped": self._dropped,
+            "sketch": None if self._sketch is None else self._sketch.drawn(self._angles()),
+        }
+
+    def _channel(self, name: str, first_bin: int, bins: int) -> dict[str, Any]:
+        layout, wraps = self._layout, name in self._wraps
+        factor, unit = (1.0, "°") if wraps else as_written(layout.units[name])
+        shown: list[tuple[str, list[Array | None]]] = []
+        for origin in layout.origins:
+            trace = self._traces.get((origin, name))
+            if trace is not None:
+                cycle, band = trace.cycles(*self._grid, self._columns) or (None, None)
+                trend = trace.trend(first_bin, bins) if trace.rate else None
+                shown.append((layout.whose(origin), [cycle, band, trend]))
+        drawn = [each * factor for _, parts in shown for each in parts if each is not None]
+        low, high = (edge / factor for edge in self._edge(name, drawn))
+        bounds = layout.bounds.get(name, (None, None, None))
+        level, most = self._levels.get(name), self._most.get(name)
+        return {
+            "name": name,
+            "unit": unit,
+            "edges": [number(low * factor), number(high * factor)],
+            "traces": {whose: [_steps(each, low, high) for each in parts] for whose, parts in shown},
+            "level": level,
+            "peak": None if most is None else number(level, layout.units[name]),
+            "most": most,
+            "bounds": [each if each is not None and math.isfinite(each) else None for each in bounds],
+        }
+
+    def _edge(self, name: str, shown: list[Array]) -> tuple[float, float]:
+        """Round values that all lie between; they shrink only where less than half of them is used."""
+        finite = [each[np.isfinite(each)] for each in shown]
+        finite = [each for each in finite if len(each)]
+        if not finite:
+            return -1.0, 1.0
+        low, high = min(float(each.min()) for each in finite), max(float(each.max()) for each in finite)
+        if name in self._edges:
+            was_low, was_high = self._edges[name]
+            if was_low <= low and high <= was_high and high - low > 0.4 * (was_high - was_low):
+                return was_low, was_high
+        if high - low <= 1e-6 * max(abs(low), abs(high)):  # a line, of a sensor that is silent or dead
+            around = abs(high) / 2 or 1.0
+            low, high = low - around, high + around
+        step = 10.0 ** math.floor(math.log10(high - low)) / 2
+        self._edges[name] = math.floor(low / step) * step, math.ceil(high / step) * step
+        return self._edges[name]
+
+    def _figures(self) -> list[list[str]]:
+        """Rows of what is counted so far: what, measured, predicted."""
+        rows = []
+        whose: list[Origin] = [each for each in ("measured", "predicted") if self._layout.origins.get(each)]
+        if self._speeds:
+            rows.append(["crank speed", *(number(self._speeds.get(each), "rpm") for each in whose)])
+        if self._impacts:
+            found = [self._impacts.get(each, (0, math.nan, "")) for each in whose]
+            rows.append(["impacts", *(str(count) for count, *_ in found)])
+            rows.append(["largest", *(number(largest, unit) for _, largest, unit in found)])
+        return [["", *map(self._layout.whose, whose)], *rows] if rows else []
+
+    def _angles(self) -> dict[Origin, Array]:
+        """The crank's angle in rad at equal steps of the newest whole cycle, by origin.
+
+        Where no channel shows it, it turns evenly from where the cycle begins.
+        """
+        even = np.arange(FRAMES) * (math.tau / FRAMES)
+        found: dict[Origin, Array] = {origin: even for (origin, _), each in self._traces.items() if each.rate}
+        begin_s, cycle_s = self._grid
+        for (origin, name), trace in self._traces.items():
+            if name in self._wraps and trace.rate:
+                last = math.floor((trace.end_s - begin_s) / cycle_s) - 1
+                times_s = begin_s + (last + np.arange(FRAMES) / FRAMES) * cycle_s
+                at = np.floor(times_s * trace.rate).astype(np.int64)
+                if at[0] >= max(trace.recent.first_sample, 0):
+                    found[origin] = trace.recent.between(int(at[0]), int(at[-1]) + 1)[at - at[0]]
+        return found
+
+
+def _steps(values: Array | None, low: float, high: float) -> list[list[int | None]] | None:
+    """Rows as whole steps from `low` (0) to `high`; None where there is nothing."""
+    if values is None:
+        return None
+    with np.errstate(invalid="ignore"):
+        steps = np.rint((values.astype(np.float64) - low) * (_STEPS / (high - low)))
+    if np.isfinite(steps).all():
+        whole: list[list[int | None]] = steps.astype(int).tolist()
+        return whole
+    return [[int(each) if math.isfinite(each) else None for each in row] for row in steps.tolist()]

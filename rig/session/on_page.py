@@ -1,0 +1,57 @@
+"""A live view that says what the screen says: on this machine's page, from before anything is connected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from rig.session.progress import Screen
+
+if TYPE_CHECKING:
+    from rig.live.picture import Layout
+    from rig.live.view import LiveView
+
+VIEW_STAYS: Final = "the time line of the live view stays open; Enter closes it"
+
+
+@contextmanager
+def on_page(screen: Screen) -> Iterator[LiveView]:
+    """Start a view and name its page; raises InstrumentAbsent where that cannot be served.
+
+    The page is this machine's, which is started if it is not there, and stays.
+    """
+    from rig.live.page_server import (
+        ensure_page,
+        page_port,
+        page_url,
+    )  # what nobody watches need not load Rerun
+    from rig.live.view import LiveView, Progress
+
+    port = page_port()
+    if port:
+        ensure_page(port)
+        screen.say(f"live view  {page_url(port)}")
+    view = LiveView(page_port=port).start()
+
+    def tell(text: str, done: float, total: float, unit: str) -> None:
+        view.offer(Progress(text, done, total, unit))
+
+    screen.stages.append(tell)
+    try:
+        yield view
+    except BaseException as error:
+        screen.stage(str(error) or "stopped")
+        raise
+    finally:
+        screen.stages.remove(tell)
+        view.close()
+
+
+def show(view: LiveView, layout: Layout, screen: Screen) -> None:
+    """Show these channels, and name the addresses that are new; raises InstrumentAbsent without Rerun."""
+    view.show(layout)
+    view.open()
+    for what, url in (("live view ", view.page_url), ("time line ", view.url)):
+        if url:
+            screen.say(f"{what} {url}")

@@ -1,0 +1,231 @@
+"""The operator's page in a browser: everything is there, nothing is cut, no text lies on another."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page
+
+from daq.channel import Channel
+from daq.log.records import Event
+from rig.derived.derivation import Derivation, derived_channels
+from rig.files.scenario import Scenario, parse_scenario
+from rig.live.page_server import PageServer
+from rig.live.page_state import PageState
+from rig.live.picture import Bounds, Picture, layout_of
+from rig.live.rigs.impact_beam import BeamPicture
+from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
+from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
+from rig.live.view import Levels, Progress
+from rig.stream import Block, Shape, Stream
+from tests.rig import synthetic_run
+from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.derived import turning
+
+pytestmark = [pytest.mark.browser, needs_chromium]
+SIZES = [(1280, 800), (1920, 1080)]
+COUNTS = [5, 16, 64]
+BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
+CRANK_SPEED = 2 * np.pi * turning.SPEED_HZ
+PLANAR = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, CRANK_SPEED)
+SPATIAL = SpatialCrankPicture(
+    0.05, 0.19, 3.2e-3, 1.2, (0.0, 0.0, 0.0), 6.5e-3, 25e-3, 0.25e-3, 0.25e-3, CRANK_SPEED
+)
+ACQUISITION = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "5 s"\n'
+CRANK_SCENARIO = f'[drive]\nspeed = "200 rpm"\n{ACQUISITION}'
+
+SEEN = """() => {
+  const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = walker.nextNode());) {
+    if (!node.data.trim() || node.parentElement.closest("script, style, title")) continue;
+    const range = document.createRange();
+    range.selectNodeContents(node);
+    let clip = node.parentElement;
+    while (!clip.matches("body, .cell, header, aside > *, footer")) clip = clip.parentElement;
+    const outer = clip.getBoundingClientRect();
+    for (const box of range.getClientRects()) if (box.width && box.height) found.push({ text: node.data,
+      box: [box.left, box.top, box.right, box.bottom],
+      clip: [outer.left, outer.top, outer.right, outer.bottom] });
+  }
+  return found;
+}"""
+DRAWN = """colours => [...document.querySelectorAll(".cell")].map(cell => {
+  const canvas = cell.querySelector("canvas"), { width, height } = canvas;
+  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+  return [cell.querySelector("b").textContent, colours.map(colour => {
+    let count = 0;
+    for (let at = 0; at < data.length; at += 4)
+      if (data[at + 3] > 100 && colour.every((each, part) => Math.abs(data[at + part] - each) < 30)) count++;
+    return count;
+  })];
+})"""
+Tell = Callable[[PageState], None]
+
+
+def beam_channels(count: int) -> list[Channel]:
+    more = [Channel(f"beam.acceleration_{number}", "m/s2") for number in range(1, count - 4)]
+    return [*synthetic_run.CHANNELS, *more]
+
+
+def beam_run(state: PageState, count: int, seconds: float = 2.0) -> None:
+    """The synthetic beam while it is recorded, with limits."""
+    channels = beam_channels(count)
+    scenario = parse_scenario(f"{synthetic_run.SCENARIO}\n{ACQUISITION}")
+    bounds = {channel.name: Bounds(100.0) for channel in channels}
+    bounds["contact.force_upper"] = Bounds(100.0, 30.0, 50.0)
+    fill(state, channels, scenario, BEAM, bounds, synthetic_run.blocks, seconds)
+
+
+def crank_run(state: PageState, picture: PlanarCrankPicture | SpatialCrankPicture) -> None:
+    channels = turning.CHANNELS if picture is PLANAR else turning.SPATIAL_CHANNELS
+    scenario = parse_scenario(f'name = "turning"\nrig = "{picture.rig}"\n{CRANK_SCENARIO}')
+    fill(state, list(channels), scenario, picture, {}, turning.blocks, 4.0)
+
+
+def fill(
+    state: PageState,
+    channels: list[Channel],
+    scenario: Scenario,
+    picture: Picture,
+    bounds: dict[str, Bounds],
+    blocks: Callable[..., Iterator[Any]],
+    seconds: float,
+) -> None:
+    origins: dict[Any, list[Channel]] = {"measured": channels, "predicted": channels}
+    found = derived_channels(origins, scenario)
+    cycle_s = 1 / scenario.drive.cycle_hz
+    state.take(
+        layout_of(scenario.name, channels, channels, picture, derived=found, bounds=bounds, cycle_s=cycle_s)
+    )
+    state.take(Event(synthetic_run.START_NS, "warning", "daq_card", "overload", "yoke.force: overload"))
+    state.take(Event(synthetic_run.START_NS, "info", "drive", "drive.on", "drive on at 20 Hz, 9 N " * 8))
+    names = {origin: [channel.name for channel in each] for origin, each in origins.items()}
+    derivation = Derivation(state.take, names, scenario)  # type: ignore[arg-type]
+    stream = Stream([state.take, derivation])  # type: ignore[list-item]
+    both = (blocks(channels, origin, seconds) for origin in origins)
+    for number, (first, second) in enumerate(zip(*both, strict=True)):
+        stream(Block("measured", first))
+        stream(Block("predicted", second))
+        if picture is BEAM:
+            shape = 1.2e-4 * np.sin(0.37 * number) * np.linspace(0.0, 1.0, 20) ** 1.5
+            stream(Shape(first.end_sample / first.sample_rate, shape))
+    derivation.finish()
+    state.take(Progress("recording", seconds, 5.0))
+
+
+def shown(page: Page, server: PageServer, fill_state: Callable[[PageState], None]) -> dict[str, Any]:
+    """Tell the page what a run comes to, and wait until it has drawn that."""
+    states: list[bytes] = []
+    state = PageState(states.append, "http://127.0.0.1:1/")
+    fill_state(state)
+    state.look()
+    page.evaluate("() => { looks.length = 0; }")
+    server.tell(states[-1], time.time())
+    page.wait_for_function("() => looks.length > 0", timeout=20_000)
+    told: dict[str, Any] = json.loads(states[-1])
+    return told
+
+
+def assert_nothing_is_cut_or_overlaps(page: Page) -> None:
+    size = page.viewport_size
+    assert size is not None
+    texts = page.evaluate(SEEN)
+    for each in texts:
+        left, top, right, bottom = each["box"]
+        outer = each["clip"]
+        assert left >= max(outer[0], 0) - 0.5, each
+        assert top >= max(outer[1], 0) - 0.5, each
+        assert right <= min(outer[2], size["width"]) + 0.5, each
+        assert bottom <= min(outer[3], size["height"]) + 1.0, each
+    for at, one in enumerate(texts):
+        for other in texts[at + 1 :]:
+            (a, b, c, d), (e, f, g, h) = one["box"], other["box"]
+            over = min(c, g) - max(a, e), min(d, h) - max(b, f)
+            assert min(over) <= 1.5, (one["text"], other["text"], over)
+
+
+def assert_every_trace_is_drawn(page: Page, told: dict[str, Any]) -> None:
+    colours = [told["colours"][each] for each in ("measured", "predicted")]
+    drawn = dict(page.evaluate(DRAWN, colours))
+    assert set(drawn) == {channel["name"] for channel in told["channels"]}
+    assert not {name: counts for name, counts in drawn.items() if min(counts) < 15}
+
+
+@pytest.fixture
+def server() -> Iterator[PageServer]:
+    with PageServer(0) as serving:
+        yield serving
+
+
+@pytest.mark.parametrize(
+    ("size", "count"),
+    [
+        pytest.param(size, count, marks=[] if (size, count) == (SIZES[0], 16) else [pytest.mark.long])
+        for size in SIZES
+        for count in COUNTS
+    ],
+)
+def test_every_channel_has_its_traces_and_no_text_is_cut(
+    server: PageServer, size: tuple[int, int], count: int, tmp_path: Path
+) -> None:
+    with browser_page() as page:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.goto(server.url)
+        told = shown(page, server, lambda state: beam_run(state, count))
+        page.wait_for_timeout(150)  # one picture of the rig in slow motion
+        page.screenshot(path=tmp_path / "page.png")
+        assert len(told["channels"]) == count
+        assert_every_trace_is_drawn(page, told)
+        assert_nothing_is_cut_or_overlaps(page)
+        assert (
+            page.locator("#worst").inner_text().startswith("highest level so far: contact.force_upper, 80 %")
+        )
+        assert page.locator("#left").inner_text() == "3.0 s left"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("picture", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+def test_the_cranks_turn_measured_and_predicted(
+    server: PageServer,
+    size: tuple[int, int],
+    picture: PlanarCrankPicture | SpatialCrankPicture,
+    tmp_path: Path,
+) -> None:
+    with browser_page() as page:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.goto(server.url)
+        told = shown(page, server, lambda state: crank_run(state, picture))
+        page.wait_for_timeout(150)
+        page.screenshot(path=tmp_path / "page.png")
+        assert_every_trace_is_drawn(page, told)
+        assert_nothing_is_cut_or_overlaps(page)
+        assert {whose for whose, _ in told["sketch"]["frames"][0]} == {"measured", "predicted"}
+
+
+@pytest.mark.parametrize("size", SIZES[:1])
+def test_before_the_run_it_says_armed_and_shows_levels(
+    server: PageServer, size: tuple[int, int], tmp_path: Path
+) -> None:
+    def armed(state: PageState) -> None:
+        channels = beam_channels(16)
+        bounds = {channel.name: Bounds(50.0, 20.0, 40.0) for channel in channels}
+        state.take(layout_of("steel beam", channels, channels, BEAM, bounds=bounds, cycle_s=0.05))
+        state.take(Levels(time.time_ns(), [1.0 + number for number in range(16)]))
+        state.take(Progress("armed: Enter starts"))
+
+    with browser_page() as page:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.goto(server.url)
+        assert page.locator("#stage").inner_text().startswith("waiting for a run")
+        shown(page, server, armed)
+        page.screenshot(path=tmp_path / "page.png")
+        assert page.locator("#stage").inner_text() == "armed: Enter starts"
+        assert page.locator(".peak").last.inner_text() == "16 m/s²"
+        assert_nothing_is_cut_or_overlaps(page)
