@@ -99,7 +99,7 @@ def _ask(log: Path | None) -> None:
     from daq.time_base.model import robust_line
     from sim_twin.rigs.impact_beam.model import nominal
     from sim_twin.rigs.impact_beam.structure import resting
-    from sim_twin.sensors import oscillator
+    from sim_twin.linear_filter import oscillator
 
     structures()
     first_peaks()

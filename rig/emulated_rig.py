@@ -22,6 +22,7 @@ from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
+from rig.twin.chains import declared_by, mounted
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.twin import AnyTwin
 
@@ -51,6 +52,7 @@ class EmulatedRig:
 def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> EmulatedRig:
     """The rig of a scenario as it really is: with the bench's effects, drawn by the seeds."""
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
+    twin = mounted(twin, declared_by(bench))  # what its card makes of it, the card does
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
     rig_of = resolve_name(actuator_of(RIGS[scenario.rig].actuator).rig)

@@ -20,6 +20,7 @@ from rig.files.bench import Bench
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.stream import Block, Consumer, Metadata, Record, Stream
+from rig.twin.chains import scale_record
 
 _LONGEST_NAME = 60
 _EVERY_S = 1.0
@@ -49,10 +50,8 @@ def run_record(
         for c in bench.daq_card.channels
     ]
     calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
-    sensors: dict[str, str] = {}
+    sensors = scale_record(bench)
     for c in bench.daq_card.channels:
-        if c.pulses is None:
-            sensors[f"sensitivity.{c.name}"] = repr(c.volts_per_unit)  # V per unit
         if c.calibrated:
             until = f", valid until {c.valid_until}" if c.valid_until else ""
             sensors[f"calibrated.{c.name}"] = f"{c.calibrated}{until}"

@@ -29,6 +29,7 @@ from rig.session.progress import FIRST_START, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer
+from rig.twin.chains import declared_by
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.twin import AnyTwin
@@ -184,7 +185,7 @@ class _Run:
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
-        twin = twin_of(self._scenario, rig.names)
+        twin = twin_of(self._scenario, rig.names, declared_by(self._request.bench))
         if model is not None:
             from rig.twin.logged import with_model
 

@@ -23,6 +23,7 @@ def settling_s(twin: AnyTwin, settle_s: float) -> float:
     """Seconds that a twin runs before sample 0: `settle_s`, or until motion and droops are steady."""
     chains = [sensor for sensor in twin.sensors.values() if isinstance(sensor, SensorChain)]
     corners = [chain.droop_corner for chain in chains if chain.droop_corner is not None]
+    corners += [corner for chain in chains if chain.stages is not None for corner in chain.stages.high_passes]
     droop_s = _DROOP_TIMES / (2 * np.pi * min(corners)) if corners else 0.0
     return max(settle_s, _LEAST_SETTLE_S, droop_s)
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
+from sim_twin.linear_filter import resonance
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import structure_of
 from sim_twin.rigs.impact_beam.truth import BeamTruth, BeamTwin
-from sim_twin.sensors import resonance
 from sim_twin.status import Status
 
 Array = NDArray[np.float64]

@@ -8,10 +8,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.linear_filter import resonance
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 from sim_twin.rigs.impact_beam.structure import deflection_shapes
-from sim_twin.sensors import resonance
 from sim_twin.status import Status
 from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
