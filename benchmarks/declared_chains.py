@@ -2,10 +2,10 @@
 
 Benches of the three rigs in turn, each with chains of its own: high-passes of charge amplifiers and IEPE
 sensors (0.5 to 20 Hz), Butterworth filters (1 to 10 kHz, order 4 to 8), gains (0.4 to 2 of the usual),
-inputs that are late (up to 1.5 ms, each module by its own), encoders of 500 to 5000 lines that count either
-way, index marks and markers anywhere, of 2 to 10 V, rising or falling. What is on the bench is made by the
-emulated card, whose filters are none of the twin's. Each run is judged twice by the band of healthy rigs
-that a report's verdict uses: by its log, and by the same log in which nothing is said of the chains.
+inputs that are late (24 to 38 samples, each module by its own), encoders of 500 to 5000 lines that count
+either way, index marks and markers anywhere, of 2 to 10 V, rising or falling. What is on the bench is made
+by the emulated card, whose filters are none of the twin's. Each run is judged twice by the band of healthy
+rigs that a report's verdict uses: by its log, and by the same log in which nothing is said of the chains.
 
 Usage: python -m benchmarks.declared_chains [--benches 40] [--rigs 48] [--seed 0] [--only RIG]
 Returns 1 if more than one in twenty declared benches lies outside, or less than most of the others do.
@@ -52,17 +52,17 @@ MOST_OUTSIDE, LEAST_SEEN = 1 / 20, 1 / 2
 Array = NDArray[np.float64]
 
 
-def odd_bench(rig: str, rng: np.random.Generator) -> Bench:
+def odd_bench(rig: str, rate: float, rng: np.random.Generator) -> Bench:
     """The rig's embedded bench with chains of every kind that a bench can declare."""
     table: dict[str, Any] = read_toml(RIGS[rig].bench, "embedded bench")
     table["emulation"] = {"seed": int(rng.integers(2**31))}
     late: dict[str, float] = {}
     for channel in table["daq_card"]["channels"]:
-        _make_odd(channel, late, rng)
+        _make_odd(channel, rate, late, rng)
     return parse_bench(toml_of(table), f"odd bench of the {rig}", Path(), rig)
 
 
-def _make_odd(channel: dict[str, Any], late: dict[str, float], rng: np.random.Generator) -> None:
+def _make_odd(channel: dict[str, Any], rate: float, late: dict[str, float], rng: np.random.Generator) -> None:
     def within(low: float, high: float) -> float:
         return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.4g}")
 
@@ -84,7 +84,8 @@ def _make_odd(channel: dict[str, Any], late: dict[str, float], rng: np.random.Ge
             "level": f"{rng.uniform(2.0, 10.0):.3f} V",
             "polarity": str(rng.choice(["rising", "falling"])),
         }
-    channel["delay"] = f"{late.setdefault(module, round(float(rng.uniform(0.0, 1.5)), 4))} ms"
+    samples = late.setdefault(module, float(rng.uniform(24.0, 38.0)))
+    channel["delay"] = f"{1e3 * samples / rate:.4f} ms"
     if kind == "charge_amplifier":
         channel["amplifier"] = {"corner": f"{within(0.5, 20.0)} Hz", "output": "10 V"}
     if kind in ("force_iepe", "acceleration_iepe"):
@@ -196,7 +197,7 @@ def main(arguments: list[str] | None = None) -> int:
         for number in range(asked.benches):
             name, seed = rigs[number % len(rigs)], asked.seed + number
             scenario = load_scenario(Path("scenarios") / f"{name}.toml")
-            bench = odd_bench(name, np.random.default_rng([seed, 9]))
+            bench = odd_bench(name, scenario.acquisition.sample_rate, np.random.default_rng([seed, 9]))
             seen = measured(scenario, bench, 1000 + seed)
             for declared in (True, False):
                 path = Path(folder) / f"{name}_{number}_{declared}.mcap"

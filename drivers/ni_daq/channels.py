@@ -153,6 +153,7 @@ class CardChannel:
     NI 9234 has 2 mA and nothing else. An encoder has `pulses` and neither sensitivity nor range. One that is
     not `modelled` is none of the rig's: no twin predicts it.
 
+    `in_stinger` says of a drive's force whether a gauge between shaker and rig shows it, or it is the coil's.
     `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` the sensor's own as it is mounted; by
     `delay_s` an input shows later than a counter what happens.
     """
@@ -173,6 +174,7 @@ class CardChannel:
     valid_until: Annotated[date | None, Key()] = None
     modelled: Annotated[bool, Key()] = True
     mark: Annotated[Mark | None, Flat()] = None
+    in_stinger: Annotated[bool | None, Words({"coil": False, "stinger": True}, key="senses")] = None
     corner_hz: Annotated[float | None, Quantity("Hz", 0, 1000, above=True, key="corner")] = None
     resonance_hz: Annotated[float | None, Quantity("kHz", 0.1, 1000, key="resonance")] = None
     delay_s: Annotated[float | None, Quantity("ms", 0, 20, key="delay")] = None

@@ -302,7 +302,7 @@ def _remarks(
                 f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
             )
     reference = twin.model.reference
-    if reference in twin.model.smooth_channels:
+    if reference in twin.model.smooth(twin.rig):
         shown = float(np.sqrt(2) * np.std(records[reference]))
         if abs(shown / twin.drive.amplitude - 1) > _OTHER_AMPLITUDE:
             remarks.append(

@@ -16,6 +16,7 @@ from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.sensors import Encoder, SensorChain
+from sim_twin.stages import Stages
 from sim_twin.twin import AnyTwin
 
 FREQUENCY_TOLERANCE = 1e-3
@@ -52,10 +53,12 @@ def align(
     first_sample: int,
     drive: SineDrive,
     shown: Callable[[float], complex] = lambda _: 1.0,
+    worst: float = _WORST_RESIDUAL,
 ) -> Alignment:
     """Align to measured drive `force` (N, shape (n,)) that begins at sample `first_sample` of the run.
 
-    `shown(frequency in Hz)` is what its chain makes of a sine.
+    `shown(frequency in Hz)` is what its chain makes of a sine; `worst`, as a share of that, how much else may
+    be seen (rms).
     """
     finite = np.nan_to_num(np.asarray(force, dtype=float)) - drive.offset * shown(0.0).real
     response = complex(shown(drive.frequency))
@@ -78,7 +81,7 @@ def align(
     start = first_sample + (0 if running_before else begun)
     lead = float(np.angle(response))
     phase = (fit.phase - lead - 2 * np.pi * frequency * start / sample_rate) % (2 * np.pi)
-    trusted = fit.residual < _WORST_RESIDUAL * level
+    trusted = fit.residual < worst * level
     if running_before:
         return Alignment(frequency, phase, trusted=trusted)
     # the zero of the sine just before the first sample at which it was seen
@@ -187,6 +190,28 @@ def reference_among(table: ChannelTable, channels: Container[str], twin: AnyTwin
     elif twin is not None and table[name].role is Role.MARKER:
         late_s = 0.0 if stages is None else stages.delay
         align = partial(align, at_angle=getattr(twin.rig, "marker_angle", 0.0), late_s=late_s)
+    elif twin is not None and getattr(twin.rig, "stinger_gauge", False):
+        align = partial(align, shown=partial(_by_gauge, twin, stages), worst=_WORST_BY_GAUGE)
     elif stages is not None:
         align = partial(align, shown=stages.response)
     return Reference(name, align, cycles)
+
+
+_WORST_BY_GAUGE: Final = 2.0
+"""It feels the impacts too, by the inertia of what moves with the coil."""
+_GAUGE_RATE, _GAUGE_CYCLES, _GAUGE_SETTLE_S = 25_600.0, 20, 1.0
+
+
+def _by_gauge(twin: AnyTwin, stages: Stages | None, frequency: float) -> complex:
+    """What a gauge in the stinger, and what is behind it, makes of the coil's sine, as the twin has it."""
+    behind = 1.0 + 0.0j if stages is None else stages.response(frequency)
+    if not frequency or not twin.drive.amplitude:
+        return behind
+    drive = replace(twin.drive, frequency=frequency, offset=0.0)
+    stream = twin.model.stream(replace(twin, drive=drive, sensors={}), _GAUGE_RATE)
+    stream.drive(drive)
+    before = round(np.ceil(_GAUGE_SETTLE_S * frequency) / frequency * _GAUGE_RATE)
+    count = round(_GAUGE_CYCLES / frequency * _GAUGE_RATE)
+    row = stream.advance(before + count)[stream.channels.index(twin.model.channels.drive), before:]
+    turn = np.exp(-2j * np.pi * frequency / _GAUGE_RATE * np.arange(before, before + count))
+    return complex(behind * 2j * np.mean(row * turn) / drive.amplitude)

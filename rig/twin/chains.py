@@ -41,7 +41,7 @@ def declared_by(bench: Bench) -> dict[str, str]:
 
 def _stated(channel: CardChannel) -> dict[str, object]:
     amplifier, low_pass, pulses, mark = channel.amplifier, channel.anti_alias, channel.pulses, channel.mark
-    own = (channel.corner_hz, channel.resonance_hz, channel.delay_s)
+    own = (channel.corner_hz, channel.resonance_hz, channel.delay_s, channel.in_stinger)
     if not (amplifier or low_pass or channel.counted or mark or any(own)):
         return {}
     chain: dict[str, object] = {
@@ -68,6 +68,7 @@ def _stated(channel: CardChannel) -> dict[str, object]:
             **({"backwards": True} if pulses.backwards else {}),
         },
         "mark": mark and {"angle_rad": mark.angle, "level_v": mark.level, "falling": mark.falling},
+        "senses": "stinger" if channel.in_stinger else "",
         "corner_hz": channel.corner_hz,
         "resonance_hz": channel.resonance_hz,
         "delay_s": channel.delay_s,
@@ -77,9 +78,12 @@ def _stated(channel: CardChannel) -> dict[str, object]:
 
 def mounted(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:
     """`twin` with its sensors where the record says that they sit."""
-    marker = twin.model.channels.marker
-    angle = _number(_chain(record, marker), "mark", "angle_rad")
-    return replace(twin, rig=replace(twin.rig, marker_angle=angle)) if angle else twin
+    channels, places = twin.model.channels, dict[str, Any]()
+    if angle := _number(_chain(record, channels.marker), "mark", "angle_rad"):
+        places["marker_angle"] = angle
+    if _chain(record, channels.drive).get("senses") == "stinger":
+        places["stinger_gauge"] = True
+    return replace(twin, rig=replace(twin.rig, **places)) if places else twin
 
 
 def with_chains(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:

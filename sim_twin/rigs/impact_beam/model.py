@@ -39,6 +39,7 @@ class ImpactBeam:
     stop). `modal_damping` has one ratio for each mode kept. `pivot_stiffness` (N/m) None is the ideal pin.
     `hertz` (N/m^1.5) replaces the linear `contact_stiffness`. `pivot_friction` is a Coulomb torque in N m.
     `yoke_frequency` is the impedance head's mode. `stations` (percent of L) carry accelerometers.
+    The drive's force is the coil's, or with a `stinger_gauge` what of it goes on to the beam.
     """
 
     kind: ClassVar[str] = "impact_beam"
@@ -74,6 +75,7 @@ class ImpactBeam:
     yoke_frequency: Annotated[float, Quantity("Hz", 10, 20_000), Bound("Hz", 0.0, above=True)] = 700.0
     yoke_damping: Annotated[float, Quantity("", 0.0001, 0.5), Bound("", 0.0, 1.0)] = 0.03
     stations: tuple[int, ...] = ()
+    stinger_gauge: bool = False
 
     def __post_init__(self) -> None:
         require_bounds("ImpactBeam", self)
