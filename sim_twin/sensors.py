@@ -54,16 +54,19 @@ class SensorChain:
 class Encoder:
     """An incremental encoder read at the sample instants: whole `counts` of a revolution, nothing else.
 
-    One that counts `backwards` is turned round by who reads it: it shows the next count, not the last.
+    One that counts `backwards` is turned round by who reads it: it shows the next count, not the last. Its
+    counts begin at the index mark, which sits at crank angle `zero` (rad) and sets a counter of whole ones.
     """
 
     counts: int = 4096
     backwards: bool = False
+    zero: float = 0.0
 
     def shown(self, angle: Array) -> Array:
         """Of angles in rad, same shape."""
         count = 2 * np.pi / self.counts
-        return np.asarray((np.ceil if self.backwards else np.floor)(angle / count) * count)
+        whole = (np.ceil if self.backwards else np.floor)((angle - self.zero) / count)
+        return np.asarray((whole + round(self.zero / count)) * count)
 
 
 Sensor: TypeAlias = SensorChain | Encoder

@@ -99,10 +99,10 @@ def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
     chain = _chain(record, name)
     if isinstance(sensor, Encoder):
         pulses = chain.get("pulses", {})
-        counts = (_number(chain, "pulses", "per_revolution") or 0) * (
-            _number(chain, "pulses", "decoding") or 1
-        )
-        return Encoder(round(counts), bool(pulses.get("backwards"))) if counts else None
+        tracks, decoding = (_number(chain, "pulses", key) or 0 for key in ("per_revolution", "decoding"))
+        zero = _number(chain, "pulses", "initial_angle_rad") if pulses.get("index") else None
+        counts = round(tracks * decoding)
+        return Encoder(counts, bool(pulses.get("backwards")), zero or 0.0) if counts else None
     scale, largest = _scale(record, "sensitivity", name), _scale(record, "range", name)
     limit, output = inf, inf
     if scale and largest and largest < inf and not chain.get("mark"):

@@ -9,6 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
+from drivers.ni_daq.channels import CardChannel, Pulses
+from drivers.ni_daq.emulator.converter import AngleCount
+from drivers.ni_daq.emulator.wiring import CounterWire
+from drivers.ni_daq.sensors import known_sensor
 from sim_twin.diagnosis.campaign import through_chains
 from sim_twin.sensors import Encoder, SensorChain, SensorStream, oversampling
 from sim_twin.stages import Section, Stages, StageStream
@@ -125,3 +129,18 @@ def test_an_encoder_that_counts_backwards_shows_the_next_count() -> None:
     assert (ahead >= angles).all()
     assert (behind <= angles).all()
     assert ahead - behind == pytest.approx([0.0, count, count, count])
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_an_encoder_shows_what_the_cards_counter_makes_of_it(backwards: bool) -> None:
+    angles = 0.3 + 25.0 * np.arange(8000) / RATE + 1e-4
+    pulses = Pulses(900, 2, index=True, initial_angle=2.0, backwards=backwards)
+    count = round(pulses.counted_from / pulses.rad_per_count)
+    channel = CardChannel("crank.angle", "cDAQ1Mod3/ctr0", "encoder", pulses=pulses, unit="rad")
+    counter = AngleCount(CounterWire("", 900, backwards=backwards, index_at=2.0), 2, count, count)
+    read = known_sensor(channel).decoder(channel)(counter(angles))
+    shown = Encoder(1800, backwards, 2.0).shown(angles)
+    after = angles > 2.0 + 1e-3  # before the first mark the counter knows nothing
+    turns = np.round((read - shown)[after] / (2 * pi))
+    assert (read - shown)[after] == pytest.approx(2 * pi * turns, abs=1e-9)
+    assert np.ptp(turns) == 0.0

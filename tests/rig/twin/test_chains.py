@@ -69,7 +69,8 @@ def test_what_is_declared_is_what_the_twin_has() -> None:
 def test_encoder_and_marker_of_a_crank() -> None:
     own = 'direction = "backwards"\ninitial_angle = "10 deg"\n'
     bench = bench_of("planar_slider_crank", "crank.angle", own, "1024", "360")
-    assert twin_of(CRANK, (), declared_by(bench)).sensors["crank.angle"] == Encoder(1440, backwards=True)
+    angle = twin_of(CRANK, (), declared_by(bench)).sensors["crank.angle"]
+    assert angle == Encoder(1440, backwards=True, zero=pytest.approx(radians(10)))
     mark = bench_of("planar_slider_crank", "crank.marker", 'angle = "37 deg"\npolarity = "falling"\n')
     twin = twin_of(CRANK, (), declared_by(mark))
     assert twin.rig.marker_angle == pytest.approx(radians(37))

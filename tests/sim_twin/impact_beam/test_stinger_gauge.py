@@ -34,7 +34,9 @@ def test_it_shows_what_moves_the_bare_beam(frequency: float) -> None:
     times = 4 + np.arange(round(RATE)) / RATE
     shown = complex(2j * np.mean(truth.advance(len(times))[0] * np.exp(-2j * np.pi * frequency * times)))
     bare = replace(nominal(), clearance=10e-3)
-    assert shown == pytest.approx(moved(rig, frequency) / moved(bare, frequency), rel=0.03)  # modes are damped anew
+    assert shown == pytest.approx(
+        moved(rig, frequency) / moved(bare, frequency), rel=0.03
+    )  # modes are damped anew
     assert abs(shown - 1.0) > 0.05
 
 
