@@ -46,6 +46,8 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.chains import declared_by
 
 SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
+TRIMMED: Final = 2e-4
+"""Standard deviation of a speed from the one that is asked for, of a healthy run."""
 BLOCK_S, SETTLE_S, LONGEST_S = 0.1, 3.0, 20.0
 START_NS: Final = 1_790_000_000_000_000_000
 MOST_OUTSIDE, LEAST_SEEN = 1 / 20, 1 / 2
@@ -108,8 +110,9 @@ def measured(scenario: Scenario, bench: Bench, seed: int) -> dict[str, Array]:
     rig = drawn_rig(scenario, bench, seed, seed + 1)
     plant, output = rig.plant(), rig.scenario_output
     plant.start(rate)
-    if rig.motor is not None:  # as a run trims it
-        hz = scenario.drive.speed / rig.motor.rad_s_per_hz
+    if rig.motor is not None:  # as a run trims it: no whole number of samples a turn
+        off = TRIMMED * np.random.default_rng([seed, 1]).standard_normal()
+        hz = scenario.drive.speed / rig.motor.rad_s_per_hz * (1 + off)
         output = replace(output, frequency_hz=hz, target_hz=hz)  # type: ignore[type-var]
     plant.drive(output, 0.0)
     wiring, channels = wiring_of(bench), bench.daq_card.channels

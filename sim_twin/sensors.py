@@ -68,6 +68,12 @@ class Encoder:
         whole = (np.ceil if self.backwards else np.floor)((angle - self.zero) / count)
         return np.asarray((whole + round(self.zero / count)) * count)
 
+    def sent(self, angle: Array) -> Array:
+        """The same of one that sends its own position, 0 at `zero`, by itself: it goes the way it counts."""
+        count = 2 * np.pi / self.counts
+        turned = (self.zero - angle) if self.backwards else (angle - self.zero)
+        return np.asarray(np.floor(turned / count) * count)
+
 
 Sensor: TypeAlias = SensorChain | Encoder
 

@@ -125,7 +125,7 @@ def responses(
     stages: Stages, count: int, resolution: float
 ) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
     """Before and after the amplifier's output, at `count` multiples of `resolution` (Hz); never changed."""
-    frequency = resolution * np.arange(count)
+    frequency = resolution * np.arange(count, dtype=np.float64)
     parts = []
     for sections in (stages.before, stages.after):
         whole = np.ones(count, np.complex128)

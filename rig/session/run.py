@@ -32,6 +32,7 @@ from rig.stream import Consumer
 from rig.twin.chains import declared_by
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
@@ -193,9 +194,10 @@ class _Run:
         rig.launch(stack)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
+        beside = [ENCODER_ANGLE.name] if ENCODER_ANGLE.name in twin.sensors else []
         self._feed = feed = TwinFeed(
             twin,
-            rig.names,
+            (*rig.names, *beside),
             rig.sample_rate,
             wanted.settle,
             rig.stream,
@@ -233,8 +235,9 @@ class _Run:
         rig.declare(log.stem, self._scenario.text, self._notes)
         if model is not None:
             rig.recorder.metadata("twin", twin_record(None, model))
-        for channel in predicted:
-            rig.recorder.declare("predicted", channel)
+        for channel in predicted_channels(twin):
+            if channel.name in (*rig.names, *beside):
+                rig.recorder.declare("predicted", channel)
         self._move_and_record()
         with rig.screen.busy("finishing the prediction"):
             feed.finish(self._stop.check)

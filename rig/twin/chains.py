@@ -14,16 +14,23 @@ from typing import Any, Final
 from daq.errors import LogError
 from drivers.ni_daq.channels import INPUT_NOISE_V, CardChannel, input_range_v
 from rig.files.bench import Bench
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
 from sim_twin.twin import AnyTwin
 
 _CHAIN: Final = "chain."
+_FINE: Final = 2**24
+"""Counts of an encoder that nobody knows the counts of."""
 
 
 def chain_record(bench: Bench) -> dict[str, str]:
     """What the log's `run` record keeps of chains of which the bench says more than a scale; JSON in SI."""
     kept = {channel.name: _stated(channel) for channel in bench.daq_card.channels}
+    if (encoder := bench.encoder) is not None and encoder.mounting is not None:
+        counts = encoder.identity.counts_per_revolution
+        own = {"counts": counts} if counts else {}
+        kept[ENCODER_ANGLE.name] = own | {"mounting_rad": encoder.mounting, "backwards": encoder.backwards}
     return {f"{_CHAIN}{name}": json.dumps(stated, sort_keys=True) for name, stated in kept.items() if stated}
 
 
@@ -91,7 +98,19 @@ def with_chains(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:
     twin = mounted(twin, record)
     shown = {name: _shown(twin.sensors.get(name, SensorChain()), name, record) for name in twin.channels}
     changed = {name: sensor for name, sensor in shown.items() if sensor is not None}
+    if (encoder := _beside(twin, _chain(record, ENCODER_ANGLE.name))) is not None:
+        changed[ENCODER_ANGLE.name] = encoder
     return replace(twin, sensors={**twin.sensors, **changed}) if changed else twin
+
+
+def _beside(twin: AnyTwin, chain: Mapping[str, Any]) -> Encoder | None:
+    """The encoder that sends by itself, of which a log says how it is mounted: what it shows at the mark."""
+    mounting, counts = _number(chain, "mounting_rad"), _number(chain, "counts")
+    if mounting is None or not twin.model.channels.marker:
+        return None
+    backwards = bool(chain.get("backwards"))
+    mark = float(getattr(twin.rig, "marker_angle", 0.0))
+    return Encoder(round(counts or _FINE), backwards, mark + (mounting if backwards else -mounting))
 
 
 def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:

@@ -13,6 +13,7 @@ from rig.files.scenario import Scenario
 from rig.files.table import NOTHING
 from rig.rigs import RIGS
 from rig.twin.chains import with_chains
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.sensors import oversampling
 from sim_twin.twin import AnyTwin
 
@@ -46,9 +47,10 @@ def _as_fault(error: UnphysicalParameter, scenario: Scenario) -> ConfigurationEr
 
 
 def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:
-    """What the twin's rows are, as a log describes them."""
+    """What the twin's rows are, as a log describes them, and an encoder beside them that it knows."""
     declared = twin.model.channels
-    return tuple(declared[name].described for name in twin.channels)
+    beside = (ENCODER_ANGLE,) if ENCODER_ANGLE.name in twin.sensors else ()
+    return tuple(each.described for each in (*(declared[name] for name in twin.channels), *beside))
 
 
 def with_effects(twin: AnyTwin, source: str | Path, text: str | None = None) -> AnyTwin:

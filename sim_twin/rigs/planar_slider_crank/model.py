@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import sqrt
+from math import pi, sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from daq.quantity import Bound, Each, Flat, Key, Quantity, Source, rule
@@ -93,7 +93,8 @@ class PlanarSliderCrank:
     contact stiffnesses of eq. 9. Centres of mass lie at the fractions `crank_centre`, `rod_centre` of the
     lengths. Joint friction sets in between the sliding speeds `friction_v_0` and `friction_v_1`; the guide's
     ramp is `guide_v_1` wide. `approach_floor` is the least approach speed that a contact latches. The marker
-    rises at crank angle `marker_angle` (rad).
+    rises at crank angle `marker_angle` (rad). The guide is inclined by `incline` rad, the crank at its upper
+    end: gravity acts along (sin i, -cos i).
     """
 
     kind: ClassVar[str] = "planar_slider_crank"
@@ -117,6 +118,7 @@ class PlanarSliderCrank:
         float, Quantity("kg m^2", 1e-7, 100), _TABLE_1, Bound("kg m2", 0.0, above=True)
     ] = 9.45e-2
     gravity: Annotated[float, Quantity("m/s^2", 0, 100), Bound("m/s2", 0.0)] = 9.81
+    incline: Annotated[float, Quantity("deg", -180, 180), Bound("rad", -pi, pi)] = 0.0
     crank_centre: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 1.0)] = 0.5
     rod_centre: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 1.0)] = 0.5
     elastic: Annotated[Elastic, Flat("joint_", source="handbook, by the material")] = MATERIALS[

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError, LogError
-from rig.files.bench import Bench, parse_bench
+from rig.emulated_rig import drawn_rig
+from rig.files.bench import Bench, embedded_bench, parse_bench
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
-from rig.twin.alignment import reference_among
+from rig.twin.alignment import Alignment, reference_among
 from rig.twin.chains import declared_by, mounted, with_chains
-from rig.twin.prediction import settling_s
-from rig.twin.scenario_twin import twin_of
+from rig.twin.prediction import AlignedTwin, settling_s
+from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
 
@@ -116,3 +117,42 @@ def test_a_marker_anywhere_tells_the_cranks_angle() -> None:
     reference = reference_among(twin.model.channels, ("crank.marker",), twin)
     found = reference.align(marker, 25_600.0, 0, twin.drive)
     assert found.phase == pytest.approx(1.0, abs=2e-3)
+
+
+def test_an_emulated_encoder_counts_the_angle_and_not_the_counts_of_another() -> None:
+    other = drawn_rig(CRANK, bench_of("planar_slider_crank", "crank.angle", "", "1024", "777"), 1, 2)
+    usual = drawn_rig(CRANK, embedded_bench("planar_slider_crank"), 1, 2)
+    counts = [rig.plant.args[1].sensors["crank.angle"].counts for rig in (other, usual)]  # type: ignore[attr-defined]
+    assert counts[0] > 1e9
+    assert counts[1] == 4096
+
+
+ENCODER = """
+[encoder]
+emulated = true
+interface = "socketcand"
+channel = "can0"
+node = 7
+mounting = "123 deg"
+"""
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_encoder_beside_the_card_is_predicted_by_its_mounting(way: int) -> None:
+    said = "" if way > 0 else 'direction = "backwards"\n'
+    counts = "[encoder.identity]\ncounts_per_revolution = 3600\n"
+    text = RIGS["planar_slider_crank"].bench + ENCODER + said + counts
+    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank")))
+    assert [each.name for each in predicted_channels(twin)][-1] == "encoder.angle"
+    aligned = AlignedTwin(twin, Alignment(200 / 60, 0.4), 25_600.0, 0.0)
+    blocks = list(aligned.blocks(2560, 0))
+    (sent,) = [each for each in blocks if each.channel == "encoder.angle"]
+    wanted = radians(123) + way * (0.4 + 2 * pi * 200 / 60 * np.arange(2560) / 25_600)
+    assert len(sent) == 2560
+    assert np.abs(sent.values - wanted + pi / 3600).max() <= pi / 3600 + 1e-9
+
+
+def test_without_its_mounting_nobody_predicts_it() -> None:
+    text = RIGS["planar_slider_crank"].bench + ENCODER.replace('mounting = "123 deg"\n', "")
+    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank")))
+    assert twin == twin_of(CRANK, (), declared_by(embedded_bench("planar_slider_crank")))
