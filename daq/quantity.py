@@ -27,7 +27,7 @@ class Quantity:
 
     The setting itself is in SI, or in `unit` where its name ends with it (`kept`). `key` is its name in a
     file, if that is another one; `default` what a file that lacks it means, where the class has no default of
-    its own.
+    its own. `usual`, in `unit`, is what a file that shows every key has for one without a default.
     """
 
     unit: str
@@ -37,6 +37,7 @@ class Quantity:
     kept: bool = False
     key: str = ""
     default: float | None = None
+    usual: float | None = None
 
     @property
     def wants_unit(self) -> bool:
@@ -143,12 +144,37 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Flat:
-    """A part whose settings stand in the table of the whole; it is there where any of them is given."""
+    """A part whose settings stand in the table of the whole, their keys behind `prefix`.
 
+    It is there where any of them is given. `part` is its class, where the field may be several; `source` is
+    that of what says none of its own.
+    """
+
+    prefix: str = ""
+    part: type[Any] | None = None
+    source: str = ""
     key: str = ""
 
 
-Meaning = Quantity | Whole | Text | Depending | Key | Words | Flat
+@dataclass(frozen=True, slots=True)
+class Each:
+    """Parts of one class in a mapping: for each key of `prefixes` in it those settings, behind its prefix."""
+
+    prefixes: Mapping[str, str]
+    key: str = ""
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.prefixes.items()))
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where the default of a setting is from, for people."""
+
+    text: str
+
+
+Meaning = Quantity | Whole | Text | Depending | Key | Words | Flat | Each
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +212,8 @@ def rule(
 class Setting:
     """One setting of a class or function: its `name` there, its `key` in a file, `type`, default, meaning.
 
-    That of a flat `part` has the part's name and a dot before its own.
+    That of a flat `part` has the part's name and a dot before its own. `place` leads to it, step by step;
+    `source` is where its default is from, empty where nobody says.
     """
 
     name: str
@@ -195,6 +222,8 @@ class Setting:
     default: Any
     meaning: Meaning
     part: type[Any] | None = None
+    place: tuple[str, ...] = ()
+    source: str = ""
 
 
 def _cached(function: Callable[[Any], T]) -> Callable[[Any], T]:
@@ -210,16 +239,40 @@ def settings_of(owner: Any) -> Mapping[str, Setting]:
     for name, default in _defaults(owner).items():
         hint, meaning = hints[name], _metadata(hints[name], Meaning)
         if isinstance(meaning, Flat):
-            part = members(hint.__origin__)[0]
-            found += [
-                replace(each, name=f"{name}.{each.name}", default=None, part=part)
-                for each in settings_of(part).values()
-            ]
+            part = meaning.part or members(hint.__origin__)[0]
+            found += _inner(part, meaning.prefix, (name,), meaning.source)
+        elif isinstance(meaning, Each):
+            part = get_args(hint.__origin__)[1]
+            for held, prefix in meaning.prefixes.items():
+                found += _inner(part, prefix, (name, held), "")
         elif meaning is not None:
-            own = getattr(meaning, "default", None)
-            key = meaning.key or name
-            found.append(Setting(name, key, hint.__origin__, default if own is None else own, meaning))
+            own, source = getattr(meaning, "default", None), _metadata(hint, Source)
+            found.append(
+                Setting(
+                    name,
+                    meaning.key or name,
+                    hint.__origin__,
+                    default if own is None else own,
+                    meaning,
+                    place=(name,),
+                    source="" if source is None else source.text,
+                )
+            )
     return {each.key: each for each in sorted(found, key=lambda each: each.default is not REQUIRED)}
+
+
+def _inner(part: Any, prefix: str, place: tuple[str, ...], source: str) -> Iterator[Setting]:
+    """The settings of a part that lies at a place of the whole."""
+    for each in settings_of(part).values():
+        yield replace(
+            each,
+            name=f"{place[0]}.{each.name}",
+            key=prefix + each.key,
+            default=None,
+            part=part,
+            place=(*place, *each.place),
+            source=each.source or source,
+        )
 
 
 @_cached

@@ -1,8 +1,7 @@
-"""The devices of a run, and what its log says of the chains behind the sensors."""
+"""The devices of a run."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -25,6 +24,7 @@ from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
 from rig.session.devices import Devices
 from rig.session.progress import Screen
+from rig.twin.chains import chain_record
 
 if TYPE_CHECKING:
     from rig.session.by_hand import ShaftSeen
@@ -162,38 +162,3 @@ def card_of(scenario: Scenario, bench: Bench, emulated: Emulated) -> Acquisition
     settings = replace(settings, sample_rate_hz=scenario.acquisition.sample_rate)
     driver: AcquisitionCard = INSTRUMENTS["daq_card"].driver_of(settings)(settings)
     return driver
-
-
-def chain_record(bench: Bench) -> dict[str, str]:
-    """What the log's `run` record keeps of chains with stages of their own, and of counters; JSON in SI."""
-    record: dict[str, str] = {}
-    for channel in bench.daq_card.channels:
-        amplifier, low_pass, pulses = channel.amplifier, channel.anti_alias, channel.pulses
-        if not (amplifier or low_pass or channel.counted):
-            continue
-        chain: dict[str, object] = {
-            "physical": channel.physical,
-            "kind": channel.kind,
-            "serial": channel.serial,
-            "calibrated": channel.calibrated and channel.calibrated.isoformat(),
-            "amplifier": amplifier
-            and {
-                "serial": amplifier.serial,
-                "gain_v_per_c": channel.gain,
-                "corner_hz": amplifier.corner_hz,
-                "output_v": amplifier.output_v,
-                "state": amplifier.state,
-            },
-            "filter": low_pass
-            and {"serial": low_pass.serial, "corner_hz": low_pass.corner_hz, "order": low_pass.order},
-            "pulses": pulses
-            and {
-                "per_revolution": pulses.per_revolution,
-                "decoding": pulses.decoding,
-                "index": pulses.index,
-                "initial_angle_rad": pulses.initial_angle,
-            },
-        }
-        stated = {key: value for key, value in chain.items() if value}
-        record[f"chain.{channel.name}"] = json.dumps(stated, sort_keys=True)
-    return record

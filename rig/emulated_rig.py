@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pkgutil import resolve_name
@@ -22,7 +22,9 @@ from drivers.scpi.supply_settings import SupplySettings
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import actuator_of
+from rig.twin.chains import declared_by, mounted, with_chains
 from rig.twin.scenario_twin import twin_of, with_effects
+from sim_twin.sensors import Encoder
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
@@ -48,9 +50,24 @@ class EmulatedRig:
     motor: EmulatedMotor | None = None
 
 
+_ANGLE: Final = 2**30
+"""Counts of a revolution that nobody tells from the angle."""
+
+
+def _counts_otherwise(sensor: Any, other: Any) -> bool:
+    return isinstance(sensor, Encoder) and sensor != other
+
+
 def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> EmulatedRig:
     """The rig of a scenario as it really is: with the bench's effects, drawn by the seeds."""
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
+    declared = declared_by(bench)
+    shown = with_chains(twin, declared).sensors
+    # what its card makes of it, the card does: an encoder of other counts counts the angle itself
+    angles = {
+        name: Encoder(_ANGLE) for name, each in twin.sensors.items() if _counts_otherwise(each, shown[name])
+    }
+    twin = replace(mounted(twin, declared), sensors={**twin.sensors, **angles})
     if bench.emulation.effects is not None:
         twin = with_effects(twin, bench.emulation.effects)
     rig_of = resolve_name(actuator_of(bench.actuator_table).rig)

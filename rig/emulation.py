@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 from daq.errors import ConfigurationError, Problem
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.emulator_process import DriveLink, EmulatedInstrument
-from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, CounterWire, LowPassStage, Wire
+from drivers.ni_daq.channels import INPUT_RANGES_V, input_range_v
+from drivers.ni_daq.emulator.wiring import (
+    CardWiring,
+    ChargeStage,
+    CounterWire,
+    LowPassStage,
+    MarkStage,
+    Wire,
+)
 from drivers.protocols.emergency_stop import STOP_TABLE
 from rig.emulated_rig import EmulatedRig, drawn_rig
 from rig.files.bench import Bench, Emulation, tables_of
@@ -114,32 +122,41 @@ def card(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedIns
     return start_daq_card(rig.plant, wiring, heard.outputs, heard.initial, deadline_s=_COMPILED_S)
 
 
-# An input takes 5 V or, with the modules for larger signals, 10 V.
-_RANGES_V: Final = (5.0, 10.0)
-
-
 def wiring_of(bench: Bench) -> CardWiring:
     """The emulated card's inputs: each channel of the bench with the chain that the bench states."""
     wires: dict[str, Wire] = {}
     counters: dict[str, CounterWire] = {}
     for channel in bench.daq_card.channels:
-        amplifier, low_pass, pulses = channel.amplifier, channel.anti_alias, channel.pulses
+        amplifier, low_pass, pulses, mark = (
+            channel.amplifier,
+            channel.anti_alias,
+            channel.pulses,
+            channel.mark,
+        )
         if channel.counted:
             counters[channel.physical] = (
                 CounterWire(channel.name, threshold_v=channel.range / 2.0)
                 if pulses is None
-                else CounterWire(channel.name, pulses.per_revolution)
+                else CounterWire(
+                    channel.name,
+                    pulses.per_revolution,
+                    backwards=pulses.backwards,
+                    index_at=pulses.initial_angle,
+                )
             )
         else:
-            fitting_v = (range_v for range_v in _RANGES_V if channel.full_scale_v <= range_v)
             wires[channel.physical] = Wire(
                 "" if unit_of(channel.name) is None else channel.name,
                 channel.volts_per_unit,
-                range_v=next(fitting_v, _RANGES_V[-1]),
+                range_v=input_range_v(channel.full_scale_v),
                 charge=None
                 if amplifier is None
-                else ChargeStage(amplifier.corner_hz, amplifier.output_v or _RANGES_V[-1]),
+                else ChargeStage(amplifier.corner_hz, amplifier.output_v or INPUT_RANGES_V[-1]),
                 low_pass=None if low_pass is None else LowPassStage(low_pass.corner_hz, low_pass.order),
+                corner_hz=channel.corner_hz,
+                resonance_hz=channel.resonance_hz,
+                delay_s=channel.delay_s or 0.0,
+                mark=None if mark is None else MarkStage(mark.level, mark.falling),
             )
     line = bench.daq_card.stop_line
     return CardWiring(wires, counters=counters, lines={} if line is None else {line.line: line.healthy})

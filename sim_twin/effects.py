@@ -212,7 +212,7 @@ class _OfChain:
         number = {"gain": chain.gain * number, "skew": chain.skew + number}.get(self.field, number)
         return replace(
             twin,
-            sensors={**twin.sensors, channel: replace(chain, **{self.field: number})},
+            sensors={**twin.sensors, channel: replace(chain, **{self.field: number})},  # type: ignore[arg-type]
         )
 
 

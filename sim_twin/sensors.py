@@ -3,33 +3,38 @@
 What filters take is imported where they are made: a process that only checks a scenario needs none, and
 scipy.signal (half a second of processor time, for it loads most of scipy) only a chain with corners.
 
-Analog: true signal -> (second-order Butterworth) -> linear-phase anti-alias low-pass with no net delay,
-decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation. Skew and anti-alias are one
-filter.
+Analog: true signal -> (second-order Butterworth) -> (declared stages) -> linear-phase anti-alias low-pass
+with no net delay, decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation -> (the
+input's limit). Skew and anti-alias are one filter.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.quantity import Bound
+from sim_twin.linear_filter import LinearFilter
 from sim_twin.ranges import require_bounds
+from sim_twin.stages import Stages, StageStream
 
 Array = NDArray[np.float64]
 OVERSAMPLED_RATE = 204_800.0
 """Hz; the least rate at which the truth is computed."""
 _PASS, _STOP, _ATTENUATION_DB = 0.45, 0.55, 80.0
+_LEAST_GAIN = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class SensorChain:
     """One channel: `noise` rms and `full_scale` in the channel's unit, `skew` in s (shows x(t - skew)).
 
-    `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none.
+    `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none. `stages` and `limit`, the
+    largest magnitude that the input takes, are what a bench declares.
     """
 
     noise: Annotated[float, Bound("", 0.0)] = 0.0
@@ -38,6 +43,8 @@ class SensorChain:
     skew: Annotated[float, Bound("s", -1.0, 1.0)] = 0.0
     droop_corner: Annotated[float | None, Bound("Hz", 0.0, above=True)] = None
     bandwidth_corner: Annotated[float | None, Bound("Hz", 0.0, above=True)] = None
+    stages: Stages | None = None
+    limit: float = inf
 
     def __post_init__(self) -> None:
         require_bounds("SensorChain", self)
@@ -45,9 +52,27 @@ class SensorChain:
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """An incremental encoder read at the sample instants: whole `counts` of a revolution, nothing else."""
+    """An incremental encoder read at the sample instants: whole `counts` of a revolution, nothing else.
+
+    One that counts `backwards` is turned round by who reads it: it shows the next count, not the last. Its
+    counts begin at the index mark, which sits at crank angle `zero` (rad) and sets a counter of whole ones.
+    """
 
     counts: int = 4096
+    backwards: bool = False
+    zero: float = 0.0
+
+    def shown(self, angle: Array) -> Array:
+        """Of angles in rad, same shape."""
+        count = 2 * np.pi / self.counts
+        whole = (np.ceil if self.backwards else np.floor)((angle - self.zero) / count)
+        return np.asarray((whole + round(self.zero / count)) * count)
+
+    def sent(self, angle: Array) -> Array:
+        """The same of one that sends its own position, 0 at `zero`, by itself: it goes the way it counts."""
+        count = 2 * np.pi / self.counts
+        turned = (self.zero - angle) if self.backwards else (angle - self.zero)
+        return np.asarray(np.floor(turned / count) * count)
 
 
 Sensor: TypeAlias = SensorChain | Encoder
@@ -85,18 +110,26 @@ class SensorStream:
         self._chain, self._rng = chain, rng
         self._factor = oversampling(sample_rate)
         fine_rate = sample_rate * self._factor
-        whole = round(chain.skew * fine_rate)
-        self._taps = anti_alias_taps(self._factor, chain.skew * fine_rate - whole)
+        skew = chain.skew + (chain.stages.late if chain.stages is not None else 0.0)
+        whole = round(skew * fine_rate)
+        self._taps = anti_alias_taps(self._factor, skew * fine_rate - whole)
         half = len(self._taps) // 2
         self.lookahead = max(0, half - whole + 1)
         self._reach = half + max(0, whole)
         self._offset = self._reach - half - whole
         self._fine = np.zeros(self._reach)
         self._low_pass = _butterworth(2, chain.bandwidth_corner, "lowpass", fine_rate)
+        self._stages = None
+        if chain.stages is not None:  # the gain comes last here, and first in truth
+            output = chain.stages.output / max(abs(chain.gain), _LEAST_GAIN)
+            self._stages = StageStream(chain.stages, fine_rate, output)
         self._high_pass = _butterworth(1, chain.droop_corner, "highpass", sample_rate)
 
     def push(self, fine: Array) -> None:
-        self._fine = np.concatenate([self._fine, self._low_pass(fine)])
+        passed = self._low_pass(fine)
+        if self._stages is not None:
+            passed = self._stages(passed)
+        self._fine = np.concatenate([self._fine, passed])
 
     def pull(self, count: int) -> Array:
         """Give the next `count` channel samples, shape (count,)."""
@@ -109,11 +142,12 @@ class SensorStream:
         filtered = decimated(segment, self._taps, self._factor, count)
         self._fine = self._fine[count * self._factor :]
         samples = self._chain.gain * self._high_pass(filtered)
-        if self._rng is None:
-            return samples
-        noisy = samples + self._chain.noise * self._rng.standard_normal(len(samples))
-        step = self._chain.full_scale / 2**23
-        return np.asarray(np.round(noisy / step) * step)
+        if self._rng is not None:
+            noisy = samples + self._chain.noise * self._rng.standard_normal(len(samples))
+            step = self._chain.full_scale / 2**23
+            samples = np.round(noisy / step) * step
+        limit = self._chain.limit
+        return np.asarray(samples if limit == inf else np.clip(samples, -limit, limit))
 
 
 class EncoderStream:
@@ -122,7 +156,7 @@ class EncoderStream:
     lookahead = 1
 
     def __init__(self, encoder: Encoder, sample_rate: float) -> None:
-        self._count = 2 * np.pi / encoder.counts
+        self._encoder = encoder
         self._factor = oversampling(sample_rate)
         self._fine = np.zeros(0)
 
@@ -135,7 +169,7 @@ class EncoderStream:
         if len(at_samples) < count:
             raise ValueError(f"{count - len(at_samples)} samples are missing")
         self._fine = self._fine[count * self._factor :]
-        return np.asarray(np.floor(at_samples / self._count) * self._count)
+        return self._encoder.shown(at_samples)
 
 
 def sensor_stream(
@@ -145,52 +179,6 @@ def sensor_stream(
     if isinstance(sensor, Encoder):
         return EncoderStream(sensor, sample_rate)
     return SensorStream(sensor, sample_rate, rng)
-
-
-class LinearFilter:
-    """A recursive filter of up to second order with memory; starts at rest."""
-
-    def __init__(self, b: Array, a: Array) -> None:
-        self._passes = len(a) == len(b) == 1
-        self._b, self._a = (np.pad(each / a[0], (0, 3 - len(each))) for each in (b, a))
-        self._state = np.zeros(2)
-
-    def __call__(self, x: Array) -> Array:
-        """Filter the next samples, shape (n,) to (n,)."""
-        if self._passes:
-            return x
-
-        from sim_twin.decimation import second_order
-
-        y = np.empty(len(x))
-        second_order(self._b, self._a, np.ascontiguousarray(x, np.float64), self._state, y)
-        return y
-
-
-def oscillator(
-    omega: float, decay: float, B: float, C: tuple[float, float], D: float, rate: float
-) -> LinearFilter:
-    """C (x, x') + D u of x'' + `decay` x' + `omega`^2 x = B u, exact for u that is linear between samples.
-
-    By the exponential of motion, u and its slope together (Franklin, Powell and Workman, Digital Control of
-    Dynamic Systems, 3rd edition, pages 204-206).
-    """
-    from scipy.linalg import expm
-
-    together = np.zeros((4, 4))
-    together[:2, :3] = np.array([[0.0, 1.0, 0.0], [-(omega**2), -decay, B]]) * (1 / rate)
-    together[2, 3] = 1.0
-    turn, row = expm(together), np.array([C])
-    A, slope = turn[:2, :2], turn[:2, 3:]
-    column, direct = turn[:2, 2:3] - slope + A @ slope, D + (row @ slope)[0, 0]
-    denominator = np.asarray(np.poly(A), np.float64)
-    return LinearFilter(np.poly(A - column @ row) + (direct - 1) * denominator, denominator)
-
-
-def resonance(frequency: float, damping_ratio: float, rate: float) -> LinearFilter:
-    """One mode, gain 1 at low frequency, exact for inputs that are linear between samples."""
-    omega = 2 * np.pi * frequency
-    return oscillator(omega, 2 * damping_ratio * omega, omega**2, (1.0, 0.0), 0.0, rate)
 
 
 def _butterworth(

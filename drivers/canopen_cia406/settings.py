@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 from daq.errors import Problem
-from daq.quantity import Key, Quantity, Text, Whole
+from daq.quantity import Key, Quantity, Text, Whole, Words
 from drivers.canopen_cia406 import objects
 from drivers.canopen_cia406.objects import Entry
 
@@ -34,13 +34,16 @@ class EncoderSettings:
 
     `options` are that interface's own keys. `period_s` is the time between positions in s, whole
     milliseconds. Positions that nobody reads are kept for `buffer_s`. An answer, or a position beyond its
-    time, is awaited for `timeout_s`.
+    time, is awaited for `timeout_s`. It shows `mounting` (rad) at the mark, None where nobody knows, and goes
+    `backwards` while the crank turns forwards.
     """
 
     node: Annotated[int, Whole(1, 127)]
     interface: Annotated[str, Text('an interface of python-can, such as "socketcand"', r"[a-z0-9_]+")]
     driver: Annotated[Literal["canopen_cia406"], Key()] = "canopen_cia406"
     period_s: Annotated[float, Quantity("ms", 1, 65535, key="period")] = 1e-3
+    mounting: Annotated[float | None, Quantity("deg", -360, 360)] = None
+    backwards: Annotated[bool, Words({"forwards": False, "backwards": True}, key="direction")] = False
     emulated: Annotated[bool, Key()] = False
     identity: Annotated[EncoderIdentity, Key()] = EncoderIdentity()
     options: Mapping[str, str | int | float | bool] = field(default_factory=dict)

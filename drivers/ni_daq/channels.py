@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from daq.errors import Problem
 from daq.quantity import Check, Depending, Flat, Key, Quantity, Text, Whole, Words, rule
@@ -25,6 +25,11 @@ from drivers.ni_daq.sensors import SENSORS, Sensor, sensor_of
 from drivers.protocols.emergency_stop import StopLine
 from drivers.protocols.instrument import misplaced
 
+MARK_V: Final = 5.0
+"""How high a mark is as everybody reads it."""
+INPUT_RANGES_V: Final = (5.0, 10.0)
+INPUT_NOISE_V: Final = 50e-6
+"""Rms of an input itself (NI 9234 datasheet, 374238): what is left where a filter takes the sensor's."""
 _INPUT = re.compile(r"[^/]+/_?(ai|ctr)[0-9]+", re.IGNORECASE)
 
 
@@ -40,6 +45,11 @@ _CALIBRATION = rule(
     "valid_until",
     "a day after calibrated, {calibrated}",
 )
+
+
+def input_range_v(full_scale_v: float) -> float:
+    """What an input takes, in V: 5 or, with the modules for larger signals, 10."""
+    return next((each for each in INPUT_RANGES_V if full_scale_v <= each), INPUT_RANGES_V[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +95,15 @@ class Pulses:
 
     Of two tracks in quadrature the counter sees `decoding` (1, 2 or 4) counts for each pulse. `initial_angle`
     in rad is where the shaft stands when the task starts; with `index` it is where the index mark sits, and
-    the mark sets the count anew once a revolution, so that nothing lost adds up.
+    the mark sets the count anew once a revolution, so that nothing lost adds up. One that counts `backwards`
+    while the crank turns forwards is turned round where it is read.
     """
 
     per_revolution: Annotated[int, Whole(1, 10_000_000, key="pulses_per_revolution")]
     decoding: Annotated[int, Words({"x1": 1, "x2": 2, "x4": 4})] = 4
     index: Annotated[bool, Key()] = False
     initial_angle: Annotated[float, Quantity("deg", 0, 359.999)] = 0.0
+    backwards: Annotated[bool, Words({"forwards": False, "backwards": True}, key="direction")] = False
 
     @property
     def counts_per_revolution(self) -> int:
@@ -103,6 +115,34 @@ class Pulses:
         """Resolution in rad."""
         return math.tau / self.counts_per_revolution
 
+    @property
+    def counted_from(self) -> float:
+        """The `initial_angle` as the counter sees it, in rad."""
+        return -self.initial_angle % math.tau if self.backwards else self.initial_angle
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A once-per-revolution mark: it begins at crank `angle` (rad), and is `level` V high.
+
+    One that is `falling` gives 0 V while it passes, and the level else. Whatever it gives is shown as a mark
+    of 0 and 5 V that rises.
+    """
+
+    angle: Annotated[float, Quantity("deg", 0, 359.999)] = 0.0
+    level: Annotated[float, Quantity("V", 0.1, 100)] = MARK_V
+    falling: Annotated[bool, Words({"rising": False, "falling": True}, key="polarity")] = False
+
+    @property
+    def gain(self) -> float:
+        """Of what is shown, over what it gives."""
+        return (-1.0 if self.falling else 1.0) * MARK_V / self.level
+
+    @property
+    def offset(self) -> float:
+        """Of what is shown, in V."""
+        return MARK_V if self.falling else 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class CardChannel:
@@ -112,6 +152,10 @@ class CardChannel:
     the largest magnitude to be measured, in `unit`. `excitation_a` is the supply of an IEPE sensor in A; an
     NI 9234 has 2 mA and nothing else. An encoder has `pulses` and neither sensitivity nor range. One that is
     not `modelled` is none of the rig's: no twin predicts it.
+
+    `in_stinger` says of a drive's force whether a gauge between shaker and rig shows it, or it is the coil's.
+    `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` the sensor's own as it is mounted; by
+    `delay_s` an input shows later than a counter what happens.
     """
 
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]
@@ -129,6 +173,11 @@ class CardChannel:
     calibrated: Annotated[date | None, Key()] = None
     valid_until: Annotated[date | None, Key()] = None
     modelled: Annotated[bool, Key()] = True
+    mark: Annotated[Mark | None, Flat()] = None
+    in_stinger: Annotated[bool | None, Words({"coil": False, "stinger": True}, key="senses")] = None
+    corner_hz: Annotated[float | None, Quantity("Hz", 0, 1000, above=True, key="corner")] = None
+    resonance_hz: Annotated[float | None, Quantity("kHz", 0.1, 1000, key="resonance")] = None
+    delay_s: Annotated[float | None, Quantity("ms", 0, 20, key="delay")] = None
     unit: str = "V"  # this and what follows: by the rig's table of channels, no keys of a bench file
     quantity: str = ""
     location: str = ""
@@ -173,6 +222,8 @@ class CardChannel:
     @property
     def largest(self) -> float:
         """The largest magnitude that arrives undistorted, in `unit`: that of the sensor or its amplifier."""
+        if self.mark is not None:
+            return self.range * abs(self.mark.gain) + self.mark.offset
         if self.amplifier is None or self.amplifier.output_v is None:
             return self.range
         return min(self.range, self.amplifier.output_v / self.volts_per_unit)

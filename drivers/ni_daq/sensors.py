@@ -84,6 +84,7 @@ ACCELERATION: Final = {"m/s2": Quantity("m/s2", 0, 1e6, above=True)}
 VOLTAGE: Final = {"V": Quantity("V", 0, 1e3, above=True)}
 SPEED: Final = {"rad/s": Quantity("rad/s", 0, 1e5, above=True)}
 _VOLTS_EACH: Final = ("sensitivity", "range")
+_ANY_INPUT: Final = ("resonance", "delay")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,8 @@ class AnalogSensor:
 
     def scale(self, channel: CardChannel) -> float | None:
         """Unit per volt; None where DAQmx delivers the unit."""
-        return 1.0 / channel.volts_per_unit if self.in_volts else None
+        gain = 1.0 if channel.mark is None else channel.mark.gain
+        return gain / channel.volts_per_unit if self.in_volts else None
 
     @property
     def raw_unit(self) -> str:
@@ -233,19 +235,21 @@ def declare_encoder(task: Any, channel: CardChannel) -> None:
         channel.physical,
         decoding_type=EncoderType[f"X_{pulses.decoding}"],
         zidx_enable=pulses.index,
-        zidx_val=pulses.initial_angle,  # rad, as `units` below says
+        zidx_val=pulses.counted_from,  # rad, as `units` below says
         units=AngleUnits.RADIANS,
         pulses_per_rev=pulses.per_revolution,
-        initial_angle=pulses.initial_angle,
+        initial_angle=pulses.counted_from,
     )
 
 
 def angle_decoder(channel: CardChannel) -> Decoder:
     """Unwrapped angle in rad of what `declare_encoder` counts."""
     pulses = _pulses(channel)
-    # The index takes whole revolutions off the count, and whatever was lost since.
-    turns = UnwrappedCount(pulses.counts_per_revolution, 0) if pulses.index else UnwrappedCount()
-    return angle(turns, pulses.rad_per_count)
+    turn = pulses.counts_per_revolution
+    # The index takes whole revolutions off the count, and whatever was lost since; no angle begins below 0.
+    lowest = 1 - turn if pulses.backwards else 0
+    turns = UnwrappedCount(turn, lowest) if pulses.index else UnwrappedCount()
+    return angle(turns, -pulses.rad_per_count if pulses.backwards else pulses.rad_per_count)
 
 
 def declare_edges(task: Any, channel: CardChannel) -> None:
@@ -276,23 +280,33 @@ def _rad_per_pulse(channel: CardChannel) -> float:
 
 
 _OWN: Final = {
-    "voltage": SensorKind(AnalogSensor(FORCE | ACCELERATION | VOLTAGE, declare_voltage, takes=("filter",))),
+    "voltage": SensorKind(
+        AnalogSensor(FORCE | ACCELERATION | VOLTAGE, declare_voltage, takes=("filter", *_ANY_INPUT))
+    ),
     "charge_amplifier": SensorKind(
         AnalogSensor(
             FORCE | ACCELERATION,
             declare_voltage,
             needs=(*_VOLTS_EACH, "gain"),
-            takes=("amplifier", "filter"),
+            takes=("amplifier", "filter", *_ANY_INPUT),
             ac_coupled=True,
         )
     ),
     "force_iepe": SensorKind(
-        AnalogSensor(FORCE, declare_force_iepe, in_volts=False, ac_coupled=True, sheet=force_sheet)
+        AnalogSensor(
+            FORCE,
+            declare_force_iepe,
+            takes=("corner", *_ANY_INPUT),
+            in_volts=False,
+            ac_coupled=True,
+            sheet=force_sheet,
+        )
     ),
     "acceleration_iepe": SensorKind(
         AnalogSensor(
             ACCELERATION,
             declare_acceleration_iepe,
+            takes=("corner", *_ANY_INPUT),
             in_volts=False,
             ac_coupled=True,
             sheet=acceleration_sheet,
@@ -306,12 +320,16 @@ _OWN: Final = {
             "count",
             lambda channel: _pulses(channel).rad_per_count,
             angle_decoder,
-            takes=("decoding", "index", "initial_angle"),
+            takes=("decoding", "index", "initial_angle", "direction"),
         )
     ),
     "marker": SensorKind(
         AnalogSensor(
-            VOLTAGE, declare_voltage, needs=("range",), takes=("sensitivity", "filter"), noisy=False
+            VOLTAGE,
+            declare_voltage,
+            needs=("range",),
+            takes=("sensitivity", "filter", "delay", "angle", "level", "polarity"),
+            noisy=False,
         ),
         CounterSensor(
             VOLTAGE,
@@ -320,10 +338,11 @@ _OWN: Final = {
             "edge",
             lambda _: None,
             lambda channel: MarkPulses(channel.range),
+            takes=("angle",),
         ),
     ),
     "tachometer": SensorKind(
-        AnalogSensor(SPEED, declare_voltage, takes=("filter",)),
+        AnalogSensor(SPEED, declare_voltage, takes=("filter", "delay")),
         CounterSensor(
             SPEED,
             declare_frequency,

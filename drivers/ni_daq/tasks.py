@@ -27,6 +27,8 @@ class AnalogTask:
     def __init__(self, task: Any, channels: Sequence[CardChannel], buffer_s: float) -> None:
         self._task, self._buffer_s = task, buffer_s
         self._scales = np.array([[known_sensor(channel).scale(channel) or 1.0] for channel in channels])
+        marks = [(row, channel.mark) for row, channel in enumerate(channels)]
+        self._offsets = {row: mark.offset for row, mark in marks if mark is not None and mark.offset}
         self._raw: NDArray[np.float64] = np.empty((len(channels), 0))
         self._reader = AnalogMultiChannelReader(task.in_stream)
         self._reader.verify_array_shape = False  # it would cost a call for each read
@@ -100,6 +102,8 @@ class AnalogTask:
             self._raw = np.empty((len(self._raw), count))
         came = self._reader.read_many_sample(self._raw, count, timeout_s)
         values: NDArray[np.float64] = self._raw[:, :came] * self._scales
+        for row, offset in self._offsets.items():
+            values[row] += offset
         return values
 
 

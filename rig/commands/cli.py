@@ -50,6 +50,9 @@ _HELP: Final = {
         "List the effects that a scenario's twin can have, with the ranges of their parameters."
     ),
     "runs:runs": "List runs by what they were, tag them, or lay two side by side, measured against measured.",
+    "scenario:scenario": (
+        "Print a scenario with every key of a rig: default, unit, range, and where the value is from."
+    ),
     "check:check": "Validate a scenario, bench or sweep file; lists every error at once. Nothing moves.",
     "logs:verify": "Check a log's integrity and account for every sample.",
     "logs:recover": "Rebuild a log that a crash left, into a new file.",

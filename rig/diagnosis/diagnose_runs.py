@@ -152,9 +152,9 @@ def _next_experiment(
         return None
     first, second = rivals
     effects = ((first.best,), (second.best,))
-    columns = data.campaign.runs[0].columns
+    columns, quiet = data.campaign.runs[0].columns, data.campaign.runs[0].quiet
     found: list[tuple[float, Option]] = []
-    for option in options(data.scenarios[0], columns.channels, columns.rate, data.campaign.runs[0].quiet):
+    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains):
         campaign = option.campaign
         if known is not None:
             campaign = campaign_with_model(campaign, known, lambda _: None)

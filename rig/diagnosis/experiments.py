@@ -12,6 +12,7 @@ from rig.diagnosis.recordings import setting_of
 from rig.files.faults import toml_of
 from rig.files.quantity import written
 from rig.files.scenario import parse_scenario, with_values
+from rig.files.table import NOTHING
 from rig.rigs import RIGS
 from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis.campaign import Campaign
@@ -39,10 +40,17 @@ class Experiment:
     expected_probability: float
 
 
-def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: float = 1.0) -> list[Option]:
+def options(
+    scenario_text: str,
+    channels: Sequence[str],
+    rate: float,
+    quiet: float = 1.0,
+    chains: Mapping[str, str] = NOTHING,
+) -> list[Option]:
     """Other settings of the rig within what its scenario files allow, most different first.
 
-    They are looked at like the runs that were made, at `rate` Hz with the share `quiet` of the noise.
+    They are looked at like the runs that were made, at `rate` Hz with the share `quiet` of the noise, through
+    the same `chains`.
     """
     table = tomllib.loads(scenario_text)
     kind = RIGS[table["rig"]]
@@ -54,7 +62,7 @@ def options(scenario_text: str, channels: Sequence[str], rate: float, quiet: flo
         text = toml_of(changed)
         try:
             scenario = parse_scenario(text, "next experiment")
-            twin = twin_of(scenario, tuple(channels))
+            twin = twin_of(scenario, tuple(channels), chains)
         except ConfigurationError:
             continue
         whole = int(scenario.acquisition.duration * twin.drive.cycle_hz - 1.5)

@@ -15,10 +15,10 @@ from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader
 from rig.files.scenario import Scenario
+from rig.files.table import NOTHING
 from rig.rigs import RIGS
 from rig.twin.alignment import FREQUENCY_TOLERANCE
-from rig.twin.logged import followed_scenario
-from rig.twin.scenario_twin import twin_of
+from rig.twin.logged import followed_scenario, logged_twin
 from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Columns
@@ -118,7 +118,7 @@ class RecordedCampaign:
     """A campaign with its `measured` fingerprints (blocks, numbers); `remarks` say what was lost or odd.
 
     `scenarios` are the runs' scenario texts, `records` their channels at the rate of the setting, `sound`
-    says which samples of a run can be used.
+    says which samples of a run can be used. `chains` is what the first log says of its chains.
     """
 
     campaign: Campaign
@@ -127,6 +127,7 @@ class RecordedCampaign:
     scenarios: tuple[str, ...]
     records: tuple[dict[str, Array], ...]
     sound: tuple[NDArray[np.bool_], ...]
+    chains: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +142,7 @@ class _Run:
     remarks: tuple[str, ...]
     left_out: tuple[str, ...]
     scenario: Scenario
+    record: Mapping[str, str]
 
 
 def recorded(paths: Sequence[Path]) -> RecordedCampaign:
@@ -184,6 +186,7 @@ def recorded(paths: Sequence[Path]) -> RecordedCampaign:
         scenarios=tuple(run.scenario.text for run in runs),
         records=tuple(run.records for run in runs),
         sound=tuple(run.sound for run in runs),
+        chains=runs[0].record,
     )
 
 
@@ -238,7 +241,7 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
     with LogReader(path) as log:
         scenario = followed_scenario(log)
         channels = log.channels("measured")
-        twin = twin_of(scenario, channels)
+        twin = logged_twin(log, scenario)
         model = twin.model
         if model.reference not in channels:
             raise LogError(f"{path}: no {model.reference}; without it nobody knows the phase of a cycle")
@@ -248,6 +251,7 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
             if channels[name].unit != unit:
                 raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
         ends = [end_s for end_s in (log.until_stop_s, longest_s) if end_s is not None]
+        record = log.metadata.get("run", NOTHING)
         lost = lost_of(log, wanted, min(ends, default=None))
         unfinished = []
         if longest_s is not None:
@@ -274,7 +278,7 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
     remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
     left_out = tuple(name for name in wanted if name not in table)
     followed = Twin(twin.rig, drive, twin.sensors)
-    return _Run(path, followed, records, kept, rate, step, whole, remarks, left_out, scenario)
+    return _Run(path, followed, records, kept, rate, step, whole, remarks, left_out, scenario, record)
 
 
 def _too_few(path: Path, whole: int) -> LogError:
@@ -298,7 +302,7 @@ def _remarks(
                 f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
             )
     reference = twin.model.reference
-    if reference in twin.model.smooth_channels:
+    if reference in twin.model.smooth(twin.rig):
         shown = float(np.sqrt(2) * np.std(records[reference]))
         if abs(shown / twin.drive.amplitude - 1) > _OTHER_AMPLITUDE:
             remarks.append(

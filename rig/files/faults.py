@@ -8,12 +8,15 @@ import json
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from daq.errors import ConfigurationError, Problem
 
 _LARGEST_BYTES = 4 << 20
 _T = TypeVar("_T")
+
+_MOST_LISTED: Final = 40
+"""Keys that a message holds; a rig has more."""
 
 
 class Faults:
@@ -47,7 +50,8 @@ class Faults:
         """Note that nobody knows `name`, and which known one it may be meant for."""
         names = list(known)
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(names)}"
+        listed = ", ".join(names) if len(names) <= _MOST_LISTED else f"{len(names)}, see rattle scenario RIG"
+        hint = f"did you mean {near[0]}?" if near else f"known here: {listed}"
         self.add(key, value, f"unknown {kind}; {hint}")
 
     def error(self) -> ConfigurationError:

@@ -23,6 +23,7 @@ from drivers.protocols.instrument import misplaced
 from rig.files.faults import Faults, dotted
 from rig.files.table import read_table, sound_values, unknown_keys
 from rig.rigs import channel_names, declared, unit_of
+from sim_twin.rigs.channel_table import Role
 
 _VOLT: Final = "V"
 
@@ -80,6 +81,12 @@ def _channel(table: Any, key: str, faults: Faults) -> CardChannel | None:
         faults.unknown(f"{key}.name", name, name, channel_names())
     elif channel is not None and known is not None and not channel.modelled:
         faults.add(f"{key}.modelled", False, f"none: {name} is a channel of the rig, which its twin predicts")
+    if (
+        channel is not None
+        and channel.in_stinger is not None
+        and (known is None or known.role is not Role.DRIVE)
+    ):
+        faults.add(f"{key}.senses", table["senses"], "none: only the force of a drive has one")
     if channel is None or len(faults) > before:
         return None
     sensor = known_sensor(channel)

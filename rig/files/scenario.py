@@ -27,8 +27,8 @@ LEVEL_UP_TO: Final = 1e6
 class AcquisitionSection:
     """Sample rate in Hz; `settle` (driven, not recorded) and `duration` (recorded) in s."""
 
-    sample_rate: Annotated[float, Quantity("Hz", 1000, 204_800)]
-    duration: Annotated[float, Quantity("s", 0.001, 86_400)]
+    sample_rate: Annotated[float, Quantity("Hz", 1000, 204_800, usual=25_600)]
+    duration: Annotated[float, Quantity("s", 0.001, 86_400, usual=5)]
     settle: Annotated[float, Quantity("s", 0, 3600)] = 1.0
 
 

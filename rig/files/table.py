@@ -88,6 +88,10 @@ def _readable(kind: Any, meaning: object) -> Any:
     match meaning:
         case Quantity() if kind is float:
             return Annotated[float, PlainValidator(functools.partial(_in_si, meaning))]
+        case Quantity() if get_origin(kind) is tuple:
+            return Annotated[
+                Any, PlainValidator(functools.partial(_each_in_si, meaning, len(get_args(kind))))
+            ]
         case Words():
             return Annotated[Any, PlainValidator(functools.partial(_word, meaning))]
         case Depending():
@@ -132,6 +136,13 @@ def _in_si(quantity: Quantity, value: object) -> float:
     if not inside or (quantity.above and si <= low):
         raise _explained(str(quantity))
     return round(si / scale, _KEPT_DIGITS) if quantity.kept else si
+
+
+def _each_in_si(quantity: Quantity, count: int, values: object) -> tuple[float, ...]:
+    """So many of them, in SI."""
+    if not isinstance(values, list) or len(values) != count:
+        raise _explained(f"a list of {count}, each {quantity}")
+    return tuple(_in_si(quantity, value) for value in values)
 
 
 def _raw(meaning: Depending, value: object) -> object:

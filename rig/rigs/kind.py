@@ -11,7 +11,25 @@ from typing import Any
 
 from daq.quantity import REQUIRED, Check, Setting, settings_of
 from sim_twin.rigs.channel_table import ChannelTable, Role
-from sim_twin.twin import AnyTwin, Twin
+from sim_twin.twin import AnyTwin, Place, Twin, part_of
+
+
+def at(rig: Any, place: Place) -> Any:
+    """What stands at a place of a rig; None where a part on the way is not there."""
+    for step in place:
+        rig = None if rig is None else part_of(rig, step)
+    return rig
+
+
+def _with(part: Any, values: Mapping[Place, Any]) -> Any:
+    """`part` with values at places in it, all at once: some are checked against each other."""
+    inner: dict[str, dict[Place, Any]] = {}
+    for (step, *rest), value in values.items():
+        inner.setdefault(step, {})[tuple(rest)] = value
+    new = {
+        step: below[()] if () in below else _with(part_of(part, step), below) for step, below in inner.items()
+    }
+    return {**part, **new} if isinstance(part, Mapping) else replace(part, **new)
 
 
 @dataclass(frozen=True)
@@ -56,7 +74,7 @@ class RigKind:
         """What may stand in [model], by key; each has a default."""
         nominal = self.nominal()
         of_fields = {
-            key: replace(each, default=getattr(nominal, each.name))
+            key: replace(each, default=at(nominal, each.place))
             for key, each in settings_of(self.parameters).items()
         }
         return {**settings_of(self.nominal), **of_fields}
@@ -65,7 +83,7 @@ class RigKind:
         """The nominal rig with what [model] gives; raises UnphysicalParameter for what no rig can have."""
         chosen = given.keys() & signature(self.nominal).parameters.keys()
         rig = self.nominal(**{key: given[key] for key in chosen})
-        return replace(rig, **{self.model[key].name: given[key] for key in given.keys() - chosen})
+        return _with(rig, {self.model[key].place: given[key] for key in given.keys() - chosen})
 
     def twin(self, given: Mapping[str, Any], drive: Any, channels: tuple[str, ...]) -> AnyTwin:
         """The nominal twin of a rig that is measured in `channels`; raises like `built`."""

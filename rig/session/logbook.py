@@ -11,7 +11,7 @@ from pathlib import Path
 from daq.block import NS_PER_S
 from daq.clock import Clock
 from daq.errors import RecorderFailed
-from daq.log.records import CALIBRATED, SENSITIVITY, ClockRecord, Event, Gap, Impact
+from daq.log.records import CALIBRATED, ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.instrument import Notice
@@ -20,6 +20,7 @@ from rig.files.software import software
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.stream import Block, Consumer, Metadata, Record, Stream
+from rig.twin.chains import scale_record
 
 _LONGEST_NAME = 60
 _EVERY_S = 1.0
@@ -49,10 +50,8 @@ def run_record(
         for c in bench.daq_card.channels
     ]
     calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
-    sensors: dict[str, str] = {}
+    sensors = scale_record(bench)
     for c in bench.daq_card.channels:
-        if c.pulses is None:
-            sensors[SENSITIVITY + c.name] = repr(c.volts_per_unit)
         if c.calibrated:
             until = f", valid until {c.valid_until}" if c.valid_until else ""
             sensors[CALIBRATED + c.name] = f"{c.calibrated}{until}"

@@ -19,10 +19,10 @@ from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
 from rig.stream import Block, Metadata, Record
-from rig.twin.logged import align_to, followed_scenario, with_model
+from rig.twin.logged import align_to, followed_scenario, logged_twin, with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import removed_if_it_fails, twin_record
-from rig.twin.scenario_twin import predicted_channels, twin_of, with_effects
+from rig.twin.scenario_twin import predicted_channels, with_effects
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def overlay_run(
         measured = log.channels("measured")
         if not measured:
             raise LogError(f"{run}: nothing measured in it")
-        twin = twin_of(scenario, measured)
+        twin = logged_twin(log, scenario)
         fitted = None if model is None else load_model(model, scenario.rig)
         if fitted is not None:
             twin = with_model(twin, fitted, warn)

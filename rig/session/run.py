@@ -34,8 +34,10 @@ from rig.session.progress import FIRST_START, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer
+from rig.twin.chains import declared_by
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
@@ -199,7 +201,7 @@ class _Run:
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
-        twin = twin_of(self._scenario, rig.names)
+        twin = twin_of(self._scenario, rig.names, declared_by(self._request.bench))
         if model is not None:
             from rig.twin.logged import with_model
 
@@ -207,9 +209,10 @@ class _Run:
         rig.launch(stack)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
+        beside = [ENCODER_ANGLE.name] if ENCODER_ANGLE.name in twin.sensors else []
         self._feed = feed = TwinFeed(
             twin,
-            rig.names,
+            (*rig.names, *beside),
             rig.sample_rate,
             wanted.settle,
             rig.stream,
@@ -248,8 +251,9 @@ class _Run:
         rig.declare(log.stem, self._scenario.text, self._notes)
         if model is not None:
             rig.recorder.metadata("twin", twin_record(None, model))
-        for channel in predicted:
-            rig.recorder.declare("predicted", channel)
+        for channel in predicted_channels(twin):
+            if channel.name in (*rig.names, *beside):
+                rig.recorder.declare("predicted", channel)
         self._move_and_record()
         with rig.screen.busy("finishing the prediction"):
             feed.finish(self._stop.check)

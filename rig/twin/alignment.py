@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from math import pi
 from typing import Any, Final
 
@@ -14,6 +15,9 @@ from daq.signals.sine import fit_growing, fit_sine
 from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
+from sim_twin.sensors import Encoder, SensorChain
+from sim_twin.stages import Stages
+from sim_twin.twin import AnyTwin
 
 FREQUENCY_TOLERANCE = 1e-3
 """A twin follows the measured mean frequency within 0.1 % of the scenario's."""
@@ -43,10 +47,22 @@ def untouched(drive: Any) -> Alignment:
     return Alignment(drive.cycle_hz, 0.0, trusted=False)
 
 
-def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, drive: SineDrive) -> Alignment:
-    """Align to measured drive `force` (N, shape (n,)) that begins at sample `first_sample` of the run."""
-    finite = np.nan_to_num(np.asarray(force, dtype=float)) - drive.offset
-    level = abs(drive.amplitude)
+def align(
+    force: NDArray[np.floating],
+    sample_rate: float,
+    first_sample: int,
+    drive: SineDrive,
+    shown: Callable[[float], complex] = lambda _: 1.0,
+    worst: float = _WORST_RESIDUAL,
+) -> Alignment:
+    """Align to measured drive `force` (N, shape (n,)) that begins at sample `first_sample` of the run.
+
+    `shown(frequency in Hz)` is what its chain makes of a sine; `worst`, as a share of that, how much else may
+    be seen (rms).
+    """
+    finite = np.nan_to_num(np.asarray(force, dtype=float)) - drive.offset * shown(0.0).real
+    response = complex(shown(drive.frequency))
+    level = abs(drive.amplitude) * abs(response)
     if level == 0 or len(finite) == 0 or np.max(np.abs(finite)) < _RUNNING_SHARE * level:
         return Alignment(drive.frequency, 0.0, onset=None, trusted=False)
     begun = int(np.argmax(np.abs(finite) > _STARTED * level))
@@ -63,8 +79,9 @@ def align(force: NDArray[np.floating], sample_rate: float, first_sample: int, dr
     if frequency != fit.frequency:
         fit = fit_sine(steady, sample_rate, frequency, hold_frequency=True)
     start = first_sample + (0 if running_before else begun)
-    phase = (fit.phase - 2 * np.pi * frequency * start / sample_rate) % (2 * np.pi)
-    trusted = fit.residual < _WORST_RESIDUAL * level
+    lead = float(np.angle(response))
+    phase = (fit.phase - lead - 2 * np.pi * frequency * start / sample_rate) % (2 * np.pi)
+    trusted = fit.residual < worst * level
     if running_before:
         return Alignment(frequency, phase, trusted=trusted)
     # the zero of the sine just before the first sample at which it was seen
@@ -78,25 +95,41 @@ MARKED_TURNS = 3.0
 """Turns in which a marker surely shows as many, with one lost."""
 _LEAST_TURN = 0.05
 """Revolutions that a record has to show before its speed is believed."""
+_ENCODER: Final = Encoder()
 _FURTHEST_RAD = 1e12
 """Beyond, a double holds no phase."""
 
 
 def align_angle(
-    angle: NDArray[Any], sample_rate: float, first_sample: int, drive: SpeedDrive, counts: int = 4096
+    angle: NDArray[Any],
+    sample_rate: float,
+    first_sample: int,
+    drive: SpeedDrive,
+    encoder: Encoder = _ENCODER,
 ) -> Alignment:
-    """Align to a crank angle (rad, unwrapped, shape (n,)) by an encoder of `counts` a revolution."""
+    """Align to a crank angle (rad, unwrapped, shape (n,)) that `encoder` shows."""
     samples = first_sample + np.arange(len(angle))
     known = np.abs(angle) < _FURTHEST_RAD
     # a counter shows the last whole count: on average half a count less than the angle
-    centred = np.asarray(angle, dtype=float)[known] + pi / counts
+    half = (-pi if encoder.backwards else pi) / encoder.counts
+    centred = np.asarray(angle, dtype=float)[known] + half
     if len(centred) < 2 or abs(centred[-1] - centred[0]) < _LEAST_TURN * 2 * pi:
         return untouched(drive)
     return _fit(samples[known], centred, sample_rate, drive)  # whole turns stay: the prediction has them too
 
 
-def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, drive: SpeedDrive) -> Alignment:
-    """Align to a once-per-revolution marker (V, shape (n,)) that rises at crank angle zero."""
+def align_marker(
+    marker: NDArray[Any],
+    sample_rate: float,
+    first_sample: int,
+    drive: SpeedDrive,
+    at_angle: float = 0.0,
+    late_s: float = 0.0,
+) -> Alignment:
+    """Align to a once-per-revolution marker (V, shape (n,)) that rises at crank angle `at_angle` (rad).
+
+    It is shown by `late_s` s too late.
+    """
     high = np.asarray(marker, dtype=float)
     level = (np.nanmin(high) + np.nanmax(high)) / 2 if len(high) else 0.0
     rises = np.flatnonzero((high[:-1] < level) & (high[1:] >= level))
@@ -104,9 +137,9 @@ def align_marker(marker: NDArray[Any], sample_rate: float, first_sample: int, dr
         return untouched(drive)
     share = (level - high[rises]) / (high[rises + 1] - high[rises])
     period = 2 * pi * sample_rate / drive.mean_speed
-    at = first_sample + rises + share
+    at = first_sample + rises + share - late_s * sample_rate
     turns = np.round(np.concatenate([[0.0], np.cumsum(np.diff(at) / period)]))
-    fit = _fit(at, 2 * pi * turns, sample_rate, drive)
+    fit = _fit(at, 2 * pi * turns + at_angle, sample_rate, drive)
     return replace(fit, phase=fit.phase % (2 * pi))
 
 
@@ -121,7 +154,7 @@ def _fit(
     return Alignment(frequency, float(np.mean(at_zero)), trusted=found == frequency)
 
 
-Align = Callable[[NDArray[Any], float, int, Any], Alignment]
+Align = Callable[..., Alignment]
 _ALIGNED: Final[Mapping[Role, tuple[Align, float]]] = {
     Role.ANGLE: (align_angle, 0.0),
     Role.MARKER: (align_marker, MARKED_TURNS),
@@ -142,8 +175,43 @@ class Reference:
     cycles: float = 0.0
 
 
-def reference_among(table: ChannelTable, channels: Container[str]) -> Reference:
-    """The best reference of a rig that is among `channels`; the best of all where none is."""
+def reference_among(table: ChannelTable, channels: Container[str], twin: AnyTwin | None = None) -> Reference:
+    """The best reference of a rig that is among `channels`; the best of all where none is.
+
+    What it shows is taken as the sensors of `twin` show it.
+    """
     names = table.with_role(*_ALIGNED)
     name = next((each for each in names if each in channels), names[0])
-    return Reference(name, *_ALIGNED[table[name].role])
+    align, cycles = _ALIGNED[table[name].role]
+    sensor = None if twin is None else twin.sensors.get(name)
+    stages = sensor.stages if isinstance(sensor, SensorChain) else None
+    if isinstance(sensor, Encoder):
+        align = partial(align, encoder=sensor)
+    elif twin is not None and table[name].role is Role.MARKER:
+        late_s = 0.0 if stages is None else stages.delay
+        align = partial(align, at_angle=getattr(twin.rig, "marker_angle", 0.0), late_s=late_s)
+    elif twin is not None and getattr(twin.rig, "stinger_gauge", False):
+        align = partial(align, shown=partial(_by_gauge, twin, stages), worst=_WORST_BY_GAUGE)
+    elif stages is not None:
+        align = partial(align, shown=stages.response)
+    return Reference(name, align, cycles)
+
+
+_WORST_BY_GAUGE: Final = 2.0
+"""It feels the impacts too, by the inertia of what moves with the coil."""
+_GAUGE_RATE, _GAUGE_CYCLES, _GAUGE_SETTLE_S = 25_600.0, 20, 1.0
+
+
+def _by_gauge(twin: AnyTwin, stages: Stages | None, frequency: float) -> complex:
+    """What a gauge in the stinger, and what is behind it, makes of the coil's sine, as the twin has it."""
+    behind = 1.0 + 0.0j if stages is None else stages.response(frequency)
+    if not frequency or not twin.drive.amplitude:
+        return behind
+    drive = replace(twin.drive, frequency=frequency, offset=0.0)
+    stream = twin.model.stream(replace(twin, drive=drive, sensors={}), _GAUGE_RATE)
+    stream.drive(drive)
+    before = round(np.ceil(_GAUGE_SETTLE_S * frequency) / frequency * _GAUGE_RATE)
+    count = round(_GAUGE_CYCLES / frequency * _GAUGE_RATE)
+    row = stream.advance(before + count)[stream.channels.index(twin.model.channels.drive), before:]
+    turn = np.exp(-2j * np.pi * frequency / _GAUGE_RATE * np.arange(before, before + count))
+    return complex(behind * 2j * np.mean(row * turn) / drive.amplitude)

@@ -9,6 +9,7 @@ from daq.errors import LogError
 from daq.log.reader import LogReader
 from rig.files.model_file import ModelFile, model_text, parse_model
 from rig.files.scenario import Scenario, parse_scenario
+from rig.files.table import NOTHING
 from rig.twin.alignment import Alignment, reference_among, untouched
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.diagnosis.campaign import Campaign
@@ -81,9 +82,14 @@ def followed_scenario(log: LogReader) -> Scenario:
     return scenario_of(log)
 
 
+def logged_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
+    """The nominal twin of a log, seen by what it says of its chains."""
+    return twin_of(scenario, log.channels("measured"), log.metadata.get("run", NOTHING))
+
+
 def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
     """The twin that made the log's predictions: with the effects and the model that its record names."""
-    twin, record = twin_of(scenario, log.channels("measured")), log.metadata.get("twin", {})
+    twin, record = logged_twin(log, scenario), log.metadata.get("twin", {})
     if "model" in record:
         fitted = parse_model(record["model"], f"model in {log.path}", scenario.rig)
         twin = with_model(twin, fitted, lambda _: None)  # it was told when the prediction was made
@@ -96,7 +102,7 @@ def align_to(log: LogReader, twin: AnyTwin, until_s: float | None = None) -> Ali
     What came after a stop before its time shows neither.
     """
     measured = log.channels("measured")
-    reference = reference_among(twin.model.channels, measured)
+    reference = reference_among(twin.model.channels, measured, twin)
     if reference.channel not in measured:
         return untouched(twin.drive)
     if until_s is not None:

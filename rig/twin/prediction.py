@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock, as_logged, sample_time_ns
 from rig.twin.alignment import Alignment
-from sim_twin.sensors import SensorChain
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
+from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
+from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stream import TwinStream
 from sim_twin.twin import AnyTwin
 
@@ -23,6 +26,7 @@ def settling_s(twin: AnyTwin, settle_s: float) -> float:
     """Seconds that a twin runs before sample 0: `settle_s`, or until motion and droops are steady."""
     chains = [sensor for sensor in twin.sensors.values() if isinstance(sensor, SensorChain)]
     corners = [chain.droop_corner for chain in chains if chain.droop_corner is not None]
+    corners += [corner for chain in chains if chain.stages is not None for corner in chain.stages.high_passes]
     droop_s = _DROOP_TIMES / (2 * np.pi * min(corners)) if corners else 0.0
     return max(settle_s, _LEAST_SETTLE_S, droop_s)
 
@@ -44,6 +48,19 @@ def blocks_of(stream: TwinStream, first_sample: int, end_sample: int, start_ns: 
             yield SampleBlock(name, first, time_ns, stream.sample_rate, as_logged(name, row))
 
 
+def _sent(
+    encoder: Encoder, drive: SpeedDrive, at_zero: float, rate: float, first: int, end: int, start_ns: int
+) -> SampleBlock:
+    """What an encoder beside the card would send at its samples, less the turns before the first of all."""
+    times = np.arange(first, end) / rate
+    turned = at_zero + drive.speed * times
+    if drive.fluctuation:
+        turned = np.array([angle_after(drive, at_zero, time) for time in times])
+    turns = np.floor(encoder.sent(np.array([at_zero]))[0] / (2 * np.pi))
+    values = encoder.sent(turned) - 2 * np.pi * turns
+    return SampleBlock(ENCODER_ANGLE.name, first, sample_time_ns(start_ns, first, rate), rate, values)
+
+
 class AlignedTwin:
     """Predicted samples of every channel on the sample grid of a run.
 
@@ -56,6 +73,11 @@ class AlignedTwin:
         self._stream = twin.model.stream(twin, sample_rate)
         drive = twin.drive.at_cycle_hz(alignment.frequency)
         self.samples = 0
+        self._beside = None
+        encoder = twin.sensors.get(ENCODER_ANGLE.name)
+        if isinstance(encoder, Encoder):
+            at_zero = drive.phase_after(alignment.phase, alignment.frequency, 0.0)
+            self._beside = partial(_sent, encoder, drive, at_zero, sample_rate)
         if alignment.onset is not None:
             phase = drive.phase_after(alignment.phase, alignment.frequency, alignment.onset / sample_rate)
             self._stream.drive(drive, phase, alignment.onset)
@@ -74,7 +96,9 @@ class AlignedTwin:
     def blocks(self, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
         """Blocks of every channel up to `end_sample`; `start_ns` is the time of sample 0."""
         first, self.samples = self.samples, max(self.samples, end_sample)
-        return blocks_of(self._stream, first, end_sample, start_ns)
+        yield from blocks_of(self._stream, first, end_sample, start_ns)
+        if self._beside is not None and end_sample > first:
+            yield self._beside(first, end_sample, start_ns)
 
     def shape(self) -> NDArray[np.float64]:
         """What a picture of the rig needs of it now, in m: see its `Truth.shape`."""

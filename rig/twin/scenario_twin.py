@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from daq.channel import Channel
@@ -10,20 +10,25 @@ from daq.errors import ConfigurationError, Problem, UnphysicalParameter
 from rig.files.effects_file import parse_effects
 from rig.files.faults import read_text
 from rig.files.scenario import Scenario
+from rig.files.table import NOTHING
 from rig.rigs import RIGS
+from rig.twin.chains import with_chains
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.sensors import oversampling
 from sim_twin.twin import AnyTwin
 
 
-def twin_of(scenario: Scenario, channels: Iterable[str] = ()) -> AnyTwin:
+def twin_of(scenario: Scenario, channels: Iterable[str] = (), chains: Mapping[str, str] = NOTHING) -> AnyTwin:
     """Return the nominal twin of `scenario`; `channels` are those that a bench measures.
 
-    Raises ConfigurationError for parameters that no rig can have.
+    `chains` is a `run` record, or as much of one as `rig.twin.chains` makes of a bench. Raises
+    ConfigurationError for parameters that no rig can have, LogError for a record that cannot be read.
     """
     try:
-        return RIGS[scenario.rig].twin(scenario.model, scenario.drive, tuple(channels))
+        twin = RIGS[scenario.rig].twin(scenario.model, scenario.drive, tuple(channels))
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
+    return with_chains(twin, chains)
 
 
 def check_twin(scenario: Scenario) -> None:
@@ -42,9 +47,10 @@ def _as_fault(error: UnphysicalParameter, scenario: Scenario) -> ConfigurationEr
 
 
 def predicted_channels(twin: AnyTwin) -> tuple[Channel, ...]:
-    """What the twin's rows are, as a log describes them."""
+    """What the twin's rows are, as a log describes them, and an encoder beside them that it knows."""
     declared = twin.model.channels
-    return tuple(declared[name].described for name in twin.channels)
+    beside = (ENCODER_ANGLE,) if ENCODER_ANGLE.name in twin.sensors else ()
+    return tuple(each.described for each in (*(declared[name] for name in twin.channels), *beside))
 
 
 def with_effects(twin: AnyTwin, source: str | Path, text: str | None = None) -> AnyTwin:

@@ -74,7 +74,7 @@ class _Prediction:
     def __init__(self, send: Callable[[object], None], task: Predict) -> None:
         twin = task.twin
         self._send, self._twin, self._rate, self._settle_s = send, twin, task.sample_rate, task.settle_s
-        self._reference = reference_among(twin.model.channels, (task.reference,))
+        self._reference = reference_among(twin.model.channels, (task.reference,), twin)
         cycle_s = 1.0 / twin.drive.cycle_hz
         self._enough_s = max(_ALIGN_ON_S, self._reference.cycles * cycle_s)
         self._drive: list[Drive] = []

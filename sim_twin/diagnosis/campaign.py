@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import ceil, pi
+from math import ceil, inf, pi
 from typing import TypeAlias
 
 import numpy as np
@@ -20,6 +20,7 @@ from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder, Sensor, SensorChain
+from sim_twin.stages import Stages, responses
 from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.floating]
@@ -63,7 +64,9 @@ class RunSetting:
 
     @property
     def _guard(self) -> int:
-        return round(_GUARD_S * self.columns.rate)
+        chains = (each for each in self.twin.sensors.values() if isinstance(each, SensorChain))
+        latest = max((each.stages.delay for each in chains if each.stages is not None), default=0.0)
+        return round(_GUARD_S * self.columns.rate) + int(latest * self.columns.rate)
 
     def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples | None:
         """Fingerprints of simulated records, shape (blocks, numbers); None where they tell no such."""
@@ -192,20 +195,44 @@ def through_chains(
     shown: list[Array] = []
     for row, sensor in zip(clean, sensors, strict=True):
         if isinstance(sensor, Encoder):
-            count = 2 * np.pi / sensor.counts
-            shown.append(np.asarray(np.floor(row / count) * count))
+            shown.append(sensor.shown(row))
             continue
         noise = np.float32(quiet * sensor.noise) * rng.standard_normal(len(row), np.float32)
-        if row.any():
-            length = fft.next_fast_len(len(row), real=True)
-            padded = np.empty(length, np.float32)
-            padded[: len(row)] = row
-            padded[len(row) :] = np.linspace(row[-1], row[0], length - len(row))
-            turned = fft.rfft(padded)
+        if sensor.stages is not None:
+            own = np.float32(quiet * sensor.stages.floor) * rng.standard_normal(len(row), np.float32)
+            noise = _staged(row, noise, sensor, sensor.stages, rate) + own
+        elif row.any():
+            turned, length = _periodic(row)
             turned *= _response(sensor, len(turned), rate / length)
             noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
-        shown.append(noise)
+        shown.append(noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit))
     return shown
+
+
+def _periodic(row: Array) -> tuple[NDArray[np.complex64], int]:
+    """The spectrum of a record that leads back to its start, and how long that is."""
+    length = fft.next_fast_len(len(row), real=True)
+    padded = np.empty(length, np.float32)
+    padded[: len(row)] = row
+    padded[len(row) :] = np.linspace(row[-1], row[0], length - len(row))
+    return fft.rfft(padded), length
+
+
+def _staged(
+    row: Array, noise: NDArray[np.float32], sensor: SensorChain, stages: Stages, rate: float
+) -> NDArray[np.float32]:
+    """Signal and noise, which is the sensor's own, through what a bench declares behind it."""
+    turned, length = _periodic(row)
+    turned *= _response(sensor, len(turned), rate / length)
+    turned += _periodic(noise)[0]
+    before, after = responses(stages, len(turned), rate / length)
+    turned *= before
+    if stages.output < inf:
+        given = fft.irfft(turned, length)
+        if max(given.max(), -given.min()) > stages.output:
+            turned[:] = fft.rfft(np.clip(given, -stages.output, stages.output))
+    turned *= after
+    return np.asarray(fft.irfft(turned, length)[: len(row)])
 
 
 def _response(chain: SensorChain, count: int, resolution: float) -> NDArray[np.complex64]:

@@ -38,7 +38,7 @@ def clean_samples(
     twin = variants[0].twin
     smooth = np.array(  # read as they are
         [
-            name in twin.model.smooth_channels or isinstance(twin.sensors.get(name), Encoder)
+            name in twin.model.smooth(twin.rig) or isinstance(twin.sensors.get(name), Encoder)
             for name in twin.channels
         ]
     )

@@ -33,7 +33,7 @@ class SphericalJoint:
     law: ContactLaw
 
     def __post_init__(self) -> None:
-        require("spherical joint", "clearance", self.clearance, 0.0, unit="m", above=True)
+        require("spherical joint", "clearance", self.clearance, 0.0, unit="m")
 
 
 class Touch(NamedTuple):
@@ -71,8 +71,9 @@ class PrismaticJoint:
     friction: Friction
 
     def __post_init__(self) -> None:
-        for name in ("half_side", "clearance", "span"):
+        for name in ("half_side", "span"):
             require("prismatic joint", name, getattr(self, name), 0.0, unit="m", above=True)
+        require("prismatic joint", "clearance", self.clearance, 0.0, unit="m")
         require("prismatic joint", "offset", self.offset, 0.0, self.half_side, unit="m")
 
     def points(self) -> Array:

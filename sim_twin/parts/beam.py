@@ -18,8 +18,9 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
-from daq.quantity import Bound
+from daq.quantity import Bound, Quantity
 from sim_twin.parts.modal import Elastic
+from sim_twin.parts.stuff import DENSITY, MODULUS
 from sim_twin.ranges import require, require_bounds
 
 Array = NDArray[np.float64]
@@ -34,11 +35,11 @@ class Beam:
     `E` in Pa, `rho` in kg/m3, `length` L, `width` b and `thickness` h in m; `elements` of equal length.
     """
 
-    E: Annotated[float, Bound("Pa", 0.0, above=True)]
-    rho: Annotated[float, Bound("kg/m3", 0.0, above=True)]
-    length: Annotated[float, Bound("m", 0.0, above=True)]
-    width: Annotated[float, Bound("m", 0.0, above=True)]
-    thickness: Annotated[float, Bound("m", 0.0, above=True)]
+    E: Annotated[float, MODULUS, Bound("Pa", 0.0, above=True)]
+    rho: Annotated[float, DENSITY, Bound("kg/m3", 0.0, above=True)]
+    length: Annotated[float, Quantity("mm", 10, 5000), Bound("m", 0.0, above=True)]
+    width: Annotated[float, Quantity("mm", 0.1, 1000), Bound("m", 0.0, above=True)]
+    thickness: Annotated[float, Quantity("mm", 0.1, 200), Bound("m", 0.0, above=True)]
     elements: Annotated[int, Bound("", 1)]
 
     def __post_init__(self) -> None:
@@ -113,10 +114,10 @@ _MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13,
 class Rod:
     """`E` in Pa, `rho` in kg/m3, `diameter` and `length` in m."""
 
-    E: Annotated[float, Bound("Pa", 0.0, above=True)] = 207e9
-    rho: Annotated[float, Bound("kg/m3", 0.0, above=True)] = 7800.0
-    diameter: Annotated[float, Bound("m", 0.0, above=True)] = 6.4e-3
-    length: Annotated[float, Bound("m", 0.0, above=True)] = 0.19
+    E: Annotated[float, MODULUS, Bound("Pa", 0.0, above=True)] = 207e9
+    rho: Annotated[float, DENSITY, Bound("kg/m3", 0.0, above=True)] = 7800.0
+    diameter: Annotated[float, Quantity("mm", 0.5, 100), Bound("m", 0.0, above=True)] = 6.4e-3
+    length: Annotated[float, Quantity("mm", 10, 5000), Bound("m", 0.0, above=True)] = 0.19
 
     def __post_init__(self) -> None:
         require_bounds("rod", self)

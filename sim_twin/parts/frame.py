@@ -8,12 +8,15 @@ sections 5.6 and 11.5.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.quantity import Quantity
 from sim_twin.parts.beam import bending
 from sim_twin.parts.modal import Elastic
+from sim_twin.parts.stuff import DENSITY, MODULUS
 from sim_twin.ranges import require
 
 Array = NDArray[np.float64]
@@ -26,10 +29,10 @@ _SHEAR_OVER_YOUNG = 1 / (2 * 1.33)
 class Bar:
     """A rectangular bar: `E` in Pa, `rho` in kg/m3, `width` across and `depth` along its second axis in m."""
 
-    E: float
-    rho: float
-    width: float
-    depth: float
+    E: Annotated[float, MODULUS]
+    rho: Annotated[float, DENSITY]
+    width: Annotated[float, Quantity("mm", 1, 500)]
+    depth: Annotated[float, Quantity("mm", 1, 500)]
 
     def __post_init__(self) -> None:
         for name, unit in (("E", "Pa"), ("rho", "kg/m3"), ("width", "m"), ("depth", "m")):

@@ -13,9 +13,10 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.quantity import Bound
+from daq.quantity import Bound, Quantity
 from sim_twin.parts.beam import hermite_rows
 from sim_twin.parts.modal import Elastic
+from sim_twin.parts.stuff import DENSITY, MODULUS, POISSON
 from sim_twin.ranges import require_bounds
 
 Array = NDArray[np.float64]
@@ -28,10 +29,10 @@ _FOOT_POINTS = 4
 class Sheet:
     """What a plate is made of: `E` in Pa, `rho` in kg/m3, Poisson's ratio `nu`, `thickness` in m."""
 
-    E: Annotated[float, Bound("Pa", 0.0, above=True)]
-    rho: Annotated[float, Bound("kg/m3", 0.0, above=True)]
-    nu: Annotated[float, Bound("", 0.0, 0.5)]
-    thickness: Annotated[float, Bound("m", 0.0, above=True)]
+    E: Annotated[float, MODULUS, Bound("Pa", 0.0, above=True)]
+    rho: Annotated[float, DENSITY, Bound("kg/m3", 0.0, above=True)]
+    nu: Annotated[float, POISSON, Bound("", 0.0, 0.5)]
+    thickness: Annotated[float, Quantity("mm", 0.1, 200), Bound("m", 0.0, above=True)]
 
     def __post_init__(self) -> None:
         require_bounds("sheet", self)

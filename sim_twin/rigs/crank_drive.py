@@ -22,7 +22,7 @@ _POINTS = 720
 class SpeedDrive:
     """The motor: omega = `speed` (1 + `fluctuation` sin(`order` theta + `phase`)), in rad/s and rad."""
 
-    speed: Annotated[float, Quantity("rpm", 1, 3000), Bound("rad/s", 0.0)]
+    speed: Annotated[float, Quantity("rpm", 1, 3000, usual=200), Bound("rad/s", 0.0)]
     fluctuation: Annotated[float, Bound("", 0.0, 0.5)] = 0.0
     order: Annotated[float, Bound("", 0.0, 100.0, above=True)] = 1.0
     phase: Annotated[float, Bound("rad", -1e3, 1e3)] = 0.0

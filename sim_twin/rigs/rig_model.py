@@ -130,6 +130,10 @@ class RigModel:
     joint_records: JointRecords = lambda _, __, ___: ()
     stray: Callable[[Any, Array, np.random.Generator], Array] = lambda _, signals, __: signals
 
+    def smooth(self, rig: Any) -> tuple[str, ...]:
+        """The `smooth_channels` of a rig: what passes a gauge in the stinger is not smooth."""
+        return () if getattr(rig, "stinger_gauge", False) else self.smooth_channels
+
     @property
     def name(self) -> str:
         """What a scenario calls it."""

@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sim_twin.sensors import (
-    OVERSAMPLED_RATE,
-    LinearFilter,
-    SensorChain,
-    SensorStream,
-    anti_alias_taps,
-    oscillator,
-    oversampling,
-    resonance,
-)
+from sim_twin.linear_filter import LinearFilter, oscillator, resonance
+from sim_twin.sensors import OVERSAMPLED_RATE, SensorChain, SensorStream, anti_alias_taps, oversampling
 
 FS = 51_200.0
 COUNT = 8192

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,11 @@ class Converter:
         self._lsb = np.array([[5.0 if wire is None else wire.range_v] for wire in wires]) / HALF_CODES
         self._scales = self._lsb / np.array([[item.volts_per_unit] for item in inputs])
         self._stages = [[] if wire is None else stages_of(wire, rate_hz) for wire in seen]
+        # elsewhere the plant's noise is the input's too
+        low = [None if wire is None else wire.low_pass for wire in seen]
+        self._filtered = [
+            row for row, stage in enumerate(low) if stage is not None and stage.corner_hz < rate_hz / 2.0
+        ]
         fed = [(item, wire) for item, wire in zip(inputs, live, strict=True) if item.iepe]
         self.open_inputs = tuple(item.physical for item, wire in fed if wire is None)
         self.shorted_inputs = tuple(item.physical for item, wire in fed if wire is not None and wire.shorted)
@@ -49,6 +54,8 @@ class Converter:
         for row, stages in enumerate(self._stages):
             for stage in stages:
                 codes[row] = stage(codes[row] * self._lsb[row]) / self._lsb[row]
+        for row in self._filtered:
+            codes[row] += self._random.normal(0.0, self._noise_v, codes.shape[1]) / self._lsb[row]
         if self._idle.any():
             shape = (int(self._idle.sum()), plant.shape[1])
             # A loose or shorted input still converts: its own noise, about zero.
@@ -68,29 +75,105 @@ Stage: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 def stages_of(wire: Wire, rate_hz: float) -> list[Stage]:
     """The stages of a chain, in the order of the signal, all at rest."""
     stages: list[Stage] = []
-    charge, low_pass = wire.charge, wire.low_pass
+    charge, low_pass, mark = wire.charge, wire.low_pass, wire.mark
+    if mark is not None:
+        full_v = _PLANT_MARK_V * wire.volts_per_unit
+        gain = mark.level_v / _PLANT_MARK_V
+        stages.append(lambda volts: gain * (full_v - volts if mark.falling else volts))
+    if wire.resonance_hz is not None and wire.resonance_hz < rate_hz / 2.0:
+        stages.append(_Resonance(wire.resonance_hz, rate_hz))
+    if wire.corner_hz is not None:
+        stages.append(_HighPass(wire.corner_hz, rate_hz))
     if charge is not None and charge.reset:
         stages.append(np.zeros_like)
     elif charge is not None:
         highest_v = charge.output_v
         if charge.corner_hz is not None:
-            stages.append(_Filter(1, charge.corner_hz, "highpass", rate_hz))
+            stages.append(_HighPass(charge.corner_hz, rate_hz))
         stages.append(lambda volts: np.clip(volts, -highest_v, highest_v))
     if low_pass is not None and low_pass.corner_hz < rate_hz / 2.0:
-        stages.append(_Filter(low_pass.order, low_pass.corner_hz, "lowpass", rate_hz))
+        stages.append(_LowPass(low_pass.order, low_pass.corner_hz, rate_hz))
+    if wire.delay_s:
+        stages.append(_Delay(wire.delay_s * rate_hz))
     return stages
 
 
-class _Filter:
-    """A Butterworth filter with memory."""
+_PLANT_MARK_V = 5.0
+_RESONANT = 0.02
+_DELAYED_BY = 24
+"""Samples before and behind that tell what lies between two."""
 
-    def __init__(
-        self, order: int, corner_hz: float, kind: Literal["highpass", "lowpass"], rate_hz: float
-    ) -> None:
+
+class _Delay:
+    """So many samples late; between samples by a windowed sinc, of a short delay by a short one."""
+
+    def __init__(self, samples: float) -> None:
+        from scipy import signal
+
+        reach = min(math.floor(samples), _DELAYED_BY)
+        first = math.floor(samples) - reach
+        at = np.arange(2 * reach + 2) + first - samples
+        window = np.interp(at, np.arange(-reach - 1, reach + 2), signal.windows.kaiser(2 * reach + 3, 8.0))
+        taps = np.sinc(at) * window
+        self._taps = np.concatenate([np.zeros(first), taps / taps.sum()])
+        self._state = np.zeros(len(self._taps) - 1)
+        self._filtered = signal.lfilter
+
+    def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        shown, self._state = self._filtered(self._taps, [1.0], volts, zi=self._state)
+        return np.asarray(shown)
+
+
+class _LowPass:
+    """An analog Butterworth low-pass as the card samples it, by its impulse response.
+
+    A sum of its poles, each exact; a bilinear one at a card's rate would be too quick by tens of us.
+    """
+
+    def __init__(self, order: int, corner_hz: float, rate_hz: float) -> None:
+        from scipy import signal
+
+        _, poles, gain = signal.butter(order, math.tau * corner_hz, analog=True, output="zpk")
+        residues = [gain / np.prod(pole - np.delete(poles, k)) for k, pole in enumerate(poles)]
+        self._decays = np.exp(poles / rate_hz)
+        weights = np.array(residues) / rate_hz
+        self._weights = weights / np.sum(weights / (1.0 - self._decays)).real  # a level stays what it is
+        self._state = np.zeros((order, 1), np.complex128)
+        self._filtered = signal.lfilter
+
+    def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        total = np.zeros(len(volts))
+        for k, (weight, decay) in enumerate(zip(self._weights, self._decays, strict=True)):
+            shown, self._state[k] = self._filtered([weight], [1.0, -decay], volts, zi=self._state[k])
+            total += shown.real
+        return total
+
+
+class _Resonance:
+    """A sensor that rings at its own frequency."""
+
+    def __init__(self, frequency_hz: float, rate_hz: float) -> None:
+        from scipy import signal
+
+        omega = 2.0 * rate_hz * math.tan(math.pi * frequency_hz / rate_hz)
+        poles = [omega**2], [1.0, 2.0 * _RESONANT * omega, omega**2]
+        self._b, self._a = signal.bilinear(*poles, fs=rate_hz)
+        self._state = np.zeros(2)
+        self._filtered = signal.lfilter
+
+    def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        shown, self._state = self._filtered(self._b, self._a, volts, zi=self._state)
+        return np.asarray(shown)
+
+
+class _HighPass:
+    """A high-pass of first order with memory."""
+
+    def __init__(self, corner_hz: float, rate_hz: float) -> None:
         from scipy import signal  # it loads most of scipy, and few chains have a filter
 
         self._filtered = signal.sosfilt
-        self._sections = signal.butter(order, corner_hz, kind, fs=rate_hz, output="sos")
+        self._sections = signal.butter(1, corner_hz, "highpass", fs=rate_hz, output="sos")
         self._state = np.zeros((len(self._sections), 2))
 
     def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -118,12 +201,13 @@ class CounterInput:
 class AngleCount:
     """A quadrature encoder: `decoding` counts a pulse from `initial` on, set to `at_index` by the index mark.
 
-    `at_index` is None where the client leaves the index alone. The mark sits at whole turns of the plant's
-    angle, and is passed in the middle of a step as well.
+    `at_index` is None where the client leaves the index alone. The mark sits where the wire says, and is
+    passed in the middle of a step as well.
     """
 
     def __init__(self, wire: CounterWire, decoding: int, initial: int, at_index: int | None) -> None:
         self._per_turn = wire.pulses_per_revolution * decoding
+        self._way, self._index_at = (-1.0 if wire.backwards else 1.0), wire.index_at
         self._shift = wire.preset + initial
         self._at_index = at_index
         self._origin: int | None = None
@@ -132,7 +216,8 @@ class AngleCount:
     def __call__(self, angle: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Return the register at each sample."""
         # A step of the quadrature is counted where the angle passes it, in either direction.
-        place = np.floor(angle * (self._per_turn / math.tau) + _COUNT_ROUNDING).astype(np.int64)
+        turned = self._way * (angle - self._index_at)
+        place = np.floor(turned * (self._per_turn / math.tau) + _COUNT_ROUNDING).astype(np.int64)
         if self._origin is None:
             self._origin = self._last = int(place[0])
         register = place - self._origin + self._shift  # before any mark

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from nidaqmx.error_codes import DAQmxErrors
 
 from daq.errors import ConfigurationError, Problem
+from drivers.ni_daq.channels import INPUT_NOISE_V
 from drivers.rehearsal import Rehearsed
 
 FASTEST_HZ = 51200.0  # 13.1072 MHz / 256
@@ -60,12 +61,21 @@ class LowPassStage:
 
 
 @dataclass(frozen=True, slots=True)
+class MarkStage:
+    """What a photonic marker really gives for the plant's mark of 0 and 5 V: `level_v`, or less of it."""
+
+    level_v: float = 5.0
+    falling: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Wire:
     """A sensor chain on an input: which channel of the plant it sees, and what it really makes of it.
 
     `volts_per_unit` is the true sensitivity in V per SI unit, amplifier included, whatever a bench file says;
     `range_v` is where the input clips, in V; `connected` is false for a cable that hangs loose, `shorted`
     true for one whose conductors touch. Without a `plant_channel` the sensor is in order and shows nothing.
+    `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` its own, `delay_s` that of the input.
     """
 
     plant_channel: str
@@ -75,6 +85,10 @@ class Wire:
     shorted: bool = False
     charge: ChargeStage | None = None
     low_pass: LowPassStage | None = None
+    corner_hz: float | None = None
+    resonance_hz: float | None = None
+    delay_s: float = 0.0
+    mark: MarkStage | None = None
     teds: Teds | None = None
 
 
@@ -83,13 +97,15 @@ class CounterWire:
     """A pulse source on a counter: the plant's angle (rad), speed (rad/s) or marker (V), and its true pulses.
 
     `preset` is what the counter holds before its first pulse, to rehearse a rollover; a marker is seen above
-    `threshold_v`.
+    `threshold_v`. An encoder may count `backwards`; its index mark sits at the plant's angle `index_at`.
     """
 
     plant_channel: str
     pulses_per_revolution: int = 1024
     preset: int = 0
     threshold_v: float = 2.5  # half of a 5 V pulse
+    backwards: bool = False
+    index_at: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +123,7 @@ class CardWiring:
     product_type: str = "NI 9234"  # its figures are above
     serial: int = 0x01E24000  # shown in hexadecimal
     inputs_per_device: int = 4
-    idle_noise_v: float = 50e-6
+    idle_noise_v: float = INPUT_NOISE_V
     seed: int = 0
     counters: Mapping[str, CounterWire] = field(default_factory=dict)
     counter_product_type: str = "NI 9401"

@@ -1,6 +1,7 @@
 """Assembles the impact beam: free or touching a stop, slipping or stuck at the pivot.
 
-Outputs: upper force, lower force, base acceleration, stations, accelerometers of the cover.
+Outputs: upper force, lower force, base acceleration, stations, accelerometers of the cover; with a gauge in
+the stinger what of the coil's force stays before it.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def assemble(rig: ImpactBeam, drive_orders: tuple[int, ...] = (1,)) -> SwitchedS
         states=2 * len(structure.K),
         orders=drive_orders,
         regimes=regimes,
-        outputs=3 + len(structure.stations) + len(structure.cover),
+        outputs=3 + len(structure.stations) + len(structure.cover) + rig.stinger_gauge,
         rest_regime=3 * pivots.index(pivots[-1]),
     )
 
@@ -68,6 +69,10 @@ def _regime(rig: ImpactBeam, s: Structure, contact: int, pivot: int, drives: int
     measured |= dict(enumerate((*s.stations, *s.cover), start=3))
     for index, row in measured.items():
         outputs.append(Output(index, Row(np.zeros(2 * n), rate=np.concatenate([np.zeros(n), row]))))
+    if rig.stinger_gauge:
+        held = np.concatenate([rig.shaker_stiffness * s.drive, rig.shaker_damping * s.drive])
+        inertia = np.concatenate([np.zeros(n), rig.shaker_mass * s.coil])
+        outputs.append(Output(3 + len(s.stations) + len(s.cover), Row(held, rate=inertia)))
     regime = Regime(A, B, c, events, tuple(outputs), residual)
     return regime if pivot != STUCK else _held(regime, s.rotation)
 

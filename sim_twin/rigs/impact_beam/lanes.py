@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
+from sim_twin.linear_filter import resonance
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 from sim_twin.rigs.impact_beam.structure import structure_of
 from sim_twin.rigs.impact_beam.truth import BeamTruth, BeamTwin
-from sim_twin.sensors import resonance
 from sim_twin.status import Status
 
 Array = NDArray[np.float64]
@@ -83,7 +83,9 @@ class BeamTruths:
 
     def __init__(self, twins: Sequence[BeamTwin], phases: Sequence[float], rate: float) -> None:
         self._twins, self._phases, self._rate = twins, phases, rate
-        self._on_lanes = [run for run, twin in enumerate(twins) if resolves(twin.rig, rate)]
+        # lanes give no motion of the coil
+        fits = [resolves(twin.rig, rate) and not twin.rig.stinger_gauge for twin in twins]
+        self._on_lanes = [run for run, fit in enumerate(fits) if fit]
         chosen = [twins[run] for run in self._on_lanes]
         chosen_phases = [phases[run] for run in self._on_lanes]
         self._lanes = beam_lanes(chosen, rate, chosen_phases, accelerations=True) if chosen else None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.quantity import Bound, Key, Quantity, Whole, rule
+from daq.quantity import Bound, Flat, Key, Quantity, Source, Whole, rule, settings_of
 from sim_twin.effects import BaseMass
 from sim_twin.parts.beam import Beam
 from sim_twin.ranges import require, require_bounds
@@ -21,9 +22,13 @@ if TYPE_CHECKING:
     from sim_twin.rigs.rig_model import RigModel
 
 FLEXURE_ROTATION = 0.16
-"""N m/rad: EI/l of the flexure 4 x 19 x 0.127 mm as the source states it (Table 2)."""
+"""N m/rad: EI/l of the flexure 4 x 19 x 0.127 mm, whose dimensions the source states (table 1)."""
 FLEXURE_TRANSLATION = 1.258e5
 """N/m: 12 EI/l^3 of the same flexure."""
+
+
+_PAPER: Final = "Deck and Dubowsky"
+_TABLE_2: Final = Source(f"{_PAPER}, table 2")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,29 +39,43 @@ class ImpactBeam:
     stop). `modal_damping` has one ratio for each mode kept. `pivot_stiffness` (N/m) None is the ideal pin.
     `hertz` (N/m^1.5) replaces the linear `contact_stiffness`. `pivot_friction` is a Coulomb torque in N m.
     `yoke_frequency` is the impedance head's mode. `stations` (percent of L) carry accelerometers.
+    The drive's force is the coil's, or with a `stinger_gauge` what of it goes on to the beam.
     """
 
     kind: ClassVar[str] = "impact_beam"
 
-    beam: Beam
-    clamped: bool
-    contact_stiffness: Annotated[float, Quantity("N/m", 1e3, 1e10), Bound("N/m", 0.0)]
-    contact_damping: Annotated[float, Quantity("N s/m", 0, 1e5), Bound("N s/m", 0.0)]
+    beam: Annotated[Beam, Flat("beam_", source=f"{_PAPER}, table 1; E and density assumed")]
+    clamped: Annotated[bool, Key(), Source(f"{_PAPER}, section 3A")]
+    contact_stiffness: Annotated[float, Quantity("N/m", 1e3, 1e10), _TABLE_2, Bound("N/m", 0.0)]
+    contact_damping: Annotated[float, Quantity("N s/m", 0, 1e5), _TABLE_2, Bound("N s/m", 0.0)]
     modal_damping: Annotated[tuple[float, ...], Bound("", 0.0, 1.0)]
-    clearance: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0)] = 0.127e-3
+    clearance: Annotated[float, Quantity("mm", 0, 10), Source(f"{_PAPER}, figure 7"), Bound("m", 0.0)] = (
+        0.127e-3
+    )
     rest_offset: Annotated[float, Quantity("mm", -10, 10)] = 0.0
-    rotation_stiffness: Annotated[float, Bound("N m/rad", 0.0, above=True)] = FLEXURE_ROTATION
-    pivot_stiffness: Annotated[float | None, Bound("N/m", 0.0, above=True)] = None
+    rotation_stiffness: Annotated[
+        float,
+        Quantity("N m/rad", 1e-6, 1e4, key="pivot_rotation_stiffness"),
+        Source(f"EI/l of the flexure in {_PAPER}, table 1"),
+        Bound("N m/rad", 0.0, above=True),
+    ] = FLEXURE_ROTATION
+    pivot_stiffness: Annotated[
+        float | None,
+        Quantity("N/m", 1e2, 1e10),
+        Source(f"12 EI/l^3 of the flexure in {_PAPER}, table 1; without it an ideal pin"),
+        Bound("N/m", 0.0, above=True),
+    ] = None
     drive_position: Annotated[float, Quantity("", 0.01, 1), Bound("L", 0.0, 1.0)] = 0.69
     shaker_mass: Annotated[float, Quantity("kg", 0, 10), Bound("kg", 0.0)] = 0.0
     shaker_stiffness: Annotated[float, Quantity("N/m", 0, 1e7), Bound("N/m", 0.0)] = 0.0
     shaker_damping: Annotated[float, Quantity("N s/m", 0, 1e4), Bound("N s/m", 0.0)] = 0.0
     hertz: Annotated[float | None, Bound("N/m^1.5", 0.0, above=True)] = None
-    pivot_friction: Annotated[float, Bound("N m", 0.0)] = 0.0
-    base: BaseMass | FlexibleBase | None = None
-    yoke_frequency: Annotated[float, Bound("Hz", 0.0, above=True)] = 700.0
-    yoke_damping: Annotated[float, Bound("", 0.0, 1.0)] = 0.03
+    pivot_friction: Annotated[float, Quantity("N m", 0, 10), Bound("N m", 0.0)] = 0.0
+    base: Annotated[BaseMass | FlexibleBase | None, Flat("base_", part=FlexibleBase)] = None
+    yoke_frequency: Annotated[float, Quantity("Hz", 10, 20_000), Bound("Hz", 0.0, above=True)] = 700.0
+    yoke_damping: Annotated[float, Quantity("", 0.0001, 0.5), Bound("", 0.0, 1.0)] = 0.03
     stations: tuple[int, ...] = ()
+    stinger_gauge: bool = False
 
     def __post_init__(self) -> None:
         require_bounds("ImpactBeam", self)
@@ -117,6 +136,11 @@ def _most_modes(model: Mapping[str, Any]) -> int:
     return freedoms(model["elements"], model["beam"] == "aluminium")
 
 
+def _has(key: str, word: str, without: str, model: Mapping[str, Any]) -> bool:
+    """Whether a key of a part is not given, or `word` says that the part is there."""
+    return model[key] is None or model[word] != without
+
+
 CHECKS: Final = (
     rule(
         ("beam", "modes", "elements"),
@@ -129,7 +153,7 @@ CHECKS: Final = (
     ),
     rule(
         ("clearance", "rest_offset"),
-        lambda model: abs(model["rest_offset"]) < model["clearance"],
+        lambda model: abs(model["rest_offset"]) < model["clearance"] or not model["rest_offset"],
         "rest_offset",
         lambda model: f"less than the clearance, {model['clearance'] * 1e3:g} mm, to either side",
     ),
@@ -144,6 +168,17 @@ CHECKS: Final = (
         lambda model: model["beam"] != "aluminium" or not model["flexure_translation"],
         "flexure_translation",
         "false (the aluminium beam is clamped)",
+    ),
+    *(
+        rule(
+            (word, key),
+            partial(_has, key, word, without),
+            key,
+            f"none, or with another {word} than {without}, which has none",
+        )
+        for word, prefix, without in (("base", "base_", "rigid"), ("cover", "base_cover_", "none"))
+        for key in settings_of(ImpactBeam)
+        if key.startswith(prefix)
     ),
 )
 """Of what may be asked for together."""
@@ -161,8 +196,13 @@ class SineDrive:
     `amplitude` A and `offset` in N, `frequency` f in Hz; `second`, `third` are fractions of A.
     """
 
-    amplitude: Annotated[float, Quantity("N", 0, _LARGEST_FORCE_N, default=9.0), Bound("", -1e6, 1e6)]
-    frequency: Annotated[float, Quantity("Hz", 0.1, 2000), Bound("Hz", 0.0, above=True)]
+    amplitude: Annotated[
+        float,
+        Quantity("N", 0, _LARGEST_FORCE_N, default=9.0),
+        Source(f"{_PAPER}, section 3D"),
+        Bound("", -1e6, 1e6),
+    ]
+    frequency: Annotated[float, Quantity("Hz", 0.1, 2000, usual=20), Bound("Hz", 0.0, above=True)]
     offset: Annotated[float, Quantity("N", -_LARGEST_FORCE_N, _LARGEST_FORCE_N), Bound("", -1e6, 1e6)] = 0.0
     second: Annotated[float, Bound("", -1e6, 1e6)] = 0.0
     third: Annotated[float, Bound("", -1e6, 1e6)] = 0.0

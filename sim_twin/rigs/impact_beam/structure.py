@@ -30,7 +30,8 @@ class Structure:
     Rows of shape (n,): motion at which the `drive` works (of the drive point; on a flexible base of the coil
     minus the shaker), `contact` (tip minus yoke), `rotation` at the pivot (beam minus post), and each of
     `stations` (stations, n). `base` is the row of the accelerometer on the base, None where it is rigid;
-    `cover` has those of the accelerometers in the middle and near a corner of the cover, (2, n), or none.
+    `cover` has those of the accelerometers in the middle and near a corner of the cover, (2, n), or none;
+    `coil` is the motion of the shaker's moving mass.
     """
 
     K: Array
@@ -41,6 +42,7 @@ class Structure:
     stations: Array
     base: Array | None
     cover: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    coil: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @lru_cache(maxsize=256)
@@ -51,7 +53,7 @@ def structure_of(rig: ImpactBeam) -> Structure:
         s = couple(rig, rig.base)
         tip = rig.beam.deflection_row(1.0) @ s.beam - s.contact_point
         stations = _deflection_rows(rig, np.array(rig.stations) / 100) @ s.beam
-        return Structure(s.K, s.C, s.drive, tip, s.rotation, stations, s.accelerometer, s.cover)
+        return Structure(s.K, s.C, s.drive, tip, s.rotation, stations, s.accelerometer, s.cover, s.coil)
     modes, kept = _modes(rig), _kept_dofs(rig)
 
     def row(fraction: float) -> Array:
@@ -63,7 +65,7 @@ def structure_of(rig: ImpactBeam) -> Structure:
     C += rig.shaker_damping * np.outer(drive, drive)
     rotation = np.zeros(rig.modes) if rig.clamped else modes.shapes[np.searchsorted(kept, 1)]
     stations = np.array([row(percent / 100) for percent in rig.stations]).reshape(-1, rig.modes)
-    fixed = Structure(K, C, drive, row(1.0), rotation, stations, None)
+    fixed = Structure(K, C, drive, row(1.0), rotation, stations, None, coil=drive)
     return fixed if rig.base is None else _with_yoke(rig.base, fixed)
 
 
@@ -117,6 +119,7 @@ def _with_yoke(base: BaseMass, fixed: Structure) -> Structure:
         grown(fixed.rotation),
         np.array([grown(row) for row in fixed.stations]).reshape(-1, n + 1),
         grown(np.zeros(n), 1 / np.sqrt(base.mass)),
+        coil=grown(fixed.coil),
     )
 
 

@@ -8,10 +8,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.linear_filter import resonance
 from sim_twin.rigs.impact_beam.assembly import assemble
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
 from sim_twin.rigs.impact_beam.structure import deflection_shapes
-from sim_twin.sensors import resonance
 from sim_twin.status import Status
 from sim_twin.switched.simulation import Simulation
 from sim_twin.twin import Twin
@@ -31,7 +31,7 @@ class BeamTruth:
         self._yoke = resonance(twin.rig.yoke_frequency, twin.rig.yoke_damping, rate)
         self._shapes = deflection_shapes(twin.rig, np.linspace(0, 1, _SHAPE_POINTS))
         self._force: Callable[[Array], Array] = np.zeros_like  # of the coil, over time
-        self._finite = True
+        self._finite, self._gauged = True, twin.rig.stinger_gauge
 
     def change_drive(self, drive: SineDrive, phase: float, reference: float) -> None:
         """Drive like this from now on, at `phase` rad of the sine at `reference` s."""
@@ -45,6 +45,8 @@ class BeamTruth:
         trace = self._simulation.advance(steps)
         upper, lower, *accelerations = trace.outputs
         drive = self._force(np.asarray(trace.start + np.arange(steps) * trace.step))
+        if self._gauged:
+            drive = drive - accelerations.pop()
         self._finite = self._finite and bool(np.isfinite(self._simulation.state).all())
         return np.array([drive, upper, lower, self._yoke(upper - lower), *accelerations])
 

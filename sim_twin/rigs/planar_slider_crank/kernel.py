@@ -37,7 +37,8 @@ _COUPLING = 4.0 / pi
 class CrankNumbers(NamedTuple):
     """Parameters in SI; `a`, `b` reach from the rod's centre of mass to crank pin and piston pin.
 
-    Mobilities are 1/mass and 1/inertia; `unbalance` is m2 L2/2 in kg m. The crank turns at
+    Mobilities are 1/mass and 1/inertia; `unbalance` is m2 L2/2 in kg m. Gravity is
+    `gravity` towards -y and `pull` towards +x. The crank turns at
     omega (1 + fluctuation sin(order theta + lag)). `rod_omega` in rad/s and `rod_decay` = 2 zeta rod_omega
     belong to the bending mode.
     """
@@ -52,6 +53,7 @@ class CrankNumbers(NamedTuple):
     piston_mobility: float
     unbalance: float
     gravity: float
+    pull: float
     joint_1: RevoluteClearance
     joint_2: RevoluteClearance
     guide: Friction
@@ -127,8 +129,8 @@ def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -
         drag = friction_share(p.guide, y[VS]) * abs(p.piston_mass * p.gravity + lift)  # N; weight and rod
         push, lost = push + drag, lost - drag * y[VS]  # drag is against the speed, so this is a gain
     dy[X], dy[Y], dy[PHI], dy[S] = y[VX], y[VY], y[W], y[VS]
-    dy[VX], dy[VY] = fx * p.rod_mobility, fy * p.rod_mobility - p.gravity
-    dy[W], dy[VS] = torque * p.rod_turning_mobility, push * p.piston_mobility
+    dy[VX], dy[VY] = fx * p.rod_mobility + p.pull, fy * p.rod_mobility - p.gravity
+    dy[W], dy[VS] = torque * p.rod_turning_mobility, push * p.piston_mobility + p.pull
     dy[THETA], dy[WORK], dy[LOST] = speed, work, lost
     if y.size > RIGID_STATES:
         _bend(p, y, fx, fy, dy)
@@ -175,7 +177,7 @@ def observe(p: CrankNumbers, t: float, y: Real, v0: Real, out: Real, column: int
     if p.guide.coefficient > 0.0:
         push += friction_share(p.guide, y[VS]) * abs(p.piston_mass * p.gravity + lift)
     out[FRAME_X, column], out[FRAME_Y, column], out[GUIDE_Y, column] = frame_x, frame_y, -lift
-    out[ANGLE, column], out[PISTON_ACCELERATION, column] = y[THETA], push * p.piston_mobility
+    out[ANGLE, column], out[PISTON_ACCELERATION, column] = y[THETA], push * p.piston_mobility + p.pull
 
 
 @mechanical

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import sqrt
+from math import pi, sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from daq.quantity import Bound, Key, Quantity, rule
+from daq.quantity import Bound, Each, Flat, Key, Quantity, Source, rule
+from sim_twin.parts.stuff import MODULUS, POISSON
 from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS, CRANK_X, CRANK_Y, PISTON_Y
 
 if TYPE_CHECKING:
     from sim_twin.rigs.rig_model import RigModel
 _RIG = "planar slider-crank"
+_TABLE_1: Final = Source("Erkaya, table 1")
 
 
 @dataclass(frozen=True, slots=True)
 class Elastic:
     """Elastic constants of a body: Young's modulus `E` in Pa and Poisson's ratio `nu`."""
 
-    E: float
-    nu: float
+    E: Annotated[float, MODULUS]
+    nu: Annotated[float, POISSON]
 
     def __post_init__(self) -> None:
         require("material", "E", self.E, 0.0, unit="Pa", above=True)
@@ -64,9 +66,9 @@ MATERIALS = {
 class FrameMode:
     """The frame under an accelerometer: an oscillator of `mass` kg, `frequency` Hz, `damping_ratio`."""
 
-    mass: Annotated[float, Bound("kg", 0.0, above=True)]
-    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
-    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)] = 0.03
+    mass: Annotated[float, Quantity("kg", 0.01, 10_000), Bound("kg", 0.0, above=True)]
+    frequency: Annotated[float, Quantity("Hz", 1, 10_000), Bound("Hz", 0.0, above=True)]
+    damping_ratio: Annotated[float, Quantity("", 0.0001, 0.5, key="damping"), Bound("", 0.0, 1.0)] = 0.03
 
     def __post_init__(self) -> None:
         require_bounds("frame", self)
@@ -90,35 +92,54 @@ class PlanarSliderCrank:
     `clearance_1` (crank pin) and `clearance_2` (piston pin) are radial; `stiffness_scales` multiply the two
     contact stiffnesses of eq. 9. Centres of mass lie at the fractions `crank_centre`, `rod_centre` of the
     lengths. Joint friction sets in between the sliding speeds `friction_v_0` and `friction_v_1`; the guide's
-    ramp is `guide_v_1` wide. `approach_floor` is the least approach speed that a contact latches.
+    ramp is `guide_v_1` wide. `approach_floor` is the least approach speed that a contact latches. The marker
+    rises at crank angle `marker_angle` (rad). The guide is inclined by `incline` rad, the crank at its upper
+    end: gravity acts along (sin i, -cos i).
     """
 
     kind: ClassVar[str] = "planar_slider_crank"
 
-    clearance_1: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0, above=True)] = 1e-3
-    clearance_2: Annotated[float, Quantity("mm", 0.001, 10), Bound("m", 0.0, above=True)] = 1e-3
+    clearance_1: Annotated[
+        float, Quantity("mm", 0.001, 10), Source("Erkaya, section 3"), Bound("m", 0.0, above=True)
+    ] = 1e-3
+    clearance_2: Annotated[
+        float, Quantity("mm", 0.001, 10), Source("Erkaya, section 3"), Bound("m", 0.0, above=True)
+    ] = 1e-3
     restitution: Annotated[float, Quantity("", 0.05, 1), Bound("", 0.0, 1.0)] = 0.9
     friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0)] = 0.01
     journal_radius: Annotated[float, Quantity("mm", 1, 100), Bound("m", 0.0, above=True)] = 10e-3
-    crank_length: Annotated[float, Quantity("m", 0.01, 2), Bound("m", 0.0, above=True)] = 0.150
-    rod_length: Annotated[float, Quantity("m", 0.02, 5)] = 0.564
-    crank_mass: Annotated[float, Quantity("kg", 0.001, 100), Bound("kg", 0.0)] = 0.4506
-    rod_mass: Annotated[float, Quantity("kg", 0.001, 100), Bound("kg", 0.0, above=True)] = 1.6403
-    piston_mass: Annotated[float, Quantity("kg", 0.001, 100), Bound("kg", 0.0, above=True)] = 2.0205
-    crank_inertia: Annotated[float, Quantity("kg m^2", 1e-7, 100), Bound("kg m2", 0.0)] = 1.8e-3
-    rod_inertia: Annotated[float, Quantity("kg m^2", 1e-7, 100), Bound("kg m2", 0.0, above=True)] = 9.45e-2
+    crank_length: Annotated[float, Quantity("m", 0.01, 2), _TABLE_1, Bound("m", 0.0, above=True)] = 0.150
+    rod_length: Annotated[float, Quantity("m", 0.02, 5), _TABLE_1] = 0.564
+    crank_mass: Annotated[float, Quantity("kg", 0.001, 100), _TABLE_1, Bound("kg", 0.0)] = 0.4506
+    rod_mass: Annotated[float, Quantity("kg", 0.001, 100), _TABLE_1, Bound("kg", 0.0, above=True)] = 1.6403
+    piston_mass: Annotated[float, Quantity("kg", 0.001, 100), _TABLE_1, Bound("kg", 0.0, above=True)] = 2.0205
+    crank_inertia: Annotated[float, Quantity("kg m^2", 1e-7, 100), _TABLE_1, Bound("kg m2", 0.0)] = 1.8e-3
+    rod_inertia: Annotated[
+        float, Quantity("kg m^2", 1e-7, 100), _TABLE_1, Bound("kg m2", 0.0, above=True)
+    ] = 9.45e-2
     gravity: Annotated[float, Quantity("m/s^2", 0, 100), Bound("m/s2", 0.0)] = 9.81
-    crank_centre: Annotated[float, Bound("", 0.0, 1.0)] = 0.5
-    rod_centre: Annotated[float, Bound("", 0.0, 1.0)] = 0.5
-    elastic: Elastic = MATERIALS["steel"].elastic
-    stiffness_scales: Annotated[tuple[float, float], Bound("", 0.0, above=True)] = (1.0, 1.0)
-    friction_v_0: Annotated[float, Bound("", 0.0)] = 1e-4
-    friction_v_1: float = 1e-3
-    approach_floor: Annotated[float, Bound("m/s", 0.0, above=True)] = 0.01
-    guide_friction: Annotated[float, Bound("", 0.0)] = 0.0
-    guide_v_1: Annotated[float, Bound("m/s", 0.0, above=True)] = 1e-3
+    incline: Annotated[float, Quantity("deg", -180, 180), Bound("rad", -pi, pi)] = 0.0
+    crank_centre: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 1.0)] = 0.5
+    rod_centre: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 1.0)] = 0.5
+    elastic: Annotated[Elastic, Flat("joint_", source="handbook, by the material")] = MATERIALS[
+        "steel"
+    ].elastic
+    stiffness_scales: Annotated[
+        tuple[float, float],
+        Quantity("", 0.01, 100, key="joint_stiffness_scales"),
+        Bound("", 0.0, above=True),
+    ] = (1.0, 1.0)
+    friction_v_0: Annotated[float, Quantity("mm/s", 0, 1000), Bound("", 0.0)] = 1e-4
+    friction_v_1: Annotated[float, Quantity("mm/s", 0, 10_000, above=True)] = 1e-3
+    approach_floor: Annotated[float, Quantity("mm/s", 0.01, 1000), Bound("m/s", 0.0, above=True)] = 0.01
+    guide_friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0)] = 0.0
+    guide_v_1: Annotated[float, Quantity("mm/s", 0.01, 1000), Bound("m/s", 0.0, above=True)] = 1e-3
     bending: RodBending | None = None
-    frames: dict[str, FrameMode] = field(
+    marker_angle: float = 0.0
+    frames: Annotated[
+        dict[str, FrameMode],
+        Each({CRANK_Y: "frame_crank_y_", CRANK_X: "frame_crank_x_", PISTON_Y: "frame_piston_y_"}),
+    ] = field(
         default_factory=lambda: {
             CRANK_Y: FrameMode(30.0, 230.0),
             CRANK_X: FrameMode(30.0, 180.0),
@@ -173,6 +194,12 @@ def nominal(
 
 
 CHECKS: Final = (
+    rule(
+        ("friction_v_0", "friction_v_1"),
+        lambda model: model["friction_v_1"] > model["friction_v_0"],
+        ("friction_v_1", "friction_v_0"),
+        "friction_v_1 above friction_v_0: {friction_v_1:g} and {friction_v_0:g} m/s",
+    ),
     rule(
         ("crank_length", "rod_length"),
         lambda model: model["rod_length"] > model["crank_length"],

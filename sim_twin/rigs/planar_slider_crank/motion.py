@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim_twin.contact import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_revolute import RevoluteClearance
+from sim_twin.linear_filter import LinearFilter, oscillator
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage, speed_at
@@ -34,7 +35,6 @@ from sim_twin.rigs.planar_slider_crank.kernel import (
     Y,
 )
 from sim_twin.rigs.planar_slider_crank.model import FrameMode, PlanarSliderCrank
-from sim_twin.sensors import LinearFilter, oscillator
 from sim_twin.status import Status
 from sim_twin.twin import Twin
 
@@ -88,7 +88,8 @@ def numbers(rig: PlanarSliderCrank, drive: SpeedDrive) -> CrankNumbers:
         rod_turning_mobility=1 / rig.rod_inertia,
         piston_mobility=1 / rig.piston_mass,
         unbalance=rig.crank_mass * rig.crank_centre * rig.crank_length,
-        gravity=rig.gravity,
+        gravity=rig.gravity * cos(rig.incline),
+        pull=rig.gravity * sin(rig.incline),
         joint_1=joint_1,
         joint_2=joint_2,
         guide=Friction(rig.guide_friction, 0.0, rig.guide_v_1),
@@ -189,7 +190,9 @@ class CrankTruth:
         self._steps += outputs.shape[1]
         forces = {CRANK_Y: outputs[FRAME_Y], CRANK_X: outputs[FRAME_X], PISTON_Y: outputs[GUIDE_Y]}
         accelerations = [self._frames[name](force) for name, force in forces.items()]
-        return np.array([*accelerations, outputs[ANGLE], marker_voltage(outputs[ANGLE])])
+        return np.array(
+            [*accelerations, outputs[ANGLE], marker_voltage(outputs[ANGLE] - self._rig.marker_angle)]
+        )
 
     def shape(self) -> Array:
         """Points in m, shape (5, 2): crank bearing, crank pin, both ends of the rod, piston pin."""

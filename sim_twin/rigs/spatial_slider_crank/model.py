@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import pi
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 from daq.errors import UnphysicalParameter
-from daq.quantity import Bound, Quantity, Whole
+from daq.quantity import Bound, Flat, Quantity, Source, Whole
 from sim_twin.contact import ContactLaw, Friction, linear
 from sim_twin.effects import BaseMass
 from sim_twin.joints.spatial import PrismaticJoint, SphericalJoint
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from sim_twin.rigs.rig_model import RigModel
 
 OWNER = "spatial_slider_crank"
+_PAPER: Final = "Deck and Dubowsky"
+_TABLE_4, _TABLE_5 = Source(f"{_PAPER}, table 4"), Source(f"{_PAPER}, table 5")
 RIGID_ROTATIONS = 2
 
 
@@ -35,12 +37,14 @@ class Slider:
     """
 
     mass: Annotated[float, Bound("kg", 0.0, above=True)] = 0.35
-    inertia: Annotated[tuple[float, float, float], Bound("kg m2", 0.0, above=True)] = (
+    inertia: Annotated[
+        tuple[float, float, float], Quantity("kg m^2", 1e-9, 10), Bound("kg m2", 0.0, above=True)
+    ] = (
         5.3e-5,
         1.31e-4,
         1.31e-4,
     )
-    pin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pin: Annotated[tuple[float, float, float], Quantity("mm", -100, 100)] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         require_bounds("slider", self)
@@ -54,31 +58,44 @@ class SpatialSliderCrank:
     free motion. `rod_modes` counts as the source does, the rod's two rigid rotations included: 8 are three
     bending modes in each plane; 0 is a rigid rod. `modal_damping` is the ratio of every bending mode.
     `gravity` in m/s2; the guide is inclined by `incline` rad, the crank at its upper end, and rolled about
-    itself by `roll` rad: gravity acts along (sin i, -cos i sin r, -cos i cos r).
+    itself by `roll` rad: gravity acts along (sin i, -cos i sin r, -cos i cos r). The marker rises at crank
+    angle `marker_angle` (rad).
     """
 
     kind: ClassVar[str] = "spatial_slider_crank"
 
-    crank_radius: float = 0.05
-    axis_angle: Annotated[float, Quantity("deg", 65, 90), Bound("rad", pi / 6, 5 * pi / 6)] = pi / 2
-    rod: Rod = field(default_factory=Rod)
-    rod_modes: Annotated[int, Whole(0, 40), Bound("", 0, RIGID_ROTATIONS + 2 * MOST_BENDING_MODES)] = 8
-    modal_damping: Annotated[float, Bound("", 0.0, 1.0)] = 0.01
-    slider: Slider = field(default_factory=Slider)
-    socket_clearance: Annotated[float, Quantity("mm", 0.001, 2)] = 0.25e-3
-    socket_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 2.8e7
-    socket_damping: Annotated[float, Bound("N s/m", 0.0)] = 44.0
-    guide_half_side: float = 6.5e-3
-    guide_clearance: Annotated[float, Quantity("mm", 0.001, 2)] = 0.25e-3
-    guide_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 1.4e7
-    guide_damping: Annotated[float, Bound("N s/m", 0.0)] = 51.0
-    contact_span: float = 25e-3
-    contact_offset: float = 4e-3
+    crank_radius: Annotated[float, Quantity("mm", 1, 1000), _TABLE_4] = 0.05
+    axis_angle: Annotated[float, Quantity("deg", 65, 90), _TABLE_4, Bound("rad", pi / 6, 5 * pi / 6)] = pi / 2
+    rod: Annotated[Rod, Flat("rod_", source=f"{_PAPER}, table 4; E and density assumed")] = field(
+        default_factory=Rod
+    )
+    rod_modes: Annotated[
+        int,
+        Whole(0, 40),
+        Source(f"{_PAPER}, section 4C"),
+        Bound("", 0, RIGID_ROTATIONS + 2 * MOST_BENDING_MODES),
+    ] = 8
+    modal_damping: Annotated[float, Quantity("", 0, 0.5), Bound("", 0.0, 1.0)] = 0.01
+    slider: Annotated[Slider, Flat("slider_")] = field(default_factory=Slider)
+    socket_clearance: Annotated[float, Quantity("mm", 0, 2), _TABLE_4] = 0.25e-3
+    socket_stiffness: Annotated[
+        float, Quantity("N/m", 1e3, 1e11), _TABLE_5, Bound("N/m", 0.0, above=True)
+    ] = 2.8e7
+    socket_damping: Annotated[float, Quantity("N s/m", 0, 1e5), _TABLE_5, Bound("N s/m", 0.0)] = 44.0
+    guide_half_side: Annotated[float, Quantity("mm", 0.5, 200), _TABLE_4] = 6.5e-3
+    guide_clearance: Annotated[float, Quantity("mm", 0, 2), _TABLE_4] = 0.25e-3
+    guide_stiffness: Annotated[float, Quantity("N/m", 1e3, 1e11), _TABLE_5, Bound("N/m", 0.0, above=True)] = (
+        1.4e7
+    )
+    guide_damping: Annotated[float, Quantity("N s/m", 0, 1e5), _TABLE_5, Bound("N s/m", 0.0)] = 51.0
+    contact_span: Annotated[float, Quantity("mm", 1, 500)] = 25e-3
+    contact_offset: Annotated[float, Quantity("mm", 0, 200)] = 4e-3
     friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 2.0)] = 0.07
-    friction_ramp: tuple[float, float] = (1e-4, 1e-3)
+    friction_ramp: Annotated[tuple[float, float], Quantity("mm/s", 0, 10_000)] = (1e-4, 1e-3)
     gravity: Annotated[float, Quantity("m/s^2", 0, 100), Bound("m/s2", 0.0, 100.0)] = 9.81
-    incline: Annotated[float, Bound("rad", -pi, pi)] = 69 * pi / 180
-    roll: Annotated[float, Bound("rad", -pi, pi)] = 10 * pi / 180
+    incline: Annotated[float, Quantity("deg", -180, 180), Bound("rad", -pi, pi)] = 69 * pi / 180
+    roll: Annotated[float, Quantity("deg", -180, 180), Bound("rad", -pi, pi)] = 10 * pi / 180
+    marker_angle: float = 0.0
     base: BaseMass | None = None
     """The guide on springs in y and z."""
 

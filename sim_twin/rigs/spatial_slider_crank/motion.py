@@ -141,7 +141,7 @@ class SpatialTruth:
             trace = self._simulation.advance(steps)
             outputs, self._status = trace.outputs, trace.status
         self._steps += outputs.shape[1]
-        marker = marker_voltage(outputs[ANGLE_ROW])
+        marker = marker_voltage(outputs[ANGLE_ROW] - self._rig.marker_angle)
         return np.array([*outputs[:CONTACTS], outputs[SPEED_ROW], marker])
 
     def shape(self) -> Array:

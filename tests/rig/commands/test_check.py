@@ -326,3 +326,14 @@ def test_a_real_shaker_beside_an_emulated_card_is_remarked(call: Call, tmp_path:
         checked = call("check", *arguments)
         assert checked.code == 0
         assert remark in checked.out
+
+
+def test_a_scenario_with_every_key_passes(call: Call, tmp_path: Path) -> None:
+    file = tmp_path / "whole.toml"
+    shown = call("scenario", "planar_slider_crank")
+    file.write_text(shown.out, encoding="utf-8")
+    assert "frame_piston_y_frequency" in shown.out
+    assert "no faults" in call("check", file).out
+    refused = call("scenario", "moon_buggy")
+    assert refused.code == 2
+    assert "impact_beam, planar_slider_crank" in refused.err

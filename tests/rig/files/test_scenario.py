@@ -92,8 +92,8 @@ def test_every_model_key_is_read() -> None:
 @pytest.mark.parametrize(
     ("text", "key", "value", "allowed"),
     [
-        (with_model('clearance = "-1 mm"'), "model.clearance", '"-1 mm"', "0.001 mm to 10 mm"),
-        (with_model("clearance = nan"), "model.clearance", "nan", "0.001 mm to 10 mm"),
+        (with_model('clearance = "-1 mm"'), "model.clearance", '"-1 mm"', "0 mm to 10 mm"),
+        (with_model("clearance = nan"), "model.clearance", "nan", "0 mm to 10 mm"),
         (with_model("clearance = true"), "model.clearance", "true", "not a number"),
         (with_model('clearance = "1 V"'), "model.clearance", '"1 V"', "V is not a unit of this kind"),
         (with_model('clearance = "0.127"'), "model.clearance", '"0.127"', "the unit is missing"),

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
+from sim_twin.rigs.planar_slider_crank import kernel
 from sim_twin.rigs.planar_slider_crank.model import FrameMode
 from sim_twin.rigs.planar_slider_crank.motion import CrankTruth, frame_acceleration
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
@@ -121,3 +122,10 @@ def test_samples_come_through_the_sensors() -> None:
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
     assert samples[ANGLE, 0] == pytest.approx(0.5, abs=2 * np.pi / 4096)
     assert 10 < samples[1].std() < 40  # 22 in recordings of another program, +- 10 %
+
+
+def test_on_an_inclined_guide_gravity_pulls_along_it() -> None:
+    # the joints are open at first: the piston falls freely along its guide
+    for incline, along in ((0.0, 0.0), (np.pi / 6, 9.81 / 2)):
+        motion = run(replace(RIG, incline=incline), step=1e-6)
+        assert motion.advance(1).outputs[kernel.PISTON_ACCELERATION, 0] == pytest.approx(along)

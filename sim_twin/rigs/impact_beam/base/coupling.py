@@ -28,7 +28,8 @@ _COIL, _PIVOT_Z, _PIVOT_SLOPE, _PIVOT_X, _SHAKER = range(5)
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """The reduced parts that move, damped by `C`. Rows (n,): coil minus shaker; beam minus post at the pivot.
+    """The reduced parts that move, damped by `C`. Rows (n,): coil minus shaker; coil; beam minus post at the
+    pivot.
 
     `beam` gives the beam's degrees of freedom, shape (dofs, n).
     """
@@ -36,6 +37,7 @@ class Moving:
     component: Component
     C: Array
     drive: Array
+    coil: Array
     rotation: Array
     beam: Array
 
@@ -66,7 +68,8 @@ def moving_on(rig: ImpactBeam, base: FlexibleBase) -> Moving:
     ratios = np.array([*rig.modal_damping, rig.modal_damping[-1]])
     interior = component.boundary + np.arange(rig.modes + 1)
     C[interior, interior] += 2 * ratios * component.omega
-    return Moving(component, C, drive, rotation @ motion, motion[:dofs])
+    alone = _unit(dofs, _COIL) @ motion
+    return Moving(component, C, drive, alone, rotation @ motion, motion[:dofs])
 
 
 def _unit(dofs: int, which: int) -> Array:
@@ -100,6 +103,7 @@ class Coupled:
     K: Array
     C: Array
     drive: Array
+    coil: Array
     rotation: Array
     contact_point: Array
     accelerometer: Array
@@ -121,6 +125,7 @@ def couple(rig: ImpactBeam, base: FlexibleBase) -> Coupled:
         np.diag(modes.omega**2),
         lower.T @ standing.C @ lower + upper.T @ moving.C @ upper,
         moving.drive @ upper,
+        moving.coil @ upper,
         moving.rotation @ upper,
         lower[CONTACT],
         standing.accelerometer @ lower,

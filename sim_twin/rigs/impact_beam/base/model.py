@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from daq.quantity import Bound
+from daq.quantity import Bound, Flat, Quantity, Source, Whole
 from sim_twin.parts.frame import Bar
 from sim_twin.parts.plate import Sheet
 from sim_twin.ranges import require, require_bounds
@@ -14,6 +14,7 @@ _ALUMINIUM = 70e9, 2700.0  # Pa, kg/m3
 _PLATE = Sheet(*_ALUMINIUM, nu=0.33, thickness=0.0127)
 _POST = Bar(*_ALUMINIUM, width=0.0381, depth=0.0254)
 _YOKE_BAR = Bar(*_ALUMINIUM, width=0.01905, depth=0.0127)
+_TABLE_1 = Source("Deck and Dubowsky, table 1")
 _WITHIN_PLATE = ("post_x", "yoke_x", "shaker_x", "accelerometer_x")
 
 
@@ -26,11 +27,11 @@ class Yoke:
     head between plate and foot bar. All assumed.
     """
 
-    bar: Bar = _YOKE_BAR
-    span: Annotated[float, Bound("m", 0.0, above=True)] = 0.0635
-    foot_height: Annotated[float, Bound("m", 0.0, above=True)] = 0.020
-    sensor_mass: Annotated[float, Bound("kg", 0.0)] = 0.10
-    head_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 1e8
+    bar: Annotated[Bar, Flat("bar_")] = _YOKE_BAR
+    span: Annotated[float, Quantity("mm", 1, 1000), Bound("m", 0.0, above=True)] = 0.0635
+    foot_height: Annotated[float, Quantity("mm", 0.1, 500), Bound("m", 0.0, above=True)] = 0.020
+    sensor_mass: Annotated[float, Quantity("kg", 0, 10), Bound("kg", 0.0)] = 0.10
+    head_stiffness: Annotated[float, Quantity("N/m", 1e4, 1e12), Bound("N/m", 0.0, above=True)] = 1e8
 
     def __post_init__(self) -> None:
         require_bounds("Yoke", self)
@@ -44,14 +45,14 @@ class Shaker:
     plate, 0 for one on its own ground.
     """
 
-    body_mass: Annotated[float, Bound("kg", 0.0)] = 1.1
-    height: Annotated[float, Bound("m", 0.0, above=True)] = 0.075
-    diameter: Annotated[float, Bound("m", 0.0, above=True)] = 0.076
-    share: Annotated[float, Bound("", 0.0, 1.0)] = 1.0
-    rod_length: Annotated[float, Bound("m", 0.0, above=True)] = 0.050
-    rod_diameter: Annotated[float, Bound("m", 0.0, above=True)] = 0.002
-    rod_modulus: Annotated[float, Bound("Pa", 0.0, above=True)] = 207e9
-    rod_density: Annotated[float, Bound("kg/m3", 0.0, above=True)] = 7800.0
+    body_mass: Annotated[float, Quantity("kg", 0, 100, key="mass"), Bound("kg", 0.0)] = 1.1
+    height: Annotated[float, Quantity("mm", 1, 1000), Bound("m", 0.0, above=True)] = 0.075
+    diameter: Annotated[float, Quantity("mm", 1, 1000), Bound("m", 0.0, above=True)] = 0.076
+    share: Annotated[float, Quantity("", 0, 1), Bound("", 0.0, 1.0)] = 1.0
+    rod_length: Annotated[float, Quantity("mm", 1, 1000), Bound("m", 0.0, above=True)] = 0.050
+    rod_diameter: Annotated[float, Quantity("mm", 0.1, 100), Bound("m", 0.0, above=True)] = 0.002
+    rod_modulus: Annotated[float, Quantity("GPa", 0.01, 1000), Bound("Pa", 0.0, above=True)] = 207e9
+    rod_density: Annotated[float, Quantity("kg/m^3", 10, 25_000), Bound("kg/m3", 0.0, above=True)] = 7800.0
 
     def __post_init__(self) -> None:
         require_bounds("Shaker", self)
@@ -66,13 +67,13 @@ class Cover:
     each of its edges. Its lowest `modes` are kept. Sheet, frame and fixing are assumed.
     """
 
-    sheet: Sheet
-    frame_mass: Annotated[float, Bound("kg/m", 0.0)]
-    length: Annotated[float, Bound("m", 0.0, above=True)] = 0.401
-    width: Annotated[float, Bound("m", 0.0, above=True)] = 0.320
-    height: Annotated[float, Bound("m", 0.0, above=True)] = 0.259
-    fixing_stiffness: Annotated[float, Bound("N/m", 0.0, above=True)] = 1e7
-    modes: int = 14
+    sheet: Annotated[Sheet, Flat("sheet_")]
+    frame_mass: Annotated[float, Quantity("kg/m", 0, 50), Bound("kg/m", 0.0)]
+    length: Annotated[float, Quantity("mm", 10, 5000), _TABLE_1, Bound("m", 0.0, above=True)] = 0.401
+    width: Annotated[float, Quantity("mm", 10, 5000), _TABLE_1, Bound("m", 0.0, above=True)] = 0.320
+    height: Annotated[float, Quantity("mm", 10, 5000), _TABLE_1, Bound("m", 0.0, above=True)] = 0.259
+    fixing_stiffness: Annotated[float, Quantity("N/m", 1e2, 1e12), Bound("N/m", 0.0, above=True)] = 1e7
+    modes: Annotated[int, Whole(1, 60)] = 14
 
     def __post_init__(self) -> None:
         require_bounds("Cover", self)
@@ -96,23 +97,25 @@ class FlexibleBase:
     along the plate's length.
     """
 
-    sheet: Sheet = _PLATE
-    length: Annotated[float, Bound("m", 0.0, above=True)] = 0.390
-    width: Annotated[float, Bound("m", 0.0, above=True)] = 0.305
-    clamp: float = 0.0254
-    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)] = 0.02
-    post: Bar = _POST
-    post_x: float = 0.055
-    yoke_x: float = 0.335
-    shaker_x: float = 0.248
-    beam_height: float = 0.130
-    yoke: Yoke = Yoke()
-    shaker: Shaker = Shaker()
-    accelerometer_x: float = 0.195
-    accelerometer_y: float = 0.2025
-    cover: Cover | None = None
-    modes: int = 10
-    elements: Annotated[int, Bound("", 4)] = 14
+    sheet: Annotated[Sheet, Flat("plate_", source="Deck and Dubowsky, table 1 (thickness); else assumed")] = (
+        _PLATE
+    )
+    length: Annotated[float, Quantity("mm", 10, 5000), _TABLE_1, Bound("m", 0.0, above=True)] = 0.390
+    width: Annotated[float, Quantity("mm", 10, 5000), _TABLE_1, Bound("m", 0.0, above=True)] = 0.305
+    clamp: Annotated[float, Quantity("mm", 1, 1000)] = 0.0254
+    damping_ratio: Annotated[float, Quantity("", 0, 0.5, key="damping"), Bound("", 0.0, 1.0)] = 0.02
+    post: Annotated[Bar, Flat("post_")] = _POST
+    post_x: Annotated[float, Quantity("mm", 0, 5000)] = 0.055
+    yoke_x: Annotated[float, Quantity("mm", 0, 5000)] = 0.335
+    shaker_x: Annotated[float, Quantity("mm", 0, 5000)] = 0.248
+    beam_height: Annotated[float, Quantity("mm", 1, 1000)] = 0.130
+    yoke: Annotated[Yoke, Flat("yoke_")] = Yoke()
+    shaker: Annotated[Shaker, Flat("shaker_")] = Shaker()
+    accelerometer_x: Annotated[float, Quantity("mm", 0, 5000)] = 0.195
+    accelerometer_y: Annotated[float, Quantity("mm", 0, 5000)] = 0.2025
+    cover: Annotated[Cover | None, Flat("cover_")] = None
+    modes: Annotated[int, Whole(0, 60)] = 10
+    elements: Annotated[int, Whole(4, 40), Bound("", 4)] = 14
 
     def __post_init__(self) -> None:
         require_bounds("FlexibleBase", self)

@@ -1,0 +1,230 @@
+"""Whether a healthy rig on a bench of odd but declared chains lies within the healthy band, and only then.
+
+Benches of the three rigs in turn, each with chains of its own: high-passes of charge amplifiers and IEPE
+sensors (0.5 to 20 Hz), Butterworth filters (1 to 10 kHz, order 4 to 8), gains (0.4 to 2 of the usual),
+inputs that are late (24 to 38 samples, each module by its own), encoders of 500 to 5000 lines that count
+either way, index marks and markers anywhere, of 2 to 10 V, rising or falling. What is on the bench is made
+by the emulated card, whose filters are none of the twin's. Each run is judged twice by the band of healthy
+rigs that a report's verdict uses: by its log, and by the same log in which nothing is said of the chains.
+
+Usage: python -m benchmarks.declared_chains [--benches 40] [--rigs 48] [--seed 0] [--only RIG]
+Returns 1 if more than one in twenty declared benches lies outside, or less than most of the others do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.block import SampleBlock, sample_time_ns
+from daq.channel import Channel
+from daq.errors import RattleError
+from daq.log.writer import LogWriter
+from drivers.ni_daq.channels import CardChannel
+from drivers.ni_daq.emulator.converter import AngleCount, Converter, EdgeCount, Measure, pulse_frequency
+from drivers.ni_daq.emulator.wiring import CounterWire, Input
+from drivers.ni_daq.sensors import described, known_sensor
+from rig.diagnosis.health import band_of
+from rig.diagnosis.recordings import recorded_alone
+from rig.emulated_rig import drawn_rig
+from rig.emulation import wiring_of
+from rig.files.bench import Bench, parse_bench
+from rig.files.faults import read_toml, toml_of
+from rig.files.scenario import Scenario, load_scenario
+from rig.rigs import RIGS
+from rig.session.progress import Screen, Terminal
+from rig.twin.chains import declared_by
+
+SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
+TRIMMED: Final = 2e-4
+"""Standard deviation of a speed from the one that is asked for, of a healthy run."""
+BLOCK_S, SETTLE_S, LONGEST_S = 0.1, 3.0, 20.0
+START_NS: Final = 1_790_000_000_000_000_000
+MOST_OUTSIDE, LEAST_SEEN = 1 / 20, 1 / 2
+Array = NDArray[np.float64]
+
+
+def odd_bench(rig: str, rate: float, rng: np.random.Generator) -> Bench:
+    """The rig's embedded bench with chains of every kind that a bench can declare."""
+    table: dict[str, Any] = read_toml(RIGS[rig].bench, "embedded bench")
+    table["emulation"] = {"seed": int(rng.integers(2**31))}
+    late: dict[str, float] = {}
+    for channel in table["daq_card"]["channels"]:
+        _make_odd(channel, rate, late, rng)
+    return parse_bench(toml_of(table), f"odd bench of the {rig}", Path(), rig)
+
+
+def _make_odd(channel: dict[str, Any], rate: float, late: dict[str, float], rng: np.random.Generator) -> None:
+    def within(low: float, high: float) -> float:
+        return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.4g}")
+
+    module, kind = channel["physical"].partition("/")[0], channel["kind"]
+    if kind == "encoder":
+        channel |= {
+            "pulses_per_revolution": int(rng.integers(500, 5001)),
+            "decoding": str(rng.choice(["x1", "x2", "x4"])),
+            "index": True,
+            "initial_angle": f"{rng.uniform(0, 359.9):.2f} deg",
+            "direction": str(rng.choice(["forwards", "backwards"])),
+        }
+        return
+    if kind == "marker":
+        channel["angle"] = f"{rng.uniform(0, 359.9):.2f} deg"
+        if "/ctr" in channel["physical"]:
+            return
+        channel |= {
+            "level": f"{rng.uniform(2.0, 10.0):.3f} V",
+            "polarity": str(rng.choice(["rising", "falling"])),
+        }
+    samples = late.setdefault(module, float(rng.uniform(24.0, 38.0)))
+    channel["delay"] = f"{1e3 * samples / rate:.4f} ms"
+    if kind == "charge_amplifier":
+        channel["amplifier"] = {"corner": f"{within(0.5, 20.0)} Hz", "output": "10 V"}
+    if kind in ("force_iepe", "acceleration_iepe"):
+        channel["corner"] = f"{within(0.5, 20.0)} Hz"
+        channel["sensitivity"] = _scaled(channel["sensitivity"], within(0.4, 2.0))
+    elif kind in ("charge_amplifier", "voltage"):
+        channel["filter"] = {"corner": f"{within(1.0, 10.0)} kHz", "order": int(rng.integers(4, 9))}
+        scale = "gain" if kind == "charge_amplifier" else "sensitivity"
+        channel[scale] = _scaled(channel[scale], within(0.4, 2.0))
+
+
+def _scaled(quantity: str, factor: float) -> str:
+    number, unit = quantity.split(maxsplit=1)
+    return f"{float(number) * factor:.6g} {unit}"
+
+
+def measured(scenario: Scenario, bench: Bench, seed: int) -> dict[str, Array]:
+    """What the card of the bench reads of a healthy rig in motion, once it has settled."""
+    rate = scenario.acquisition.sample_rate
+    rig = drawn_rig(scenario, bench, seed, seed + 1)
+    plant, output = rig.plant(), rig.scenario_output
+    plant.start(rate)
+    if rig.motor is not None:  # as a run trims it: no whole number of samples a turn
+        off = TRIMMED * np.random.default_rng([seed, 1]).standard_normal()
+        hz = scenario.drive.speed / rig.motor.rad_s_per_hz * (1 + off)
+        output = replace(output, frequency_hz=hz, target_hz=hz)  # type: ignore[type-var]
+    plant.drive(output, 0.0)
+    wiring, channels = wiring_of(bench), bench.daq_card.channels
+    analog = [channel for channel in channels if not channel.counted]
+    inputs = [Input(channel.physical, 1.0, math.inf) for channel in analog]
+    converter = Converter(wiring, plant.channels, inputs, rate)
+    counters = {
+        each.name: _counter(each, wiring.counters[each.physical]) for each in channels if each.counted
+    }
+    decoders = {each.name: known_sensor(each).decoder(each) for each in channels if each.counted}
+    parts: dict[str, list[Array]] = {channel.name: [] for channel in channels}
+    block = round(BLOCK_S * rate)
+    begin = round((SETTLE_S + np.random.default_rng(seed).uniform()) * rate)
+    for _ in range(0, begin + round(scenario.acquisition.duration * rate), block):
+        rows = plant.advance(block)
+        volts, _ = converter.convert(rows)
+        for channel, row in zip(analog, volts, strict=True):
+            offset = channel.mark.offset if channel.mark is not None else 0.0
+            scale = known_sensor(channel).scale(channel)
+            parts[channel.name].append(row * (scale or 1 / channel.volts_per_unit) + offset)
+        for name, measure in counters.items():
+            parts[name].append(decoders[name](measure(rows[plant.channels.index(name)])))
+    return {name: np.concatenate(each)[begin:] for name, each in parts.items()}
+
+
+def _counter(channel: CardChannel, wire: CounterWire) -> Measure:
+    pulses = channel.pulses
+    if pulses is None:
+        return EdgeCount(wire)
+    if channel.unit != "rad":
+        return pulse_frequency(wire)
+    counts = round(pulses.counted_from / pulses.rad_per_count)
+    return AngleCount(wire, pulses.decoding, counts, counts if pulses.index else None)
+
+
+def write(
+    path: Path, scenario: Scenario, bench: Bench, record: Mapping[str, str], seen: dict[str, Array]
+) -> None:
+    """A measured log of it."""
+    rate = scenario.acquisition.sample_rate
+    with LogWriter(path) as log:
+        log.add_metadata("scenario", {"toml": scenario.text})
+        log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", **record})
+        channels: list[Channel] = [described(each) for each in bench.daq_card.channels]
+        for channel in channels:
+            log.declare("measured", channel)
+        block = round(BLOCK_S * rate)
+        for first in range(0, len(next(iter(seen.values()))), block):
+            for name, row in seen.items():
+                values, time_ns = row[first : first + block], sample_time_ns(START_NS, first, rate)
+                if name.endswith(".angle"):
+                    values = values - math.tau * math.floor(row[0] / math.tau)
+                else:
+                    values = values.astype(np.float32)
+                log.add_block("measured", SampleBlock(name, first, time_ns, rate, values), time_ns)
+
+
+def judged(path: Path, rigs: int, screen: Screen) -> tuple[bool, str]:
+    """Whether the run of a log lies within the healthy band, and its gap in words."""
+    run = recorded_alone(path, LONGEST_S)
+    band = band_of(run, "", rigs, screen)
+    if band is None:
+        raise SystemExit("no healthy band")
+    whole, *channels = band.places(run.measured)
+    beyond = [each for each in channels if each.beyond]
+    worst = (beyond or channels)[0]
+    words = (
+        f"gap {whole.gap:5.2f} ({whole.farthest:.2f}), {worst.channel} {worst.gap:.2f}, {worst.worst.what}"
+    )
+    return not (whole.beyond or beyond), words
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print every bench's two gaps, and how many lie within the band."""
+    parser = argparse.ArgumentParser(description="Healthy rigs on benches of odd chains.")
+    parser.add_argument("--benches", type=int, default=40)
+    parser.add_argument("--rigs", type=int, default=48)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", choices=SCENARIOS)
+    asked = parser.parse_args(arguments)
+    rigs = (asked.only,) if asked.only else SCENARIOS
+    screen, within, unseen = Screen(Terminal(stderr=True)), 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_CACHE_HOME"] = folder  # the band of the undeclared twin is the same each time
+        for number in range(asked.benches):
+            name, seed = rigs[number % len(rigs)], asked.seed + number
+            scenario = load_scenario(Path("scenarios") / f"{name}.toml")
+            bench = odd_bench(name, scenario.acquisition.sample_rate, np.random.default_rng([seed, 9]))
+            seen = measured(scenario, bench, 1000 + seed)
+            for declared in (True, False):
+                path = Path(folder) / f"{name}_{number}_{declared}.mcap"
+                write(path, scenario, bench, declared_by(bench) if declared else {}, seen)
+                try:
+                    healthy, told = judged(path, asked.rigs, screen)
+                except RattleError as error:  # without its chains a run may not even be read
+                    healthy, told = False, f"{type(error).__name__}: {error}"
+                within, unseen = within + (declared and healthy), unseen + (not declared and healthy)
+                print(
+                    f"{number:3d} {name:21s} {'declared' if declared else 'not':9s}"
+                    f"{'within' if healthy else 'OUTSIDE':8s} {told}",
+                    flush=True,
+                )
+                path.unlink()
+    total = asked.benches
+    print(
+        f"declared, within the healthy band  {within} of {total} (at least {total * (1 - MOST_OUTSIDE):.0f})"
+    )
+    print(
+        f"not declared, outside              {total - unseen} of {total} (more than {total * LEAST_SEEN:.0f})"
+    )
+    return int(within < total * (1 - MOST_OUTSIDE) or total - unseen <= total * LEAST_SEEN)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

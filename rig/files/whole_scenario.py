@@ -1,0 +1,142 @@
+"""A scenario with every key of a rig: its default, unit, range and source, as a file that can be run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from inspect import signature
+from itertools import product
+from typing import Any, Final, Literal, get_args, get_origin
+
+from daq.errors import UnphysicalParameter
+from daq.quantity import REQUIRED, Quantity, Setting, members, settings_of
+from rig.files.faults import as_written
+from rig.files.quantity import si_factor, si_value
+from rig.files.scenario import AcquisitionSection
+from rig.files.table import field_of
+from rig.rigs.kind import RigKind, at
+
+_COLUMN: Final = 44
+_MOST_DIGITS: Final = 16
+_SPARED: Final = 3
+_HEAD: Final = """\
+# Every key of a scenario of the {rig}. What stands here is the default: a scenario needs
+# only what is to be otherwise. Behind each: what may stand there; where the default is from. A key that
+# another one decides is commented out, with what decides it; give it, and it stands whatever the other says.
+"""
+_LIMITS: Final = """\
+# Limits, for each of its channels that shall have some: {channels}
+# [limits."{channel}"]
+# warning = "..."                           # a quantity in the channel's unit: told once it is passed
+# abort = "..."                             # and this ends the run
+# hold = "0 s"                              # for how long it must be passed
+"""
+
+
+def whole_scenario(kind: RigKind) -> str:
+    """The text; what it holds is read as the scenario of the rig as its source has it."""
+    lines = [_HEAD.format(rig=kind.name), f'name = "{kind.name}"', f'rig = "{kind.name}"', "", "[model]"]
+    alternatives = _alternatives(kind)
+    for key, setting in kind.model.items():
+        if key in signature(kind.nominal).parameters:
+            lines.append(_line(setting, setting.default))
+        else:
+            lines.append(_of_a_field(setting, alternatives))
+    sections = {"drive": settings_of(kind.drive), "acquisition": settings_of(AcquisitionSection)}
+    for section, settings in sections.items():
+        lines += ["", f"[{section}]", *(_line(each, _usual(each)) for each in settings.values())]
+    told = kind.channels.told
+    return "\n".join([*lines, "", _LIMITS.format(channel=told[0], channels=", ".join(told))])
+
+
+@dataclass(frozen=True, slots=True)
+class _Alternative:
+    """The rig of a scenario with these words in [model] that are not the defaults."""
+
+    words: Mapping[str, Any]
+    rig: Any
+
+
+def _alternatives(kind: RigKind) -> list[_Alternative]:
+    """The nominal rigs of all choices of words, the defaults' first, then those nearer to it."""
+    choices = {key: _choices(each) for key, each in settings_of(kind.nominal).items()}
+    found = []
+    for chosen in product(*choices.values()):
+        words = dict(zip(choices, chosen, strict=True))
+        other = {key: word for key, word in words.items() if word != choices[key][0]}
+        with suppress(UnphysicalParameter, KeyError):
+            found.append(_Alternative(other, kind.nominal(**words)))
+    return sorted(found, key=lambda each: len(each.words))
+
+
+def _choices(setting: Setting) -> tuple[Any, ...]:
+    """The default, and whatever else a word may be; of a number one other."""
+    (plain,) = members(setting.type)
+    if get_origin(plain) is Literal:
+        return (setting.default, *(word for word in get_args(plain) if word != setting.default))
+    if plain is bool:
+        return setting.default, not setting.default
+    return (setting.default, 2 * setting.default) if plain is float else (setting.default,)
+
+
+def _of_a_field(setting: Setting, alternatives: list[_Alternative]) -> str:
+    """The line of a key whose default the words may decide."""
+    here, *others = alternatives
+    default = at(here.rig, setting.place)
+    if default is None:
+        there = next((each for each in others if at(each.rig, setting.place) is not None), None)
+        if there is None:
+            return f"# {setting.key} = ...  # {_told(setting)}; none"
+        words = ", ".join(f"{key} = {as_written(word)}" for key, word in there.words.items())
+        return _line(setting, at(there.rig, setting.place), f"with {words}", off=True)
+    single = [each for each in others if len(each.words) == 1]
+    deciding = [
+        key for each in single for key in each.words if at(each.rig, setting.place) not in (default, None)
+    ]
+    said = f"decided by {' and '.join(dict.fromkeys(deciding))}" if deciding else ""
+    return _line(setting, default, said, off=bool(deciding))
+
+
+def _usual(setting: Setting) -> Any:
+    if setting.default is not REQUIRED:
+        return setting.default
+    meaning: Any = setting.meaning
+    return meaning.usual * si_factor(meaning.unit)
+
+
+def _line(setting: Setting, value: Any, decided: str = "", off: bool = False) -> str:
+    head = f"{'# ' if off else ''}{setting.key} = {_written(setting, value)}"
+    source = "to be given" if setting.default is REQUIRED else setting.source or "assumed"
+    said = [_told(setting), *([decided] if decided else []), source]
+    return f"{head:{_COLUMN - 1}} # {'; '.join(text for text in said if text)}"
+
+
+def _told(setting: Setting) -> str:
+    return field_of(setting).allowed
+
+
+def _written(setting: Setting, value: Any) -> str:
+    meaning = setting.meaning
+    if not isinstance(meaning, Quantity) or value is None:
+        return as_written(value)
+    if isinstance(value, tuple):
+        return f"[{', '.join(_quantity(meaning, each) for each in value)}]"
+    return _quantity(meaning, value)
+
+
+def _quantity(meaning: Quantity, value: float) -> str:
+    """A number in SI in the unit that it is usually given in, with no more digits than it needs."""
+    for number in _shorter(value / si_factor(meaning.unit)):
+        text = f"{number} {meaning.unit}".strip()
+        if si_value(text, meaning.unit) == value:
+            break
+    return f'"{text}"' if meaning.unit else text
+
+
+def _shorter(number: float) -> Iterator[str]:
+    """With ever more digits; with a power of ten where it spares some."""
+    for digits in range(1, _MOST_DIGITS + 1):
+        rounded = float(f"{number:.{digits}g}")
+        plain, power = repr(rounded).removesuffix(".0"), f"{rounded:.{digits - 1}e}"
+        yield power if len(power) + _SPARED <= len(plain) else plain

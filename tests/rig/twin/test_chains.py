@@ -1,0 +1,158 @@
+"""What a bench declares of its chains, on its way to the twin: directly, and through a log."""
+
+from __future__ import annotations
+
+import json
+from math import inf, pi, radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.errors import ConfigurationError, LogError
+from rig.emulated_rig import drawn_rig
+from rig.files.bench import Bench, embedded_bench, parse_bench
+from rig.files.scenario import parse_scenario
+from rig.rigs import RIGS
+from rig.twin.alignment import Alignment, reference_among
+from rig.twin.chains import declared_by, mounted, with_chains
+from rig.twin.prediction import AlignedTwin, settling_s
+from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.sensors import Encoder, SensorChain
+from sim_twin.stages import Stages
+
+ACQUISITION = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "2 s"\n'
+BEAM = parse_scenario(
+    'name = "beam"\nrig = "impact_beam"\n[model]\nshaker_mass = "80 g"\nshaker_stiffness = "3 kN/m"\n'
+    f'shaker_damping = "25 N s/m"\n[drive]\nfrequency = "20 Hz"\n{ACQUISITION}'
+)
+CRANK = parse_scenario(
+    f'name = "crank"\nrig = "planar_slider_crank"\n[drive]\nspeed = "200 rpm"\n{ACQUISITION}'
+)
+UPPER = """\
+delay = "1.2 ms"
+resonance = "60 kHz"
+[daq_card.channels.amplifier]
+corner = "2 Hz"
+output = "6 V"
+[daq_card.channels.filter]
+corner = "3 kHz"
+order = 5
+"""
+
+
+def bench_of(rig: str, channel: str, more: str, old: str = "", new: str = "") -> Bench:
+    """The embedded bench with more said of a channel."""
+    head, name, tail = RIGS[rig].bench.partition(f'name = "{channel}"\n')
+    own, rest, others = tail.partition("[[")
+    assert old in own
+    text = f"{head}{name}{own.replace(old, new)}{more}\n{rest}{others}"
+    return parse_bench(text, "test", Path(), rig)
+
+
+def test_what_is_declared_is_what_the_twin_has() -> None:
+    bench = bench_of("impact_beam", "contact.force_upper", UPPER)
+    twin = twin_of(BEAM, (), declared_by(bench))
+    volts = 4e-12 * 6e9
+    upper = twin.sensors["contact.force_upper"]
+    assert upper == SensorChain(
+        noise=0.05,
+        stages=Stages(60e3, (2.0,), pytest.approx(6 / volts), (3e3, 5), 1.2e-3, pytest.approx(50e-6 / volts)),
+        limit=pytest.approx(5 / volts),
+    )
+    lower = twin.sensors["contact.force_lower"]
+    assert lower == SensorChain(noise=0.05, limit=pytest.approx(5 / volts))
+    assert settling_s(twin, 0.0) == pytest.approx(1.0)
+    slow = with_chains(twin_of(BEAM), {"chain.yoke.force": json.dumps({"corner_hz": 0.2})})
+    assert settling_s(slow, 0.0) == pytest.approx(5 / (2 * pi * 0.2))
+
+
+def test_encoder_and_marker_of_a_crank() -> None:
+    own = 'direction = "backwards"\ninitial_angle = "10 deg"\n'
+    bench = bench_of("planar_slider_crank", "crank.angle", own, "1024", "360")
+    angle = twin_of(CRANK, (), declared_by(bench)).sensors["crank.angle"]
+    assert angle == Encoder(1440, backwards=True, zero=pytest.approx(radians(10)))
+    mark = bench_of("planar_slider_crank", "crank.marker", 'angle = "37 deg"\npolarity = "falling"\n')
+    twin = twin_of(CRANK, (), declared_by(mark))
+    assert twin.rig.marker_angle == pytest.approx(radians(37))
+    assert twin.sensors["crank.marker"].limit == inf  # turned round, it has no such end
+    assert mounted(twin_of(CRANK), declared_by(mark)).rig == twin.rig
+
+
+def test_a_record_that_cannot_be_read_is_told() -> None:
+    for text in ("{", "[1]"):
+        with pytest.raises(LogError, match=r"chain of contact.force_upper cannot be read"):
+            with_chains(twin_of(BEAM), {"chain.contact.force_upper": text})
+
+
+def test_only_a_drive_is_felt_in_a_stinger() -> None:
+    with pytest.raises(ConfigurationError, match=r"yoke.*senses.*only the force of a drive"):
+        bench_of("impact_beam", "yoke.force", 'senses = "stinger"\n')
+
+
+@pytest.mark.parametrize(
+    "more",
+    ['[daq_card.channels.filter]\ncorner = "1 kHz"\n', 'delay = "2 ms"\n', 'senses = "stinger"\n'],
+)
+def test_the_phase_is_the_coils_whatever_shows_the_drive(more: str) -> None:
+    bench = bench_of("impact_beam", "drive.force", more)
+    twin = twin_of(BEAM, (), declared_by(bench))
+    stream = twin.model.stream(twin, 25_600.0, np.random.default_rng(1))
+    stream.drive(twin.drive, 0.7)
+    shown = stream.advance(76_800)[0, 25_600:]
+    reference = reference_among(twin.model.channels, twin.channels, twin)
+    found = reference.align(shown, 25_600.0, 25_600, twin.drive)
+    plain = reference_among(twin.model.channels, twin.channels).align(shown, 25_600.0, 25_600, twin.drive)
+    assert found.trusted
+    assert found.phase == pytest.approx(0.7, abs=0.01)
+    assert abs(plain.phase - 0.7) > 0.03
+
+
+def test_a_marker_anywhere_tells_the_cranks_angle() -> None:
+    bench = bench_of("planar_slider_crank", "crank.marker", 'angle = "200 deg"\ndelay = "1.5 ms"\n')
+    twin = twin_of(CRANK, (), declared_by(bench))
+    stream = twin.model.stream(twin, 25_600.0)
+    stream.drive(twin.drive, 1.0)
+    marker = stream.advance(51_200)[twin.channels.index("crank.marker")]
+    reference = reference_among(twin.model.channels, ("crank.marker",), twin)
+    found = reference.align(marker, 25_600.0, 0, twin.drive)
+    assert found.phase == pytest.approx(1.0, abs=2e-3)
+
+
+def test_an_emulated_encoder_counts_the_angle_and_not_the_counts_of_another() -> None:
+    other = drawn_rig(CRANK, bench_of("planar_slider_crank", "crank.angle", "", "1024", "777"), 1, 2)
+    usual = drawn_rig(CRANK, embedded_bench("planar_slider_crank"), 1, 2)
+    counts = [rig.plant.args[1].sensors["crank.angle"].counts for rig in (other, usual)]  # type: ignore[attr-defined]
+    assert counts[0] > 1e9
+    assert counts[1] == 4096
+
+
+ENCODER = """
+[encoder]
+emulated = true
+interface = "socketcand"
+channel = "can0"
+node = 7
+mounting = "123 deg"
+"""
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_encoder_beside_the_card_is_predicted_by_its_mounting(way: int) -> None:
+    said = "" if way > 0 else 'direction = "backwards"\n'
+    counts = "[encoder.identity]\ncounts_per_revolution = 3600\n"
+    text = RIGS["planar_slider_crank"].bench + ENCODER + said + counts
+    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank")))
+    assert [each.name for each in predicted_channels(twin)][-1] == "encoder.angle"
+    aligned = AlignedTwin(twin, Alignment(200 / 60, 0.4), 25_600.0, 0.0)
+    blocks = list(aligned.blocks(2560, 0))
+    (sent,) = [each for each in blocks if each.channel == "encoder.angle"]
+    wanted = radians(123) + way * (0.4 + 2 * pi * 200 / 60 * np.arange(2560) / 25_600)
+    assert len(sent) == 2560
+    assert np.abs(sent.values - wanted + pi / 3600).max() <= pi / 3600 + 1e-9
+
+
+def test_without_its_mounting_nobody_predicts_it() -> None:
+    text = RIGS["planar_slider_crank"].bench + ENCODER.replace('mounting = "123 deg"\n', "")
+    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank")))
+    assert twin == twin_of(CRANK, (), declared_by(embedded_bench("planar_slider_crank")))
