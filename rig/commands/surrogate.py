@@ -141,7 +141,9 @@ def report(
     if not rows:
         raise RattleError("none of these runs turned twice; record longer")
     for caption, lines in judgement.tables(rows).items():
-        table = Table(*judgement.HEADINGS, title=caption, title_justify="left", box=None, pad_edge=False)
+        table = Table(
+            *judgement.HEADINGS, title=caption, title_justify="left", box=None, padding=(0, 1, 0, 0)
+        )
         for line in lines:
             table.add_row(*line)
         screen.console.print(table)

@@ -21,6 +21,7 @@ _HELD_BACK, _LATE = TESTED / (LEARNT + TESTED), 0.5
 """Shares of all points, wherever they lie, and of a run's revolutions."""
 _MOST = 20_000
 """Points that are learnt where all may be: 40 for each unit of the largest network."""
+_WINDOWS = 6
 _FEWEST_TURNS = 3
 _ERROR_GOAL = 0.01
 
@@ -108,18 +109,25 @@ class Row:
     score: Score
 
 
-def judged_points(samples: Samples) -> tuple[Rows, Rows]:
-    """Samples of which none is ever learnt, and those among them that all is judged on, shapes (n,).
+def judged_points(samples: Samples) -> tuple[Rows, NDArray[np.int64]]:
+    """Samples of which none is ever learnt, and in which window each is judged, shapes (n,); -1 for in none.
 
-    These lie in the second half of the runs in the middle of speeds and clearances: every split holds them
-    back, so that every method on every split has the same points to predict and the same floor.
+    Windows are of the paper's number of points, spread over the second half of the runs in the middle of
+    speeds and clearances: every split holds them back, so that every method on every split has the same
+    points to predict and the same floor.
     """
     held_back = np.random.default_rng(0).random(len(samples)) < _HELD_BACK
-    there = held_back & samples.late_turns(_LATE)
+    there = samples.late_turns(_LATE)
     for split in OTHER_SETTINGS:
         middle = SPLITS[split](samples)
         there &= middle | (not middle.any())
-    return held_back, there
+    windows, runs = np.full(len(samples), -1), np.unique(samples.runs[there])
+    for run in runs:
+        rows = np.flatnonzero(there & (samples.runs == run))
+        count = max(1, min(_WINDOWS // len(runs), len(rows) // (LEARNT + TESTED)))
+        for start in np.linspace(0, max(0, len(rows) - LEARNT - TESTED), count).astype(int):
+            windows[rows[start : start + LEARNT + TESTED]] = windows.max() + 1
+    return held_back, np.where(held_back, windows, -1)
 
 
 def compared(samples: Samples, split: str, amount: str, over: Over, seed: int = 0) -> list[Row]:
@@ -128,28 +136,23 @@ def compared(samples: Samples, split: str, amount: str, over: Over, seed: int = 
     Raises ValueError where there is too little to learn from.
     """
     aside = SPLITS[split](samples)
-    held_back, asked = judged_points(samples)
+    held_back, windows = judged_points(samples)
+    asked = windows >= 0
     if (split != POINTS and not aside.any()) or not asked.any():
         return []
     may, judged = samples[~held_back & ~aside], samples[asked]
-    runs = samples[np.isin(samples.runs, judged.runs)]
     if amount == ALL:
         tasks = [(may.thinned(_MOST, np.random.default_rng(seed)), np.arange(len(judged)))]
     else:
-        pieces = [
-            each
-            for run in np.unique(judged.runs)
-            for here in [np.flatnonzero(judged.runs == run)]
-            for each in np.array_split(here, -(-len(here) // TESTED))
-        ]
-        tasks = [(_nearest(may, judged[each], samples), each) for each in pieces]
-    rows = []
+        each = [np.flatnonzero(windows[asked] == window) for window in np.unique(windows[asked])]
+        tasks = [(_nearest(may, judged[here], samples), here) for here in each]
+    rows, whole = [], samples[np.isin(samples.runs, judged.runs)]
     for name, method in METHODS.items():
         predicted = np.empty_like(judged.outputs)
         for known, here in tasks:
             by_points = split == POINTS or len(np.unique(known.turns)) < _FEWEST_TURNS
             predicted[here] = method(known, over, seed, by_points)(judged.inputs[here])
-        rows.append(Row(split, amount, over, name, mean_of(scores(judged, predicted, runs))))
+        rows.append(Row(split, amount, over, name, mean_of(scores(judged, predicted, whole))))
     return rows
 
 

@@ -29,7 +29,7 @@ class Score:
     `rmse` point by point, `rmse_floor` what the run's mean revolution leaves, were it known without error:
     nothing that knows only angle and settings passes it. `distance` is Wasserstein's between the
     distributions of values (how far a value has to be moved, on average), `distance_floor` that of the odd
-    from the even whole revolutions; 0 where there are not two.
+    from the even whole revolutions in which they lie; 0 where there are not two.
     """
 
     rmse: float
@@ -65,30 +65,30 @@ def scores(measured: Samples, predicted: Array, all_measured: Samples | None = N
 
 def _scores(measured: Samples, predicted: Array, whole: Samples) -> list[Score]:
     """Of one run."""
-    odd, even = _alternate(measured)
+    odd, even = _alternate(whole[np.isin(whole.turns, measured.turns)])
     left = np.sqrt(about_the_mean_cycle(whole, measured))
     found = []
-    for shown, guess, scatter in zip(measured.outputs.T, predicted.T, left, strict=True):
+    for number, (shown, guess) in enumerate(zip(measured.outputs.T, predicted.T, strict=True)):
         unit = float(shown.std()) or 1.0
-        apart = wasserstein_distance(shown[odd], shown[even]) if odd.any() else 0.0
+        halves = odd.outputs[:, number], even.outputs[:, number]
         found.append(
             Score(
                 float(np.sqrt(np.mean((shown - guess) ** 2))) / unit,
-                float(scatter) / unit,
+                float(left[number]) / unit,
                 float(wasserstein_distance(shown, guess)) / unit,
-                float(apart) / unit,
+                float(wasserstein_distance(*halves)) / unit if len(odd) else 0.0,
             )
         )
     return found
 
 
-def _alternate(measured: Samples) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Samples of the odd and of as many even whole revolutions of a run; none where there are not two."""
-    angle = measured.column("angle")
-    each = np.unique(measured.turns)
-    whole = each[[np.ptp(angle[measured.turns == turn]) > _WHOLE for turn in each]]
+def _alternate(samples: Samples) -> tuple[Samples, Samples]:
+    """The odd and as many even whole revolutions of a run; none where there are not two."""
+    angle = samples.column("angle")
+    each = np.unique(samples.turns)
+    whole = each[[np.ptp(angle[samples.turns == turn]) > _WHOLE for turn in each]]
     whole = whole[: len(whole) // 2 * 2]
-    return np.isin(measured.turns, whole[::2]), np.isin(measured.turns, whole[1::2])
+    return samples[np.isin(samples.turns, whole[::2])], samples[np.isin(samples.turns, whole[1::2])]
 
 
 def mean_of(each: Sequence[Score]) -> Score:

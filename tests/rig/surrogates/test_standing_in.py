@@ -39,7 +39,7 @@ def learnt(tmp_path_factory: pytest.TempPathFactory) -> Surrogate:
         Setting(0.9, 0.9, 199), Setting(0.9, 1.1, 201), Setting(1.1, 0.9, 201), Setting(1.1, 1.1, 199)
     ]  # fmt: skip
     logs = [write_log(folder / f"{each.name}.mcap", each, 2.0) for each in settings]
-    return trained(logs, "grnn", "angle", units=100)
+    return trained(logs, "grnn", "angle", units=400)
 
 
 def saved(folder: Path, surrogate: Surrogate, score: Score = RIGHT) -> Path:
@@ -140,7 +140,7 @@ def test_what_only_a_surrogate_leaves_out_needs_one(call: Call, tmp_path: Path) 
 
 
 def stepping(setting: Setting, seconds: float) -> dict[str, np.ndarray]:
-    """Three times as much in the last tenth, half of what is tested: its halves differ, its revolutions not."""
+    """Three times as much in the last tenth, half of what is tested: halves differ, revolutions do not."""
     rows = shown(setting, seconds)
     sizes = np.where(np.arange(len(rows[ANGLE])) < 0.9 * len(rows[ANGLE]), 1.0, 3.0)
     return {name: row if name == ANGLE else row * sizes for name, row in rows.items()}
@@ -157,7 +157,7 @@ def by_turn(setting: Setting, seconds: float) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(("show", "right"), [(shown, True), (stepping, False), (by_turn, False)])
 def test_only_one_that_its_own_test_finds_right_may_stand_in(tmp_path: Path, show, right: bool) -> None:
     logs = [write_log(tmp_path / f"{gap}.mcap", Setting(gap, 1, 300), 6.0, show=show) for gap in (1, 2)]
-    assert trained(logs, "grnn", "angle", units=60).stands_in is right
+    assert trained(logs, "grnn", "angle", units=300).stands_in is right
 
 
 def test_one_of_another_rig_is_refused(call: Call, learnt: Surrogate, tmp_path: Path) -> None:
