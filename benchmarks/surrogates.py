@@ -49,7 +49,9 @@ def record() -> Samples:
     assert inputs.shape[1] == len(COLUMNS)
     angle = inputs[:, [1]]
     outputs = inputs[:, [3]] * np.sin(angle * [1, 2, 3]) + random.normal(size=(SAMPLES, 3))
-    return Samples(inputs, outputs, np.zeros(SAMPLES, np.int64), np.int64(angle[:, 0] / (2 * np.pi)))
+    return Samples(
+        inputs, outputs, np.zeros(SAMPLES, np.int64), np.asarray(angle[:, 0] / (2 * np.pi), np.int64)
+    )
 
 
 def speed(kind: Literal["rbf", "grnn"], units: int) -> Speed:
@@ -80,14 +82,14 @@ def main(page: bool, out: Path) -> int:
         )
         print(lines[-1], flush=True)
     if page:
-        begun = time.monotonic()
+        begun, fresh = time.monotonic(), not out.exists()
         command = [sys.executable, "-m", "rig.start", "surrogate", "report", "--out", str(out)]
         subprocess.run(command, check=True)  # noqa: S603
-        took = f"{(time.monotonic() - begun) / 60:.1f} min with what lay there of an earlier call"
+        took = f"took {(time.monotonic() - begun) / 60:.1f} min" if fresh else "went on from an earlier call"
         when = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
         tables = (out / "surrogates.md").read_text(encoding="utf-8")
         head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        figures = f"{when}; {machine()}. `rattle surrogate report` took {took}.\n\n{tables}\n" + "".join(
+        figures = f"{when}; {machine()}. `rattle surrogate report` {took}.\n\n{tables}\n" + "".join(
             f"- {line}\n" for line in lines
         )
         PAGE.write_text(f"{head}{BEGIN}\n\n{figures}\n{END}{rest.partition(END)[2]}", encoding="utf-8")

@@ -190,14 +190,15 @@ def claims(rows: Sequence[Row]) -> list[tuple[str, bool, str]]:
 
 
 EXPLANATION = (
-    "All are judged on the same points at 6.4 kHz, which nothing has learnt: at six places in the second half "
-    f"of the run in the middle of speeds and clearances a random third of {LEARNT + TESTED}. Held back are a "
-    "random third of all points alone, or also the second half of every run, its speed, or its clearances; "
-    f"learnt are the {LEARNT} points nearest to those that are asked for, as in the paper, or 20,000 of all. "
-    "Rmse and distance (Wasserstein's, of the distributions of values) are in standard deviations of the "
-    "channel, the mean over channels; an rmse of 1.00 is what the mean value alone comes to. Floors: of the "
-    "rmse what the run's own mean revolution leaves, which nothing that knows only angle and settings passes; "
-    "of the distance that of the run's odd from its even revolutions."
+    "All are judged on the same points at 6.4 kHz, which nothing has learnt: at six places in the "
+    f"second half of the run in the middle of speeds and clearances a random third of {LEARNT + TESTED}. "
+    "Held back are a random third of all points alone, or also the second half of every run, its speed, "
+    f"or its clearances; learnt are the {LEARNT} points nearest to those that are asked for, as in the "
+    "paper, or 20,000 of all. Rmse and distance (Wasserstein's, of the distributions of values) are in "
+    "standard deviations of the channel, the mean over channels; an rmse of 1.00 is what the mean value "
+    "alone comes to. Floors: of the rmse what the run's own mean revolution leaves, which nothing "
+    "passes that knows angle and settings alone; of the distance that of the run's odd from its even "
+    "revolutions."
 )
 
 
