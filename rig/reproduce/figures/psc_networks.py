@@ -159,7 +159,7 @@ def _rbf_figure(gaps: tuple[float, float], claim: paper.Claim, effort: paper.Eff
     remark = "Ten Gaussians have no part in a frame that rings at 180 to 310 Hz."
     if claim is _BETTER:
         subject, less = (
-            "the same less what the GRNN explains",
+            "variance that the RBF network explains, less what the GRNN does",
             _explained(curves, _by_grnn(curves, effort)).values,
         )
     else:
@@ -299,7 +299,7 @@ def _structure(effort: paper.Effort) -> paper.Outcome:
     )
 
 
-_STEPS = ("emulated bench", "log", "inputs", "to learn", "to test", "network", "error")
+_STEPS = ("emulated bench", "logs", "inputs", "to learn", "to test", "network", "error")
 
 
 def _flow(effort: paper.Effort) -> paper.Outcome:

@@ -121,7 +121,7 @@ def test_a_crank_that_can_be_learnt_is_learnt(quick_figures: list[Reproduced], n
     [
         ("psc-6", "variance of the test points that the RBF network explains, ten units", 50),
         ("psc-8", "variance of the test points that the RBF network explains, ten units", 50),
-        ("psc-10", "the same less what the GRNN explains, ten units", -50),
+        ("psc-10", "variance that the RBF network explains, less what the GRNN does, ten units", -50),
     ],
 )
 def test_ten_units_learn_some_of_such_a_crank(
