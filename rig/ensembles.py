@@ -215,15 +215,20 @@ def as_json(outcomes: Outcomes, seed: int) -> dict[str, Any]:
     }
 
 
-def write_runs(outcomes: Outcomes, path: Path) -> None:
-    """One row a run, in order: its number, how it ended, its figures; what it does not have is empty."""
+def write_runs(outcomes: Outcomes, path: Path, by: str = "") -> None:
+    """One row a run, in order: its number, how it ended, its figures; what it does not have is empty.
+
+    The last column says `by` whom where they were not simulated.
+    """
+    said = {"by": by} if by else {}
     names = list(dict.fromkeys(name for each in outcomes if each.value for name in each.value.values))
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             rows = csv.writer(file)
-            rows.writerow(["run", "status", *names])
+            rows.writerow(["run", "status", *names, *said])
             for run, each in enumerate(outcomes):
                 values = {} if each.value is None else each.value.values
-                rows.writerow([run, each.status.name.lower(), *(values.get(name) for name in names)])
+                row = [run, each.status.name.lower(), *(values.get(name) for name in names), *said.values()]
+                rows.writerow(row)
     except OSError as error:
         raise RattleError(f"{path}: cannot be written ({error.strerror})") from error

@@ -104,6 +104,12 @@ def ensemble(
             "--surrogate", metavar="MODEL.npz", help="It stands in, where its own test allows of it."
         ),
     ] = None,
+    settings_only: Annotated[
+        bool,
+        typer.Option(
+            "--settings-only", help="With --surrogate, which knows no more: only clearances and speed differ."
+        ),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE.csv", help="Write one row a run.")
     ] = None,
@@ -118,6 +124,8 @@ def ensemble(
 
     if scheduler is not None and workers is not None:
         raise typer.BadParameter("the cluster has its own workers", param_hint="--workers")
+    if settings_only and surrogate is None:
+        raise typer.BadParameter("only what a surrogate stands in for", param_hint="--settings-only")
     scenario = load_scenario(scenario_file)
     if out is not None and not out.absolute().parent.is_dir():
         raise RattleError(f"{out}: its folder does not exist; make it first, nothing was simulated")
@@ -131,12 +139,12 @@ def ensemble(
     wanted, a_glance = scenario.acquisition, Figures(0.0, 1e-3)
     variants, figures = population.variants(runs, seed), Figures(wanted.settle, wanted.duration)
     if surrogate is not None:
-        from rig.surrogates.standing_in import standing_in
+        from rig.surrogates.standing_in import stood_in
 
         if effects is not None:
             raise typer.BadParameter("a surrogate knows no effects", param_hint="--surrogate")
-        outcomes = simulate(variants, standing_in(surrogate, scenario))
-        _told(outcomes, seed, machine, screen, out)
+        outcomes, by = stood_in(surrogate, scenario, variants, settings_only)
+        _told(outcomes, seed, machine, screen, out, by)
         return
     with source as found:
         with screen.busy("compiling"):  # by one worker; the others find the machine code on the disk
@@ -147,8 +155,10 @@ def ensemble(
     _told(outcomes, seed, machine, screen, out)
 
 
-def _told(outcomes: Outcomes, seed: int, machine: bool, screen: Screen, out: Path | None) -> None:
-    """Show what many rigs came to, and write it."""
+def _told(
+    outcomes: Outcomes, seed: int, machine: bool, screen: Screen, out: Path | None, by: str = ""
+) -> None:
+    """Show what many rigs came to, and write it; `by` whom where they were not simulated."""
     from rig import ensembles
     from sim_twin.ensembles.figures import spread_of
 
@@ -156,10 +166,12 @@ def _told(outcomes: Outcomes, seed: int, machine: bool, screen: Screen, out: Pat
     if not any(outcome.value is not None for outcome in outcomes):
         raise RattleError("; ".join(failed))
     if machine:
-        print_json(ensembles.as_json(outcomes, seed))
+        print_json(ensembles.as_json(outcomes, seed) | ({"by": by} if by else {}))
     else:
+        if by:
+            screen.say(by)
         screen.console.print(ensembles.spread_table(spreads))
     for line in failed:
         screen.warn(line)
     if out is not None:
-        ensembles.write_runs(outcomes, out)
+        ensembles.write_runs(outcomes, out, by)

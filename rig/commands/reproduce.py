@@ -40,10 +40,9 @@ def reproduce(
     if any(FIGURES[name].recorded for name in names):
         from daq.clock import SystemClock
         from rig.app import connect
-        from rig.surrogates.recordings import PAPER, QUICK_SECONDS, SECONDS, recorded
+        from rig.surrogates.recordings import PAPER, QUICK_SECONDS, recorded
 
-        seconds = QUICK_SECONDS if quick else SECONDS
-        recorded(PAPER, recordings, seconds, connect, screen, SystemClock())
+        recorded(PAPER, recordings, QUICK_SECONDS, connect, screen, SystemClock())
     with ExitStack() as stack:
         executor = None
         if not quick and min(len(names), cores()) > 1:

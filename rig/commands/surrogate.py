@@ -35,6 +35,15 @@ def train(
             help="At most; the paper has 10. Without: 100; of a grnn 1000 prototypes.",
         ),
     ] = None,
+    error_goal: Annotated[
+        float | None,
+        typer.Option(
+            "--error-goal",
+            min=0,
+            max=1,
+            help="Of an rbf: no more units than bring the mean squared error to this share of the variance.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same network.")] = 0,
 ) -> None:
     from rig.files.surrogate_file import save_surrogate
@@ -42,9 +51,11 @@ def train(
 
     if out.exists():
         raise RattleError(f"{out} is there already; remove it or name another, nothing was trained")
+    if error_goal is not None and network != "rbf":
+        raise typer.BadParameter("a grnn adds no units", param_hint="--error-goal")
     screen = Screen(Terminal())
     with screen.busy("learning"):
-        found = trained(runs, network, over, units, seed)
+        found = trained(runs, network, over, units, seed, error_goal, screen.warn)
     save_surrogate(found, out)
     _tell(found, screen)
     screen.say(f"surrogate  {out}")
@@ -112,6 +123,7 @@ def report(
     from rig.pages.content import page
     from rig.surrogates import judgement
     from rig.surrogates.recordings import ALL, QUICK_SECONDS, SECONDS, recorded
+    from rig.twin.recorded_samples import each_once
 
     screen = Screen(Terminal())
     try:
@@ -121,19 +133,28 @@ def report(
     if not runs:
         seconds = QUICK_SECONDS if quick else SECONDS
         runs = list(recorded(ALL, out / "logs", seconds, connect, screen, SystemClock()).values())
+    logs = each_once(runs, screen.warn)
     with (
         worker_processes(min(cores(), 2)) as workers,
         screen.bar("judging", judgement.PIECES, "comparisons") as bar,
     ):
-        rows = judgement.judged(runs, out, workers.executor, bar)
-    table = Table(*judgement.HEADINGS, box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(*judgement.cells(row))
-    screen.console.print(table)
+        rows = judgement.judged(logs, out, workers.executor, bar)
+    if not rows:
+        raise RattleError("none of these runs turned twice; record longer")
+    for caption, lines in judgement.tables(rows).items():
+        table = Table(
+            *judgement.HEADINGS, title=caption, title_justify="left", box=None, padding=(0, 1, 0, 0)
+        )
+        for line in lines:
+            table.add_row(*line)
+        screen.console.print(table)
     for claim, holds, found in judgement.claims(rows):
         screen.say(f"{'holds' if holds else 'does not hold'}: {claim} ({found})")
-    files = {"surrogates.json": judgement.document(rows, runs)}
-    subtitle = [f"{len(runs)} runs"]
+    files = {
+        "surrogates.json": judgement.document(rows, list(logs)),
+        "surrogates.md": judgement.markdown(rows),
+    }
+    subtitle = [f"{len(logs)} runs"]
     files["surrogates.html"] = page("Surrogates", subtitle, [("What holds", judgement.parts(rows))])
     for name, text in files.items():
         try:

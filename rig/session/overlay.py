@@ -140,7 +140,7 @@ def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channe
 def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
     """Everything but an earlier prediction and what was derived, message by message as it was."""
     for name, record in log.metadata.items():
-        if name not in ("twin", "derived"):
+        if name not in ("twin", "derived", "surrogate"):
             copy.add_metadata(name, record)
     for channel in log.channels("measured").values():
         copy.declare("measured", channel)
@@ -152,7 +152,8 @@ def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
         copy.add_encoded_block("measured", block, message.data, message.log_ns, record_gap=False)
         derived(Block("measured", block))
     for event in log.events():
-        copy.add_event(event)
+        if event.source != "surrogate":
+            copy.add_event(event)
     for clock in log.clocks():
         copy.add_clock(clock)
 

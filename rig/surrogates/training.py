@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,30 +10,41 @@ import numpy as np
 
 from daq.errors import LogError
 from daq.log.reader import LogReader
-from rig.twin.recorded_samples import RIG, digest_of, samples_of
+from rig.twin.recorded_samples import RIG, digest_of, each_once, samples_of
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS
 from sim_twin.surrogates.samples import Over, Samples
 from sim_twin.surrogates.surrogate import Kind, Surrogate, learnt_and_tested
 
-EVERY = 4
-"""Of the samples of a log: 6.4 kHz of 25.6 kHz."""
 _MOST = 100_000
 _UNITS = {"rbf": ("max_units", 100), "grnn": ("max_prototypes", 1000)}
 """What the number of units is called, and how many there are unless it is said."""
 
 
-def trained(runs: Sequence[Path], kind: Kind, over: Over, units: int | None, seed: int) -> Surrogate:
-    """Learn from logs; raises LogError where one of them cannot be learnt from, or is named twice."""
+def trained(
+    runs: Sequence[Path],
+    kind: Kind,
+    over: Over,
+    units: int | None = None,
+    seed: int = 0,
+    error_goal: float | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Surrogate:
+    """Learn from samples of logs, drawn at random of too many; `tell` of logs that are passed over.
+
+    `error_goal` is a share of the variance, for the network that adds units until then. Raises LogError where
+    a log cannot be learnt from.
+    """
+    once, random = each_once(runs, tell), np.random.default_rng(seed)
     parts: list[Samples] = []
     digests: dict[str, str] = {}
-    for path in runs:
+    for path in once:
         with LogReader(path) as log:
-            digest = digest_of(log)
-            if digest in digests.values():
-                raise LogError(f"{path}: the same as another that was named; each counts once")
-            digests[path.name if path.name not in digests else str(path)] = digest
-            parts.append(samples_of(log, EVERY))
-    samples = Samples.joined(parts).thinned(_MOST, np.random.default_rng(seed))
+            digests[path.name if path.name not in digests else str(path)] = digest_of(log)
+            parts.append(samples_of(log).thinned(_MOST // len(once), random))
     name, most = _UNITS[kind]
-    found = learnt_and_tested(samples, RIG, ACCELERATIONS, over, kind, seed, **{name: units or most})
+    given = {name: units or most} | ({} if error_goal is None else {"error_goal": error_goal})
+    try:
+        found = learnt_and_tested(Samples.joined(parts), RIG, ACCELERATIONS, over, kind, seed, **given)
+    except ValueError as error:
+        raise LogError(f"nothing can be learnt from {len(once)} logs: {error}") from error
     return replace(found, learnt_from=digests)

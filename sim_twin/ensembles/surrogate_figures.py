@@ -8,20 +8,28 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_twin.ensembles.simulate import Outcome, Variant
+from sim_twin.rigs.planar_slider_crank.solver_values import frame_figures
 from sim_twin.rigs.rig_model import RunFigures
 from sim_twin.status import Status
 from sim_twin.surrogates.samples import COLUMNS
 from sim_twin.surrogates.surrogate import Surrogate
 
+Array = NDArray[np.float64]
 _POINTS = 720
 """Of a revolution."""
+HONOURED = ("clearance_1", "clearance_2", "drive.speed")
+"""Tolerances that a surrogate has an input for."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurrogateFigures:
-    """Rms and peak of each channel over a revolution; `density` of the links' material in kg/m3."""
+    """What a simulation gives of the frame's channels, by a surrogate over the crank's angle.
+
+    `density` of the links' material in kg/m3. Of a variant's tolerances it knows those that are `HONOURED`.
+    """
 
     surrogate: Surrogate
     density: float
@@ -31,15 +39,19 @@ class SurrogateFigures:
         """Figures of some planar slider-cranks."""
         found = []
         for variant in variants:
-            said = self.surrogate.predict(self._asked(variant))
-            values: dict[str, float | int | None] = {}
-            for name, row in zip(self.surrogate.channels, said.T, strict=True):
-                values[f"{name}_rms_m_s2"] = float(np.sqrt(np.mean(row**2)))
-                values[f"{name}_peak_m_s2"] = float(np.abs(row).max())
+            said = self.surrogate.predict(self.asked(variant))
+            values = frame_figures(dict(zip(self.surrogate.channels, said.T, strict=True)))
             found.append(Outcome(Status.COMPLETED, RunFigures(Status.COMPLETED, values)))
         return found
 
-    def _asked(self, variant: Variant) -> np.ndarray:
+    def outside(self, variants: Sequence[Variant]) -> tuple[int, dict[str, tuple[float, float]]]:
+        """How many lie outside of what was learnt, and least and largest that all ask of such inputs."""
+        rows = [self.asked(variant)[:1] for variant in variants]
+        count = sum(1 for row in rows if self.surrogate.outside(row))
+        return count, self.surrogate.outside(np.concatenate(rows))
+
+    def asked(self, variant: Variant) -> Array:
+        """What the surrogate takes for a revolution of a variant, shape (n, inputs)."""
         rig, drive = variant.twin.rig, variant.twin.drive
         columns = {
             "time": 0.0,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import wasserstein_distance
 
-from sim_twin.surrogates.samples import Samples, mean_cycle
+from sim_twin.surrogates.samples import Samples, about_the_mean_cycle
 
 Array = NDArray[np.float64]
 _LEAST_FLOOR = 1e-3
@@ -18,6 +18,9 @@ _LEAST_FLOOR = 1e-3
 _FLOORS, _HARDLY = 2.0, 0.05
 """Of floors, and of standard deviations: up to where a distribution is right."""
 
+_WHOLE = 0.9 * 2 * np.pi
+"""Rad that the samples of a revolution span at least; the first and the last of a record may be cut."""
+
 
 @dataclass(frozen=True, slots=True)
 class Score:
@@ -25,8 +28,8 @@ class Score:
 
     `rmse` point by point, `rmse_floor` what the run's mean revolution leaves, were it known without error:
     nothing that knows only angle and settings passes it. `distance` is Wasserstein's between the
-    distributions of values (how far a value has to be moved, on average), `distance_floor` that of the run's
-    two halves from each other.
+    distributions of values (how far a value has to be moved, on average), `distance_floor` that of the odd
+    from the even whole revolutions in which they lie; 0 where there are not two.
     """
 
     rmse: float
@@ -44,14 +47,14 @@ class Score:
 
     @property
     def distribution_right(self) -> bool:
-        """Not farther off than twice what two halves of a run are, or than hardly anything."""
+        """Not farther off than twice what the run's own revolutions are, or than hardly anything."""
         return self.distance <= max(_FLOORS * self.distance_floor, _HARDLY)
 
 
 def scores(measured: Samples, predicted: Array, all_measured: Samples | None = None) -> list[Score]:
     """One for each channel of `measured`, shape of `predicted` (n, channels).
 
-    `all_measured`: what `measured` was thinned from, which tells the mean revolutions.
+    `all_measured`: what `measured` is part of, which tells the mean revolutions.
     """
     each, whole = [], measured if all_measured is None else all_measured
     for run in np.unique(measured.runs):
@@ -62,21 +65,30 @@ def scores(measured: Samples, predicted: Array, all_measured: Samples | None = N
 
 def _scores(measured: Samples, predicted: Array, whole: Samples) -> list[Score]:
     """Of one run."""
-    own, half = mean_cycle(whole, measured.column("angle")), len(measured) // 2
-    turns = max(len(np.unique(whole.turns)), 2)
-    unbiased = np.sqrt(turns / (turns - 1))  # each revolution is in the mean that it is held against
+    odd, even = _alternate(whole[np.isin(whole.turns, measured.turns)])
+    left = np.sqrt(about_the_mean_cycle(whole, measured))
     found = []
-    for shown, guess, mean in zip(measured.outputs.T, predicted.T, own.T, strict=True):
+    for number, (shown, guess) in enumerate(zip(measured.outputs.T, predicted.T, strict=True)):
         unit = float(shown.std()) or 1.0
+        halves = odd.outputs[:, number], even.outputs[:, number]
         found.append(
             Score(
                 float(np.sqrt(np.mean((shown - guess) ** 2))) / unit,
-                float(unbiased * np.sqrt(np.mean((shown - mean) ** 2))) / unit,
+                float(left[number]) / unit,
                 float(wasserstein_distance(shown, guess)) / unit,
-                float(wasserstein_distance(shown[:half], shown[half:])) / unit,
+                float(wasserstein_distance(*halves)) / unit if len(odd) else 0.0,
             )
         )
     return found
+
+
+def _alternate(samples: Samples) -> tuple[Samples, Samples]:
+    """The odd and as many even whole revolutions of a run; none where there are not two."""
+    angle = samples.column("angle")
+    each = np.unique(samples.turns)
+    whole = each[[np.ptp(angle[samples.turns == turn]) > _WHOLE for turn in each]]
+    whole = whole[: len(whole) // 2 * 2]
+    return samples[np.isin(samples.turns, whole[::2])], samples[np.isin(samples.turns, whole[1::2])]
 
 
 def mean_of(each: Sequence[Score]) -> Score:

@@ -23,8 +23,13 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 Array = NDArray[np.float64]
 _AT_ONCE = 2048
 """Rows that are predicted together: what they take stays in the processor's cache."""
-_TRIED, _LOOKED_AT = 200, 1000
-"""Samples that may become a centre, and those by which it is chosen."""
+_LOOKED_AT = 1000
+"""Samples, at least, by which centres are chosen, and that may become one."""
+_RIDGE, _ALIKE = 1e-11, 1e-8
+"""Of a unit's largest square: what keeps units that are nearly the same solvable while they are chosen; and
+of a unit's own: what it has to add to those that are there."""
+_A_CLUSTER = 20
+"""Samples by which clusters are found; they count all."""
 _SINGULAR = 1e-12
 """Of the largest singular value: below it, units are not told apart by the samples."""
 
@@ -68,9 +73,11 @@ class RBFNetwork(_Network):
 
     Units are added one by one at the sample that leaves the least error (orthogonal least squares: Chen,
     Cowan, Grant 1991, 10.1109/72.80341), until there are `max_units` or the mean squared error, as a share of
-    the outputs' variance, is at most `error_goal`. A unit's width is `width` times its root mean square
-    distance to the nearest `neighbours` other centres (eq. 17). As many units as samples take all of them.
-    `history_`: the error with 1, 2, ... units, of the samples by which they were chosen.
+    the outputs' variance, is at most `error_goal`.
+    A unit's width is `width` times its root mean square distance to the nearest `neighbours` other centres
+    (eq. 17), at every step anew. As many units as samples, and no goal, take all of them. `history_`: the
+    error with 1, 2, ... units, of the samples by which they were chosen, twice as many as units and 1000 at
+    least.
     """
 
     fitted = ("flat_", "centres_", "widths_", "weights_", "constant_", "history_")
@@ -91,48 +98,62 @@ class RBFNetwork(_Network):
         scale = Y.std(axis=0)
         shares = (Y - self.constant_) / np.where(scale > 0, scale, 1.0)
         alone = max(float(np.sqrt(X.var(axis=0).sum())), _SINGULAR)
-        if self.max_units >= len(X):
+        if self.max_units >= len(X) and self.error_goal <= 0:
             self.centres_, self.history_ = np.unique(X, axis=0), np.empty(0)
+            apart = cdist(self.centres_, self.centres_, "sqeuclidean")
+            np.fill_diagonal(apart, np.inf)
+            self.widths_ = self._rooted(np.sort(apart, axis=1)[:, : self.neighbours], alone)
         else:
-            rows = check_random_state(self.random_state).permutation(len(X))[:_LOOKED_AT]
+            most = max(_LOOKED_AT, 2 * self.max_units)
+            rows = check_random_state(self.random_state).permutation(len(X))[:most]
             self._choose(X[rows], shares[rows], alone)
-        self.widths_ = self._widths(self.centres_, alone)
         self.weights_ = _least_squares(_gaussians(X, self.centres_, self.widths_), Y - self.constant_)
 
     def _choose(self, X: Array, shares: Array, alone: float) -> None:
-        """Find the centres among the first of X, and the error with each of them."""
-        tried, chosen, history = X[: max(_TRIED, self.max_units)], list[int](), list[float]()
-        left = shares
-        while len(chosen) < self.max_units and (not history or history[-1] > self.error_goal):
-            centres = tried[chosen]
-            columns = _gaussians(X, tried, self._rooted(cdist(tried, centres, "sqeuclidean"), alone))
-            if chosen:
-                basis, _ = np.linalg.qr(_gaussians(X, centres, self._widths(centres, alone)))
-                columns -= basis @ (basis.T @ columns)
-            squares = np.einsum("ij,ij->j", columns, columns)
-            told = squares > _SINGULAR * len(X)
+        """Find centres among X and their widths, and the error with each of them.
+
+        Column j of `units` is always what a unit at X[j] would be, by eq. 17 among those that are chosen.
+        """
+        squares, chosen, history = cdist(X, X, "sqeuclidean"), list[int](), list[float]()
+        near = np.full((len(X), self.neighbours), np.inf)
+        widths = self._rooted(near, alone)
+        units = np.exp(-0.5 * squares / widths**2)
+        norms = np.einsum("ij,ij->j", units, units)
+        rest, left = norms, shares
+        products = np.empty((min(self.max_units, len(X)), len(X)))  # of the chosen with all
+        while len(chosen) < len(products) and (not history or history[-1] > self.error_goal):
+            told = rest > _ALIKE * norms
             told[chosen] = False
-            if chosen and not told.any():
+            if not told.any():
                 break
-            gain = np.sum((columns.T @ left) ** 2, axis=1) / np.where(told, squares, 1.0)
-            chosen.append(int(np.argmax(np.where(told, gain, -1.0))))
-            units = _gaussians(X, tried[chosen], self._widths(tried[chosen], alone))
-            left = shares - units @ _least_squares(units, shares)
+            gain = np.sum((units.T @ left) ** 2, axis=1) / np.where(told, rest, 1.0)
+            new = int(np.argmax(np.where(told, gain, -1.0)))
+            chosen.append(new)
+            nearer = np.where(np.arange(len(X)) == new, np.inf, squares[:, new])
+            near = np.sort(np.column_stack([near, nearer]), axis=1)[:, : self.neighbours]
+            before, widths = widths, self._rooted(near, alone)
+            other = np.flatnonzero(widths != before)
+            units[:, other] = np.exp(-0.5 * squares[:, other] / widths[other] ** 2)
+            norms[other] = np.einsum("ij,ij->j", units[:, other], units[:, other])
+            there, known = units[:, chosen], products[: len(chosen)]
+            known[:, other] = there.T @ units[:, other]
+            moved = np.flatnonzero(np.isin(chosen, [*other, new]))
+            known[moved] = there[:, moved].T @ units
+            steady = known[:, chosen] + _RIDGE * len(X) * np.eye(len(chosen))
+            factor = scipy.linalg.cholesky(steady, lower=True)
+            rest = norms - np.sum(scipy.linalg.solve_triangular(factor, known, lower=True) ** 2, axis=0)
+            left = shares - there @ scipy.linalg.cho_solve((factor, True), there.T @ shares)
             history.append(float(np.mean(left**2)))
-        self.centres_, self.history_ = tried[chosen], np.array(history)
+        self.centres_, self.widths_, self.history_ = X[chosen], widths[chosen], np.array(history)
 
-    def _widths(self, centres: Array, alone: float) -> Array:
-        """Eq. 17, shape (units,)."""
-        apart = cdist(centres, centres, "sqeuclidean")
-        np.fill_diagonal(apart, np.inf)
-        return self._rooted(apart, alone)
+    def _rooted(self, near: Array, alone: float) -> Array:
+        """Eq. 17 of squared distances to the nearest other centres, shape (units, neighbours).
 
-    def _rooted(self, squares: Array, alone: float) -> Array:
-        """Of squared distances to other centres, shape (units, others); a unit without any is `alone`."""
-        nearest = np.sort(squares, axis=1)[:, : self.neighbours]
-        there = np.isfinite(nearest)
+        One that is not there is infinite; a unit without any is `alone` wide.
+        """
+        there = np.isfinite(near)
         count = there.sum(axis=1)
-        mean = np.where(there, nearest, 0.0).sum(axis=1) / np.maximum(count, 1)
+        mean = np.where(there, near, 0.0).sum(axis=1) / np.maximum(count, 1)
         return np.maximum(self.width * np.where(count > 0, np.sqrt(mean), alone), _SINGULAR)
 
     def _answer(self, X: Array) -> Array:
@@ -170,14 +191,16 @@ class GRNN(_Network):
         if len(X) <= self.max_prototypes:
             self.prototypes_, self.outputs_, self.counts_ = X, Y, np.ones(len(X))
             return
-        clusters = MiniBatchKMeans(
+        means = MiniBatchKMeans(
             self.max_prototypes,
             random_state=self.random_state,
             n_init=1,
             init="random",
             max_iter=5,
             batch_size=4096,
-        ).fit_predict(X)
+        )
+        few = check_random_state(self.random_state).permutation(len(X))[: _A_CLUSTER * self.max_prototypes]
+        clusters = means.fit(X[few]).predict(X)
         counts = np.bincount(clusters, minlength=self.max_prototypes)
         used = counts > 0
         self.counts_ = counts[used].astype(np.float64)

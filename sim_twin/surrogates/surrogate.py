@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.model_selection import GridSearchCV, GroupKFold
 
-from daq.errors import LogError
 from sim_twin.surrogates.judging import Score, scores
 from sim_twin.surrogates.networks import NETWORKS
-from sim_twin.surrogates.samples import COLUMNS, SETTINGS, Over, Samples
+from sim_twin.surrogates.samples import COLUMNS, SETTINGS, Over, Samples, slack
 
 Array = NDArray[np.float64]
 Kind = Literal["rbf", "grnn"]
@@ -24,8 +23,6 @@ _WIDTHS: Final[Mapping[str, Sequence[float]]] = {
 """That are tried: of a unit's distance to its neighbours, and of the inputs' standard deviations."""
 _FOLDS, _TRIED_ON = 3, 3000
 _TESTED_SHARE = 0.2
-_EDGE = 1e-6
-"""Of a range: as far outside of it an input may lie by rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +44,7 @@ class Features:
         return tuple(
             name
             for name, (low, high) in self.ranges.items()
-            if high - low <= _EDGE * max(abs(low), abs(high))
+            if high - low <= slack(name, max(abs(low), abs(high)))
         )
 
     def of(self, inputs: Array) -> Array:
@@ -90,12 +87,15 @@ class Surrogate:
         return found
 
     def outside(self, inputs: Array) -> dict[str, tuple[float, float]]:
-        """Inputs that lie outside of what was learnt, by name: least and largest that is asked for."""
+        """Inputs that lie outside of what was learnt, by name: least and largest that is asked for.
+
+        `inputs` have shape (n, 6).
+        """
         found = {}
         for name, (low, high) in self.ranges.items():
             column = inputs[:, list(COLUMNS).index(name)]
-            slack = _EDGE * max(abs(low), abs(high))
-            if column.min() < low - slack or column.max() > high + slack:
+            off = slack(name, max(abs(low), abs(high)))
+            if column.min() < low - off or column.max() > high + off:
                 found[name] = float(column.min()), float(column.max())
         return found
 
@@ -119,23 +119,22 @@ def learnt(
     """Learn from `samples`; without a `width`, the one that does best on revolutions that it did not see;
     `by_points`: on points that it did not see, as where it will be asked for points between those it learnt.
 
-    `given` are parameters of the network. Raises LogError where there is too little to learn from.
+    `given` are parameters of the network. Raises ValueError where there is too little to learn from.
     """
     check(samples, channels)
     taken = Features.of_samples(samples, over)
     features = taken.of(samples.inputs)
     if not features.shape[1] or not np.ptp(features, axis=0).any():
-        raise LogError("every input is the same in all samples: there is nothing to predict from")
+        raise ValueError("every input is the same in all samples: there is nothing to predict from")
     mean, scale = features.mean(axis=0), features.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     network = NETWORKS[kind](random_state=seed, **given)
     scaled = (features - mean) / scale
     if width is None:
         groups = np.arange(len(samples)) if by_points else _groups(samples)
-        most = len(samples) if by_points else _TRIED_ON  # by points, it is their density that counts
-        rows = np.random.default_rng(seed).permutation(len(samples))[:most]
+        rows = np.random.default_rng(seed).permutation(len(samples))[:_TRIED_ON]
         if len(np.unique(groups[rows])) < _FOLDS:
-            raise LogError(f"fewer than {_FOLDS} revolutions: too few to find a width by cross-validation")
+            raise ValueError(f"fewer than {_FOLDS} revolutions: too few to find a width by cross-validation")
         search = GridSearchCV(
             network,
             {"width": list(_WIDTHS[kind])},
@@ -156,20 +155,20 @@ def learnt_and_tested(samples: Samples, *args: Any, **given: Any) -> Surrogate:
     late = samples.late_turns(_TESTED_SHARE)
     found = learnt(samples[~late], *args, **given)
     tested = samples[late]
-    judged = scores(tested, found.predict(tested.inputs))
+    judged = scores(tested, found.predict(tested.inputs), samples)
     return replace(found, tested=dict(zip(found.channels, judged, strict=True)))
 
 
 def check(samples: Samples, channels: Sequence[str]) -> None:
-    """Raise LogError where nothing can be learnt from samples of these channels."""
+    """Raise ValueError where nothing can be learnt from samples of these channels."""
     if len(samples) < _LEAST:
-        raise LogError(f"{len(samples)} samples are too few to learn from: {_LEAST} at least")
+        raise ValueError(f"{len(samples)} samples are too few to learn from: {_LEAST} at least")
     for name, column in zip(channels, samples.outputs.T, strict=True):
         if not np.isfinite(column).all():
-            raise LogError(f"{name}: values that are not finite; a network can learn nothing from them")
+            raise ValueError(f"{name}: values that are not finite; a network can learn nothing from them")
     for name in COLUMNS:
         if not np.isfinite(samples.column(name)).all():
-            raise LogError(f"{name}: not known for every sample")
+            raise ValueError(f"{name}: not known for every sample")
 
 
 _LEAST = 50

@@ -56,6 +56,18 @@ def frame_acceleration(mode: FrameMode, rate: float) -> LinearFilter:
     return oscillator(omega, decay, 1 / mode.mass, (-(omega**2), -decay), 1 / mode.mass, rate)
 
 
+class Frames:
+    """The rig's frame, from rest on: accelerations in m/s2 by channel, from what a simulation puts out."""
+
+    def __init__(self, rig: PlanarSliderCrank, rate: float) -> None:
+        self._filters = {name: frame_acceleration(mode, rate) for name, mode in rig.frames.items()}
+
+    def __call__(self, outputs: Array) -> dict[str, Array]:
+        """For the next `outputs`, shape (outputs, n); each of shape (n,)."""
+        forces = {CRANK_Y: outputs[FRAME_Y], CRANK_X: outputs[FRAME_X], PISTON_Y: outputs[GUIDE_Y]}
+        return {name: self._filters[name](force) for name, force in forces.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class Eccentricity:
     """Journal's centre less bearing's at both joints, `x`, `y` in m and their rates in m/s, shapes (2,)."""
@@ -161,7 +173,7 @@ class CrankTruth:
         self._rig, self._rate = twin.rig, rate
         self._drive = AT_REST
         self._simulation: Simulation[CrankNumbers] | None = None
-        self._frames = {name: frame_acceleration(mode, rate) for name, mode in twin.rig.frames.items()}
+        self._frames = Frames(twin.rig, rate)
         self._steps = 0
         self._status = Status.COMPLETED
 
@@ -188,11 +200,9 @@ class CrankTruth:
             trace = self._simulation.advance(steps)
             outputs, self._status = trace.outputs, trace.status
         self._steps += outputs.shape[1]
-        forces = {CRANK_Y: outputs[FRAME_Y], CRANK_X: outputs[FRAME_X], PISTON_Y: outputs[GUIDE_Y]}
-        accelerations = [self._frames[name](force) for name, force in forces.items()]
-        return np.array(
-            [*accelerations, outputs[ANGLE], marker_voltage(outputs[ANGLE] - self._rig.marker_angle)]
-        )
+        accelerations = self._frames(outputs).values()
+        marker = marker_voltage(outputs[ANGLE] - self._rig.marker_angle)
+        return np.array([*accelerations, outputs[ANGLE], marker])
 
     def shape(self) -> Array:
         """Points in m, shape (5, 2): crank bearing, crank pin, both ends of the rod, piston pin."""

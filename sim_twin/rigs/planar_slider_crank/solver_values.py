@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import pi
 
 import numpy as np
@@ -11,7 +12,14 @@ from daq.errors import SimulationFailed
 from sim_twin.mechanisms.run import CONTACT, ONSET, PEAK
 from sim_twin.mechanisms.simulation import Trace
 from sim_twin.rigs.planar_slider_crank.kernel import ANGLE, CRANK_PIN, PISTON_ACCELERATION, PISTON_PIN
-from sim_twin.rigs.planar_slider_crank.motion import CENTRED, CrankTwin, Eccentricity, simulation, step_limits
+from sim_twin.rigs.planar_slider_crank.motion import (
+    CENTRED,
+    CrankTwin,
+    Eccentricity,
+    Frames,
+    simulation,
+    step_limits,
+)
 from sim_twin.rigs.rig_model import SolverValues
 from sim_twin.status import Status
 
@@ -23,10 +31,21 @@ Array = NDArray[np.float64]
 def solver_values(twin: CrankTwin, settle: float, duration: float) -> SolverValues:
     """First peaks from the start on; the rest over `duration` s after the first `settle` s.
 
-    Forces in N, rms slider acceleration in m/s2; None where a joint had no contact. Raises SimulationFailed.
+    Forces in N, accelerations of slider and frame in m/s2; None where a joint had no contact. Raises
+    SimulationFailed.
     """
     trace, episodes = motion(twin, settle + duration)
-    return values_of(trace, episodes, settle)
+    frames, first = Frames(twin.rig, RATE)(trace.outputs), round(settle / trace.step)
+    return values_of(trace, episodes, settle) | frame_figures({name: a[first:] for name, a in frames.items()})
+
+
+def frame_figures(shown: Mapping[str, Array]) -> SolverValues:
+    """Rms and largest of the frame's accelerations (m/s2, by channel); of none where there are no samples."""
+    values: SolverValues = {}
+    for name, row in shown.items():
+        values[f"{name}_rms_m_s2"] = float(np.sqrt(np.mean(row**2))) if len(row) else None
+        values[f"{name}_peak_m_s2"] = float(np.abs(row).max()) if len(row) else None
+    return values
 
 
 def motion(twin: CrankTwin, seconds: float, at: Eccentricity = CENTRED) -> tuple[Trace, Array]:

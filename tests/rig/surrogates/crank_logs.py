@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from daq.block import SampleBlock, sample_time_ns
 from daq.log.records import RECORD_END, Event
 from daq.log.writer import LogWriter
-from rig.surrogates.recordings import Setting
+from rig.files.bench import embedded_bench
+from rig.surrogates.recordings import SEED, Setting
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE, CHANNELS
 from tests.rig.synthetic_run import START_NS
 
@@ -33,13 +35,20 @@ def shown(setting: Setting, seconds: float, rate: float = RATE) -> dict[str, np.
 
 
 def write_log(
-    path: Path, setting: Setting, seconds: float = 3.0, leave_out: str = "", spoil: str = ""
+    path: Path,
+    setting: Setting,
+    seconds: float = 3.0,
+    leave_out: str = "",
+    spoil: str = "",
+    show: Callable[[Setting, float], dict[str, np.ndarray]] = shown,
 ) -> Path:
-    rows = {name: row for name, row in shown(setting, seconds).items() if name != leave_out}
+    rows = {name: row for name, row in show(setting, seconds).items() if name != leave_out}
     if spoil:
         rows[spoil][:] = np.nan
     with LogWriter(path) as log:
         log.add_metadata("scenario", {"toml": setting.scenario(seconds)})
+        bench = hashlib.sha256(embedded_bench("planar_slider_crank").text.encode()).hexdigest()
+        log.add_metadata("run", {"bench_sha256": bench, "emulation_seed": str(SEED)})
         for name in rows:
             log.declare("measured", CHANNELS[name].described)
         for first in range(0, round(seconds * RATE), BLOCK):

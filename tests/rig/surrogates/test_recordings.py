@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,9 @@ from daq.clock import SystemClock
 from rig.files.scenario import parse_scenario
 from rig.session.progress import Screen, Terminal
 from rig.session.run import RunRequest
+from rig.surrogates import recordings
 from rig.surrogates.recordings import ALL, PAPER, QUICK_SECONDS, SECONDS, SEED, Setting, log_of, recorded
+from rig.twin.recorded_samples import RIG
 from tests.rig.surrogates.crank_logs import write_log, write_recordings
 
 
@@ -49,6 +52,17 @@ def test_a_log_that_was_cut_short_counts_for_nothing(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1000])
     assert log_of(tmp_path, PAPER[0], QUICK_SECONDS) is None
     path.write_bytes(b"not a log")
+    assert log_of(tmp_path, PAPER[0], QUICK_SECONDS) is None
+
+
+def test_a_log_of_another_bench_counts_for_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_recordings(tmp_path, PAPER[:1], QUICK_SECONDS)
+    monkeypatch.setattr(recordings, "SEED", SEED + 1)  # another rig
+    assert log_of(tmp_path, PAPER[0], QUICK_SECONDS) is None
+    monkeypatch.setattr(recordings, "SEED", SEED)
+    assert log_of(tmp_path, PAPER[0], QUICK_SECONDS) is not None
+    bench = recordings.embedded_bench(RIG)
+    monkeypatch.setattr(recordings, "embedded_bench", lambda _: replace(bench, text=bench.text + "# new"))
     assert log_of(tmp_path, PAPER[0], QUICK_SECONDS) is None
 
 

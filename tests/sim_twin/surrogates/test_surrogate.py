@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from daq.errors import LogError
 from sim_twin.surrogates.judging import scores
 from sim_twin.surrogates.samples import COLUMNS, Samples, mean_cycle
 from sim_twin.surrogates.surrogate import learnt, learnt_and_tested
@@ -59,6 +58,15 @@ def test_what_lies_outside_of_what_it_learnt_is_named() -> None:
     }
 
 
+def test_speeds_that_a_drive_holds_alike_are_one() -> None:
+    runs = [turning(speed, gap) for speed, gap in ((199.96, 1), (200.03, 1), (199.99, 2))]
+    found = learnt(Samples.joined(runs), "rig", CHANNELS, "angle", "grnn", width=0.1)
+    assert "speed" in found.features.constants
+    assert found.outside(turning(speed_rpm=200.2).inputs) == {}
+    assert found.outside(turning(speed_rpm=201.0).inputs).keys() == {"speed"}
+    assert list(np.unique(Samples.joined(runs).classes("speed"))) == [0]
+
+
 def test_time_has_a_range_and_an_angle_has_none() -> None:
     over_time = learnt(turning(), "rig", CHANNELS, "time", "grnn", width=0.1)
     assert over_time.outside(turning(turns=13).inputs).keys() == {"time"}
@@ -100,7 +108,7 @@ def spoilt(what: str) -> Samples:
     ],
 )
 def test_what_cannot_be_learnt_from_is_refused(samples: Callable[[], Samples], over, told: str) -> None:
-    with pytest.raises(LogError, match=told):
+    with pytest.raises(ValueError, match=told):
         learnt(samples(), "rig", CHANNELS, over, "rbf")
 
 
@@ -120,6 +128,31 @@ def test_scores_tell_a_right_distribution_from_a_right_mean() -> None:
     for each in flat:
         assert each.rmse == pytest.approx(1.0, abs=0.01)
         assert each.distance_over_floor > 10
+
+
+@pytest.mark.parametrize("kept", [1.0, 0.05])
+def test_a_floor_is_the_same_of_few_samples_as_of_all(kept: float) -> None:
+    """Scatter alone, of which each sample would be most of its own mean where there are few."""
+    run, random = turning(turns=40), np.random.default_rng(1)
+    noise = Samples(run.inputs, random.normal(size=run.outputs.shape), run.runs, run.turns)
+    few = noise[random.random(len(noise)) < kept]
+    for score in scores(few, 0 * few.outputs, few):
+        assert score.rmse_floor == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_floor_of_distributions_is_of_whole_revolutions() -> None:
+    """Half a revolution more shows what the whole ones do not: it is in no floor."""
+    run = turning(turns=8)
+    repeats = Samples(
+        run.inputs, np.floor(run.column("angle") / np.pi)[:, None] % 2 * np.ones(3), run.runs, run.turns
+    )
+    cut = repeats[repeats.column("angle") < 6.5 * 2 * math.pi]
+    for score in scores(cut, cut.outputs):
+        assert score.distance_floor == pytest.approx(0.0, abs=0.01)
+    for score in scores(cut[cut.turns < 2], cut[cut.turns < 2].outputs):
+        assert score.distance_floor == pytest.approx(0.0, abs=0.01)
+    for score in scores(cut[cut.turns < 1], cut[cut.turns < 1].outputs):
+        assert score.distance_floor == 0.0
 
 
 def test_the_floor_of_few_revolutions_is_that_of_many() -> None:
