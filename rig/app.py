@@ -14,12 +14,13 @@ from drivers.lock import Latch
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.scpi.settings import GeneratorSettings
-from rig.emulation import NOTHING_EMULATED, Emulated, emulated_bench, starting
+from rig.emulation import NOTHING_EMULATED, STARTING, Emulated, emulated_bench, first_start
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
 from rig.rigs import RIGS
 from rig.session.devices import Devices
+from rig.session.pace import Work
 from rig.session.progress import Screen
 
 
@@ -29,7 +30,7 @@ def connect(
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
     emulated, notes = NOTHING_EMULATED, chain_record(bench)
     if bench.emulated:
-        with screen.busy(starting(bench)):
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             emulated = stack.enter_context(emulated_bench(scenario, bench))
         notes["emulated"] = " ".join(INSTRUMENTS[table].word for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)

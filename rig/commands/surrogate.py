@@ -10,6 +10,7 @@ from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import RUNS, RunFile, RunFiles
+from rig.session.pace import Work
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -43,11 +44,16 @@ def train(
     if out.exists():
         raise RattleError(f"{out} is there already; remove it or name another, nothing was trained")
     screen = Screen(Terminal())
-    with screen.busy("learning"):
+    with screen.busy("learning", Work(f"train {network} over {over}", _size_of(runs))):
         found = trained(runs, network, over, units, seed)
     save_surrogate(found, out)
     _tell(found, screen)
     screen.say(f"surrogate  {out}")
+
+
+def _size_of(runs: list[Path]) -> float:
+    """Of files, in MB."""
+    return sum(run.stat().st_size for run in runs if run.is_file()) / 1e6
 
 
 def _tell(found: Surrogate, screen: Screen) -> None:
@@ -86,8 +92,7 @@ def predict(
 
     screen = Screen(Terminal())
     target = out or run.with_suffix(".surrogate.mcap")
-    with screen.busy("predicting"):
-        overlay_run(run, target, warn=screen.warn, surrogate=model)
+    overlay_run(run, target, warn=screen.warn, surrogate=model, screen=screen)
     report_and_name(read_run(target), screen)
 
 
@@ -122,7 +127,7 @@ def report(
         runs = list(recorded(ALL, out / "logs", seconds, connect, screen, SystemClock()).values())
     with (
         worker_processes(min(cores(), 2)) as workers,
-        screen.bar("judging", judgement.PIECES, "comparisons") as bar,
+        screen.bar("judging", judgement.PIECES, "comparisons", Work("judge", _size_of(runs))) as bar,
     ):
         rows = judgement.judged(runs, out, workers.executor, bar)
     table = Table(*judgement.HEADINGS, box=None, pad_edge=False)

@@ -13,15 +13,30 @@ from queue import SimpleQueue
 from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+)
 from rich.text import Text
 
+from daq.clock import Clock, SystemClock
 from daq.errors import RattleError, harmless
+from rig.session.pace import Paces, Work, lasting
 
 FIRST_START: Final = "compiled on a first start, which takes up to a minute"
 """Measured on two cores with nothing compiled: beam 17 s, planar crank 34 s, spatial crank 50 s, or 52 s on
 real instruments. Whatever simulates first compiles for all."""
 
+
+TOLD_FROM_S: Final = 3.0
+"""What is over sooner needs no telling: whatever takes five seconds was expected to take four."""
+_MEASURED_S, _EARLY = 1.0, 0.1
+"""For how long work is measured before it tells its own pace; until which share what was told counts."""
 
 _READ_S: Final = 1.0
 """How long the last words may take to be read."""
@@ -36,11 +51,65 @@ class Terminal(Console):
         return super().render_str(harmless(text), **{**how, "markup": False, "emoji": False})
 
 
-class Screen:
-    """Lines and progress bars on the terminal; on a pipe, lines alone."""
+class Waiting:
+    """How long is left of what takes `total` of some unit (0: nobody counts) and was told to take `told_s`.
 
-    def __init__(self, console: Console) -> None:
+    Until a tenth is done what was told counts, if anything was; then what it does in a second.
+    """
+
+    def __init__(self, total: float, told_s: float | None, clock: Clock) -> None:
+        self._total, self._told_s, self._clock = total, told_s, clock
+        self._began_s = clock.monotonic_s()
+        self._first: tuple[float, float] | None = None  # done and time at the first report, before it a start
+        self._done, self._done_s = 0.0, self._began_s
+
+    @property
+    def taken_s(self) -> float:
+        return self._clock.monotonic_s() - self._began_s
+
+    def report(self, done: float) -> None:
+        """So much is done, of `total`."""
+        self._done, self._done_s = done, self._clock.monotonic_s()
+        if self._first is None:
+            self._first = done, self._done_s
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds, none below 0; None where nobody can tell."""
+        by_told = None if self._told_s is None else self._told_s - self.taken_s
+        if by_told is not None and self._done < _EARLY * self._total:
+            return max(by_told, 0.0)
+        by_pace = self._by_pace()
+        return by_told if by_pace is None and by_told is not None and by_told > 0 else by_pace
+
+    def _by_pace(self) -> float | None:
+        first, first_s = self._first or (0.0, self._began_s)
+        if self._done <= first:
+            first, first_s = 0.0, self._began_s
+        if not self._total or self._done <= first or self.taken_s < _MEASURED_S:
+            return None
+        pace = (self._done_s - first_s) / (self._done - first)
+        return max(pace * (self._total - self._done) - (self._clock.monotonic_s() - self._done_s), 0.0)
+
+
+class _Left(ProgressColumn):
+    """The time left, and what else is told beside it."""
+
+    def render(self, task: Task) -> Text:
+        left_s: float | None = task.fields["waiting"].left_s
+        words = [] if left_s is None else [f"{lasting(left_s)} left"]
+        return Text("   ".join([*words, *filter(None, [task.fields["beside"]()])]))
+
+
+class Screen:
+    """Lines and progress bars on the terminal; on a pipe, lines alone.
+
+    `paces` knows how long work took here before.
+    """
+
+    def __init__(self, console: Console, paces: Paces | None = None, clock: Clock | None = None) -> None:
         self.console = console
+        self.paces, self._clock = paces or Paces(), clock or SystemClock()
         self._queue: SimpleQueue[Callable[[], None] | None] | None = None
 
     @contextmanager
@@ -107,41 +176,105 @@ class Screen:
             raise RattleError("nobody is there to confirm what is done by hand (end of input)") from error
 
     @contextmanager
-    def busy(self, text: str) -> Iterator[None]:
-        """Show that something goes on that has no length."""
-        if not self.console.is_terminal:
-            self.say(f"{text} ...")
+    def busy(self, text: str, work: Work | None = None, unknown: str = "") -> Iterator[None]:
+        """Show that something goes on of which nobody counts what is done, and how long it takes.
+
+        `unknown` is said where no such work was done here before.
+        """
+        told_s = self._expected_s(work)
+        about = unknown if told_s is None else _about(told_s)
+        waiting = Waiting(0.0, told_s, self._clock)
+        if self.console.is_terminal:
+            with self._shown(f"{text} ({unknown})" if told_s is None and unknown else text, None, waiting):
+                yield
+        else:
+            self.say(f"{text}{f' ({about})' if about else ''} ...")
             yield
-            return
-        with self.console.status(text):
-            yield
+        self._took(work, waiting)
 
     @contextmanager
-    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
+    def bar(
+        self,
+        text: str,
+        total: float,
+        unit: str = "s",
+        work: Work | None = None,
+        beside: Callable[[], str] = lambda: "",
+    ) -> Iterator[Callable[[float], None]]:
         """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter.
 
-        What it gives is told how far it is, in that unit.
+        What it gives is told how far it is, in that unit; `beside` says what else there is to see. Of `work`,
+        that is not over when its seconds are, it tells how long it takes, where nobody knows once it is
+        measured.
         """
-        if not self.console.is_terminal:
-            self.say(f"{text} ({total:g} {unit}) ...")
-            said = 0
+        told_s = total if unit == "s" else self._expected_s(work)
+        waiting = Waiting(total, told_s, self._clock)
+        if self.console.is_terminal:
+            with self._shown(text, total, waiting, beside) as show:
+
+                def shown(done: float) -> None:
+                    waiting.report(done)
+                    show(done)
+
+                yield shown
+        else:
+            about = [] if told_s is None or unit == "s" else [_about(told_s)]
+            self.say(f"{text} ({', '.join([f'{total:g} {unit}', *about])}) ...")
+            said, measured = 0, told_s is not None or work is None
 
             def quarters(done: float) -> None:
-                nonlocal said
+                nonlocal said, measured
+                waiting.report(done)
+                left_s = waiting.left_s
+                if not measured and left_s is not None:
+                    measured = True
+                    if left_s + waiting.taken_s >= TOLD_FROM_S:
+                        self.say(f"{text}: about {lasting(left_s)} left")
                 if (now := min(3, int(4 * done / total)) if total else 3) > said:
                     said = now
                     self.say(f"{text} {25 * now} %")
 
             yield (lambda done: None) if unit == "s" else quarters
-            return
-        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+        self._took(work, waiting)
+
+    @contextmanager
+    def _shown(
+        self,
+        text: str,
+        total: float | None,
+        waiting: Waiting,
+        beside: Callable[[], str] = lambda: "",
+    ) -> Iterator[Callable[[float], None]]:
+        counted = (BarColumn(), TaskProgressColumn()) if total is not None else ()
+        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *counted, _Left())
         progress = Progress(*columns, console=self.console, transient=True)
-        task = progress.add_task(text, total=total)
+        task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside)
         self._show(progress.start)
         try:
             yield lambda done: progress.update(task, completed=done)
         finally:
             self._show(progress.stop)
+
+    @contextmanager
+    def within(self, what: str, work: Work | None) -> Iterator[None]:
+        """Say at the start how long all that follows takes, where it was done here before."""
+        waiting = Waiting(0.0, told_s := self._expected_s(work), self._clock)
+        if told_s is not None:
+            self.say(f"{what:<10} {_about(told_s)}")
+        yield
+        self._took(work, waiting)
+
+    def _expected_s(self, work: Work | None) -> float | None:
+        expected_s = None if work is None else self.paces.expected_s(work)
+        return None if expected_s is None or expected_s < TOLD_FROM_S else expected_s
+
+    def _took(self, work: Work | None, waiting: Waiting) -> None:
+        if work is not None:
+            self.paces.took(work, waiting.taken_s)
+
+
+def _about(seconds: float) -> str:
+    return f"about {lasting(seconds)}"
 
 
 def _typed() -> bytes | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from daq.block import NS_PER_S, sample_time_ns
@@ -16,6 +16,7 @@ from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import AcquisitionSection
+from rig.session.pace import Work
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
@@ -63,9 +64,9 @@ def replay_log(
         names = {origin: list(log.channels(origin)) for origin in ORIGINS}
         derivation = Derivation(stream, names, nominal, from_record(log.metadata.get(RECORD, {})))
         stream += [derived, derivation]
-        with screen.busy("replaying"):
-            count = _play(log, speed, clock, stop, stream)
-        derivation.finish()
+        with _shown(log, speed, screen) as told:
+            count = _play(log, speed, clock, stop, stream, told)
+            derivation.finish()
         screen.say(f"derived    {derived}")
         if live:
             screen.hold("the live view stays open; Enter closes it", lambda: stop.wanted)
@@ -90,7 +91,22 @@ class _Derived:
                 self._impacts += 1
 
 
-def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish: Consumer) -> int:
+def _shown(log: LogReader, speed: float, screen: Screen) -> AbstractContextManager[Callable[[float], None]]:
+    """A bar over the s of a log that are played; of a log that was cut short nobody knows how many."""
+    ends_ns = [log.last_ns(f"/{origin}/{name}", 0) for origin in PLAYED for name in log.channels(origin)]
+    seconds = (max(ends_ns) - (log.zero_ns or 0)) / NS_PER_S
+    work = Work("replay", log.path.stat().st_size / 1e6)
+    return screen.bar("replaying", max(seconds, 0.0), "s of the log", work if speed == 0 else None)
+
+
+def _play(
+    log: LogReader,
+    speed: float,
+    clock: Clock,
+    stop: StopRequest,
+    publish: Consumer,
+    told: Callable[[float], None],
+) -> int:
     """Paced on the monotonic clock; returns the number of blocks."""
 
     def blocks(origin: Origin) -> Iterator[tuple[int, Record]]:
@@ -109,6 +125,7 @@ def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish
                 stop.check()
                 clock.sleep(min(left_s, 0.05))
         publish(record)
+        told((time_ns - first_ns) / NS_PER_S)
         count += isinstance(record, Block)
     return count
 
