@@ -60,7 +60,11 @@ class Paces:
             return {}
         with suppress(Exception):  # whatever damage raises: it is measured again
             kept = json.loads(self._file.read_text(encoding="utf-8"))
-            return {str(kind): [(float(u), float(s)) for u, s in each] for kind, each in kept.items()}
+            pairs = {str(kind): [(float(u), float(s)) for u, s in each] for kind, each in kept.items()}
+            return {
+                kind: [(u, s) for u, s in each if 0 < u < math.inf and 0 < s < math.inf]
+                for kind, each in pairs.items()
+            }
         return {}
 
 

@@ -36,8 +36,7 @@ real instruments. Whatever simulates first compiles for all."""
 TOLD_FROM_S: Final = 3.0
 """What is over sooner needs no telling: whatever takes five seconds was expected to take four."""
 _MEASURED_S, _EARLY = 1.0, 0.1
-"""For how long work is measured before it tells its own pace; until which share what was told counts."""
-
+"""How long work is measured at least before it tells its own pace; until which share what was told counts."""
 _READ_S: Final = 1.0
 """How long the last words may take to be read."""
 _LOOK_S: Final = 0.1
@@ -83,10 +82,14 @@ class Waiting:
         return by_told if by_pace is None and by_told is not None and by_told > 0 else by_pace
 
     def _by_pace(self) -> float | None:
-        first, first_s = self._first or (0.0, self._began_s)
-        if self._done <= first:
-            first, first_s = 0.0, self._began_s
-        if not self._total or self._done <= first or self.taken_s < _MEASURED_S:
+        """From the first report on: before it something starts, which comes but once.
+
+        Measured for half as long as until then at least, for what works side by side reports at once.
+        """
+        if self._first is None or self._done <= self._first[0]:
+            return None
+        first, first_s = self._first
+        if self._done_s - first_s < max(_MEASURED_S, (first_s - self._began_s) / 2):
             return None
         pace = (self._done_s - first_s) / (self._done - first)
         return max(pace * (self._total - self._done) - (self._clock.monotonic_s() - self._done_s), 0.0)

@@ -66,7 +66,9 @@ def test_what_compiled_tells_nothing_of_what_need_not(
     assert kept(paces, (10.0, 5.0)).expected_s(Work("predict", 10.0)) == 5.0
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{", '{"predict": 3}', '{"predict": [[1]]}', '{"predict": [[0, 0]]}'])
+@pytest.mark.parametrize(
+    "content", ["", "[]", "{", '{"predict": 3}', '{"predict": [[1]]}', '{"predict": [[0, 0]]}']
+)
 def test_a_damaged_file_is_as_good_as_none(paces: Paces, tmp_path: Path, content: str) -> None:
     file = tmp_path / "cache" / "rattle" / "paces.json"
     file.parent.mkdir(parents=True)
