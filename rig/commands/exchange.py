@@ -68,8 +68,8 @@ def export(
         raise typer.BadParameter(f"--to {to}: one of {known}")
     target = out or run.with_suffix(chosen.suffixes[0])
     start_s, end_s = seconds(start, "--from"), math.inf if end is None else seconds(end, "--to-time")
-    size = run.stat().st_size / 1e6
     with LogReader(run) as log, Scratch(target.parent) as scratch:
+        size = run.stat().st_size / 1e6
         origins, names = _chosen(log, channels, origin)
         with screen.busy("reading", Work("read for export", size)):
             recording = read_log(log, scratch, origins, names)

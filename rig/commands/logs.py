@@ -63,7 +63,7 @@ def verify(log: RunFile, as_json: Json = False) -> None:
 @contextmanager
 def _read(what: str, log: Path, screen: Screen) -> Iterator[Callable[[int], None]]:
     """Show how far a log has been read; of one that is soon read nothing is said."""
-    size = log.stat().st_size / 1e6
+    size = log.stat().st_size / 1e6 if log.is_file() else 0.0
     if size < _LARGE_MB:
         yield lambda _: None
         return

@@ -250,7 +250,7 @@ class _Run:
         work = Work(f"finish {self._scenario.rig}", wanted.settle + wanted.duration)
         with rig.screen.busy("finishing the prediction", work):
             feed.finish(self._stop.check)
-        derivation.finish(rig.logbook.note, self._stop.check)
+            derivation.finish(rig.logbook.note, self._stop.check)
         if view is not None:
             rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
         rig.recorder.close()

@@ -67,7 +67,7 @@ class Idle:
     error, lost = "", False
     emergency_stop: EmergencyStop | None = None
 
-    def __init__(self, *_: Any) -> None:
+    def __init__(self, *_: Any, **__: Any) -> None:
         pass
 
     def __enter__(self) -> Idle:
