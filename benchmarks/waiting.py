@@ -13,6 +13,7 @@ machine code kept.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -28,7 +29,7 @@ from rig.session.pace import Paces, Work
 
 ROOT: Final = Path(__file__).parents[1]
 SIZES: Final = (2.0, 8.0, 4.0)
-"""s of record, or what is that many times as large as a small one; the last is told by the others."""
+"""How large the work is, as times of a small one; the last is told by the others."""
 WITHIN, LEAST_S = 0.3, 1.0
 POINT_S, CRANK_S, POINTS, RATE_HZ = 3.0, 40.0, 27, 51_200.0
 
@@ -74,7 +75,8 @@ settle = "0.5 s"
 
 def rattle(folder: Path, *arguments: object) -> tuple[str, float]:
     """Run a command; what it said, and its wall time in s."""
-    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "RATTLE_PACES": "1"}
+    kept = {"XDG_CACHE_HOME": str(folder / "cache"), "RATTLE_PACES": "1"}
+    environment = {"RATTLE_HEALTHY_RIGS": "0", **os.environ, **kept}
     began = time.perf_counter()
     ended = subprocess.run(  # noqa: S603 - our own
         [sys.executable, "-m", "rig.start", *map(str, arguments)],
@@ -91,16 +93,19 @@ def rattle(folder: Path, *arguments: object) -> tuple[str, float]:
 def commands(folder: Path, size: float) -> Iterator[tuple[object, ...]]:
     """Work of that size, each command with what the ones before it left."""
     beam, crank, long = (folder / f"{name} {size:g}.toml" for name in ("beam", "crank", "long"))
-    beam.write_text(BEAM.format(seconds=size))
-    crank.write_text(CRANK.format(seconds=size))
+    beam.write_text(BEAM.format(seconds=2 * size))
+    crank.write_text(CRANK.format(seconds=2 * size))
     long.write_text(BEAM.format(seconds=20 * size))
-    runs, large = folder / f"runs {size:g}", folder / f"large {size:g}.mcap"
-    yield "run", beam, "--out", runs
-    (log,) = runs.glob("*.mcap")
+    large, table = folder / f"large {size:g}.mcap", folder / f"table {size:g}.csv"
+    drawn, log = folder / f"drawn {size:g}.mcap", folder / f"run {size:g}.mcap"
+    yield "predict", beam, "--seed", 1, "--out", drawn
+    yield "export", drawn, "--to", "csv", "--channels", "drive.force,contact.*,yoke.*", "-o", table
+    as_measured(table)
+    yield "import", table, "--scenario", beam, "-o", log
     yield "overlay", log, "-o", folder / f"overlay {size:g}.mcap"
     yield "gap", log
-    yield "diagnose", log, "--out", folder / f"answer {size:g}", "--budget", 8 * size
-    yield "calibrate", log, "-o", folder / f"model {size:g}.toml", "--rigs", round(60 * size)
+    yield "diagnose", log, "--out", folder / f"answer {size:g}", "--budget", 6 * size
+    yield "calibrate", log, "-o", folder / f"model {size:g}.toml", "--rigs", round(50 * size)
     yield "predict", crank, "--out", folder / f"crank {size:g}.mcap"
     yield "predict", long, "--out", large
     yield "replay", large, "--speed", 0
@@ -109,6 +114,16 @@ def commands(folder: Path, size: float) -> Iterator[tuple[object, ...]]:
     yield "export", large, "--to", "csv", "-o", folder / f"long {size:g}.csv"
     yield "ensemble", beam, "--runs", 200
     yield "reproduce", "--quick", "--only", "ibs-7", "--out", folder / f"again {size:g}"
+
+
+def as_measured(table: Path) -> None:
+    """Leave of an exported table what another program's would hold: times and channels."""
+    with table.open(newline="") as file:
+        heading, *rows = csv.reader(file)
+    with table.open("w", newline="") as file:
+        written = csv.writer(file)
+        written.writerow([name.removeprefix("predicted/") for name in heading[:-1]])
+        written.writerows(row[:-1] for row in rows)
 
 
 def told(folder: Path) -> bool:

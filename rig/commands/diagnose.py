@@ -29,7 +29,8 @@ def diagnose(
     model: Model = None,
     seed: Seed = 0,
     budget: Annotated[
-        float, typer.Option("--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about.")
+        float,
+        typer.Option("--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about."),
     ] = 120.0,
     machine: Json = False,
 ) -> None:

@@ -129,7 +129,7 @@ class DrivenRig:
         standing: Standing | None = None,
     ) -> None:
         self.devices, self.screen, self.clock = devices, screen, clock
-        self._bench, self._stop = bench, stop
+        self.name, self._bench, self._stop = bench.rig, bench, stop
         self.sample_rate = devices.card.sample_rate
         self.names = [channel.name for channel in devices.card.channels]
         ranges = {each.name: each.range for each in bench.daq_card.channels if not each.counted}

@@ -37,17 +37,18 @@ class Paces:
     def __init__(self, file: Path | None = None) -> None:
         self._file = file or cache_folder() / "paces.json"
         self._off = os.environ.get(PACES) == "0"
+        self._known = self._read()
 
     def expected_s(self, work: Work) -> float | None:
         """Seconds that `work` will take; None where none of its kind was done here before."""
-        known = self._read().get(work.kind)
+        known = self._known.get(work.kind)
         return None if not known else _by_line(known, work.units)
 
     def took(self, work: Work, seconds: float) -> None:
         """Keep what a work took, unless machine code was compiled meanwhile, which it is but once."""
         if self._off or work.units <= 0 or seconds <= 0 or _compiled_within(seconds):
             return
-        known = self._read()  # anew: another command may have kept something
+        self._known = known = self._read()  # anew: another command may have kept something
         known[work.kind] = [*known.get(work.kind, []), (work.units, seconds)][-_KEPT:]
         with suppress(Exception):  # a cache: without a place for it the next work is told of later
             self._file.parent.mkdir(parents=True, exist_ok=True)

@@ -43,6 +43,10 @@ _LOOK_S: Final = 0.1
 _LINES: Final = 1 << 16
 
 
+_TIMES: Final = ("s of motion", "s of the log", "MB")
+"""Units of which nobody counts quarters."""
+
+
 class Terminal(Console):
     """Shows whatever stands in a text, in a table's cell too, and takes none of it for an order."""
 
@@ -204,14 +208,13 @@ class Screen:
         work: Work | None = None,
         beside: Callable[[], str] = lambda: "",
     ) -> Iterator[Callable[[float], None]]:
-        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter.
+        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, of a count each quarter.
 
-        What it gives is told how far it is, in that unit; `beside` says what else there is to see. Of `work`,
-        that is not over when its seconds are, it tells how long it takes, where nobody knows once it is
-        measured.
+        What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
+        `work` takes is told at the start or, where nobody knows, once it is measured.
         """
-        told_s = total if unit == "s" else self._expected_s(work)
-        waiting = Waiting(total, told_s, self._clock)
+        told_s = self._expected_s(work)
+        waiting = Waiting(total, total if told_s is None and unit == "s" else told_s, self._clock)
         if self.console.is_terminal:
             with self._shown(text, total, waiting, beside) as show:
 
@@ -221,7 +224,7 @@ class Screen:
 
                 yield shown
         else:
-            about = [] if told_s is None or unit == "s" else [_about(told_s)]
+            about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
             self.say(f"{text} ({', '.join([f'{total:g} {unit}', *about])}) ...")
             said, measured = 0, told_s is not None or work is None
 
@@ -233,6 +236,8 @@ class Screen:
                     measured = True
                     if left_s + waiting.taken_s >= TOLD_FROM_S:
                         self.say(f"{text}: about {lasting(left_s)} left")
+                if unit in _TIMES:
+                    return
                 if (now := min(3, int(4 * done / total)) if total else 3) > said:
                     said = now
                     self.say(f"{text} {25 * now} %")
@@ -273,7 +278,10 @@ class Screen:
 
     def _took(self, work: Work | None, waiting: Waiting) -> None:
         if work is not None:
-            self.paces.took(work, waiting.taken_s)
+            seconds = waiting.taken_s
+            self._show(
+                lambda: self.paces.took(work, seconds)
+            )  # a disk that hangs holds up nothing that moves
 
 
 def _about(seconds: float) -> str:

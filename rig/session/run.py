@@ -64,7 +64,8 @@ class Sequence:
         """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
         rig, wanted = self.rig, self.wanted
         if wanted.settle > 0:
-            with rig.screen.bar("settling", wanted.settle, beside=rig.levels.worst) as settling:
+            work = Work(f"start and settle {rig.name}", wanted.settle)
+            with rig.screen.bar("settling", wanted.settle, "s", work, rig.levels.worst) as settling:
                 self._start()
                 full = rig.acquisition.acquired
                 end, feed_from = full + self._samples(wanted.settle), full

@@ -73,7 +73,7 @@ def test_a_damaged_file_is_as_good_as_none(paces: Paces, tmp_path: Path, content
     file = tmp_path / "cache" / "rattle" / "paces.json"
     file.parent.mkdir(parents=True)
     file.write_text(content)
-    assert paces.expected_s(Work("predict", 10.0)) is None
+    assert Paces().expected_s(Work("predict", 10.0)) is None
     assert kept(paces, (10.0, 5.0)).expected_s(Work("predict", 10.0)) == 5.0
 
 

@@ -167,6 +167,13 @@ def test_work_that_was_done_before_is_told_of_at_its_start_and_kept_at_its_end()
         assert out.getvalue().splitlines()[-1] == "lasts      about 1 min 15 s"
 
 
+def test_seconds_that_something_comes_before_are_told_with_it() -> None:
+    """A motor that has to come up before it settles."""
+    screen, _, _, out = timed(8.4)
+    with screen.bar("settling", 1.0, "s", WORK):
+        assert out.getvalue() == "settling (1 s, about 8 s in all) ...\n"
+
+
 def test_what_is_soon_over_or_never_was_done_is_not_told_of() -> None:
     for expected_s in (2.0, None):
         screen, _, _, out = timed(expected_s)
