@@ -32,4 +32,4 @@ class Levels:
         if not self._rows:
             return ""
         row = int(np.argmax(self._shares))
-        return f"{self._names[row]} up to {100 * self._shares[row]:.0f} % of its range"
+        return f"{self._names[row]} at {100 * self._shares[row]:.0f} % of its range"

@@ -19,9 +19,9 @@ from rich.progress import (
     ProgressColumn,
     SpinnerColumn,
     Task,
-    TaskProgressColumn,
     TextColumn,
 )
+from rich.table import Column
 from rich.text import Text
 
 from daq.clock import Clock, SystemClock
@@ -43,6 +43,8 @@ _LOOK_S: Final = 0.1
 _LINES: Final = 1 << 16
 
 
+_BAR: Final = 12
+"""Characters: with what a rig shows beside it in a terminal of 80."""
 _TIMES: Final = ("s of motion", "s of the log", "MB")
 """Units of which nobody counts quarters."""
 
@@ -253,8 +255,9 @@ class Screen:
         waiting: Waiting,
         beside: Callable[[], str] = lambda: "",
     ) -> Iterator[Callable[[float], None]]:
-        counted = (BarColumn(), TaskProgressColumn()) if total is not None else ()
-        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *counted, _Left())
+        counted = () if total is None else (BarColumn(_BAR),)
+        left = _Left(Column(no_wrap=True))
+        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *counted, left)
         progress = Progress(*columns, console=self.console, transient=True)
         task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside)
         self._show(progress.start)
