@@ -178,4 +178,9 @@ class Standing:
             self.crew = self._open.enter_context(Crew())
             self._devices = connected(self._open, self._connect, scenario, bench, screen, stop)
             self._what = what
+        elif self._supervisor is not None:
+            devices, _ = self._devices
+            if (seen := self._supervisor.emergency_stop or devices.emergency_stop()) is not None:
+                raise seen
+            self._supervisor.check()
         return self._devices
