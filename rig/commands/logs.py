@@ -14,7 +14,7 @@ from rich.table import Table
 from daq.errors import ConfigurationError, RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
 from rig.session.pace import Work
-from rig.session.progress import Screen, Terminal
+from rig.session.progress import MEGABYTES, Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.log.reader import Origin
@@ -67,7 +67,7 @@ def _read(what: str, log: Path, screen: Screen) -> Iterator[Callable[[int], None
     if size < _LARGE_MB:
         yield lambda _: None
         return
-    with screen.bar(what, round(size), "MB", Work(what, size)) as bar:
+    with screen.bar(what, round(size), MEGABYTES, Work(what, size)) as bar:
         yield lambda passed: bar(passed / 1e6)
 
 

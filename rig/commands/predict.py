@@ -11,7 +11,7 @@ from rich.table import Table
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, ScenarioFile, print_json
 from rig.session.pace import Work
-from rig.session.progress import Screen, Terminal
+from rig.session.progress import MOTION_S, Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.ensembles import Outcomes
@@ -44,7 +44,7 @@ def predict(
     work = Work(
         f"predict {scenario.rig}{' with figures' if as_json else ''}", wanted.settle + wanted.duration
     )
-    with screen.bar("simulating", wanted.duration, "s of motion", work) as bar:
+    with screen.bar("simulating", wanted.duration, MOTION_S, work) as bar:
         drawn = write_prediction(scenario, twin, seed, out, effects, fitted, bar)
         values = drawn.model.solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
     if values is not None:

@@ -7,5 +7,10 @@ from pathlib import Path
 
 
 def cache_folder() -> Path:
-    """The folder for what can be computed or measured again; need not exist."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rattle"
+    """The folder for what can be computed or measured again; need not exist, nor be a place to keep anything."""
+    if given := os.environ.get("XDG_CACHE_HOME"):
+        return Path(given) / "rattle"
+    try:
+        return Path.home() / ".cache" / "rattle"
+    except RuntimeError:  # a user whom the machine does not know
+        return Path(os.devnull) / "rattle"

@@ -20,7 +20,7 @@ from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
 from rig.session.pace import Work
-from rig.session.progress import Screen
+from rig.session.progress import MOTION_S, Screen
 from rig.stream import Block, Metadata, Record
 from rig.twin.logged import align_to, followed_scenario, with_model
 from rig.twin.prediction import AlignedTwin
@@ -102,7 +102,7 @@ def _shown(
     if screen is None:
         return nullcontext(lambda _: None)
     work = Work(f"overlay {scenario.rig}{' by a surrogate' if learnt else ''}", predicted_s)
-    return screen.bar("predicting", predicted_s, "s of motion", work)
+    return screen.bar("predicting", predicted_s, MOTION_S, work)
 
 
 def _speak(

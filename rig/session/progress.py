@@ -45,8 +45,11 @@ _LINES: Final = 1 << 16
 
 _BAR: Final = 12
 """Characters: with what a rig shows beside it in a terminal of 80."""
-_TIMES: Final = ("s of motion", "s of the log", "MB")
-"""Units of which nobody counts quarters."""
+MOTION_S: Final = "s of motion"
+LOG_S: Final = "s of the log"
+MEGABYTES: Final = "MB"
+_MEASURED: Final = (MOTION_S, LOG_S, MEGABYTES)
+"""Units in which nothing is counted, so that no quarters are told."""
 
 
 class Terminal(Console):
@@ -238,7 +241,7 @@ class Screen:
                     measured = True
                     if left_s + waiting.taken_s >= TOLD_FROM_S:
                         self.say(f"{text}: about {lasting(left_s)} left")
-                if unit in _TIMES:
+                if unit in _MEASURED:
                     return
                 if (now := min(3, int(4 * done / total)) if total else 3) > said:
                     said = now

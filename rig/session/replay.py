@@ -17,7 +17,7 @@ from rig.derived.derivation import ORIGINS, Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import AcquisitionSection
 from rig.session.pace import Work
-from rig.session.progress import Screen
+from rig.session.progress import LOG_S, Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
 from rig.twin.logged import align_to, predicting_twin, scenario_of
@@ -96,7 +96,7 @@ def _shown(log: LogReader, speed: float, screen: Screen) -> AbstractContextManag
     ends_ns = [log.last_ns(f"/{origin}/{name}", 0) for origin in PLAYED for name in log.channels(origin)]
     seconds = (max(ends_ns) - (log.zero_ns or 0)) / NS_PER_S
     work = Work("replay", log.path.stat().st_size / 1e6)
-    return screen.bar("replaying", max(seconds, 0.0), "s of the log", work if speed == 0 else None)
+    return screen.bar("replaying", max(seconds, 0.0), LOG_S, work if speed == 0 else None)
 
 
 def _play(

@@ -84,6 +84,15 @@ def test_a_place_that_cannot_be_written_keeps_nothing_and_ends_nothing(
     assert kept(Paces(), (10.0, 5.0)).expected_s(Work("predict", 10.0)) is None
 
 
+def test_a_user_without_a_home_keeps_nothing(paces: Paces, monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("could not determine home directory")
+
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", homeless)
+    assert kept(Paces(), (10.0, 5.0)).expected_s(Work("predict", 10.0)) is None
+
+
 def test_nothing_is_kept_where_the_environment_says_so(
     paces: Paces, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
