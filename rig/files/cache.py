@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def cache_folder() -> Path:
-    """The folder for what can be computed or measured again; need not exist, nor be a place to keep anything."""
+    """The folder for what can be computed or measured again; need not exist, nor keep anything."""
     if given := os.environ.get("XDG_CACHE_HOME"):
         return Path(given) / "rattle"
     try:
