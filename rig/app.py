@@ -18,11 +18,12 @@ from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
 from drivers.scpi.settings import GeneratorSettings
 from drivers.scpi.supply_settings import SupplySettings
-from rig.emulation import NOTHING_EMULATED, Emulated, emulated_bench, starting
+from rig.emulation import NOTHING_EMULATED, STARTING, Emulated, emulated_bench, first_start
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
 from rig.session.devices import Devices
+from rig.session.pace import Work
 from rig.session.progress import Screen
 from rig.twin.chains import chain_record
 
@@ -36,7 +37,7 @@ def connect(
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
     emulated, notes = NOTHING_EMULATED, chain_record(bench)
     if bench.emulated:
-        with screen.busy(starting(bench)):
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             emulated = stack.enter_context(emulated_bench(scenario, bench))
         notes["emulated"] = " ".join(INSTRUMENTS[table].word for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)

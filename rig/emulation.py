@@ -69,10 +69,12 @@ class Emulated:
 NOTHING_EMULATED: Final = Emulated({}, 0, drive_follows_scenario=False)
 
 
-def starting(bench: Bench) -> str:
-    """What a person is told while the emulated instruments of a bench start."""
-    simulates = "daq_card" in bench.emulated
-    return f"starting the emulated instruments{f' ({FIRST_START})' if simulates else ''}"
+STARTING: Final = "starting the emulated instruments"
+
+
+def first_start(bench: Bench) -> str:
+    """What a person is told of it where nobody knows how long that takes."""
+    return FIRST_START if "daq_card" in bench.emulated else ""
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import chain, takewhile
@@ -49,25 +50,65 @@ class _Done(NamedTuple):
     error: str = ""
 
 
+class Crew:
+    """Processes that have done a task and wait for the next, by name; leaving the context ends them."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, Child] = {}
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        while self._waiting:
+            _, child = self._waiting.popitem()
+            with suppress(OSError):
+                child.pipe.send(None)
+            child.end(1.0)
+            child.pipe.close()
+
+    def hire(self, name: str, task: Task) -> Child:
+        """A process that does `task`: the one of that name that waits, or a new one."""
+        child = self._waiting.pop(name, None)
+        if child is not None:
+            with suppress(OSError):  # gone, which nobody would see but here
+                child.pipe.send(task)
+                return child
+            child.end(0.0)
+            child.pipe.close()
+        child = Child(name, _work, task)
+        child.start()
+        return child
+
+    def keep(self, name: str, child: Child) -> None:
+        """Take back one that has done its task."""
+        self._waiting[name] = child
+
+
 class WorkerProcess:
     """Handle of the process that does `task`; `name` is what people call it, such as "twin".
 
     `deliver` gets the results in a thread of ours; `error` says why there will be no more, and is empty while
-    all is well. Leaving the context ends the process, whatever it does. `give` is for any thread.
+    all is well. Leaving the context ends the process, whatever it does; one of a `crew` goes back to it when
+    it has done all its work. `give` is for any thread.
     """
 
     def __init__(
-        self, name: str, task: Task, deliver: Callable[[Any], None], queue_items: int = QUEUE_ITEMS
+        self,
+        name: str,
+        task: Task,
+        deliver: Callable[[Any], None],
+        queue_items: int = QUEUE_ITEMS,
+        crew: Crew | None = None,
     ) -> None:
-        self._name, self._task = name, task
+        self._name, self._task, self._crew = name, task, crew
         self._deliver = deliver
         self._outbox: queue.Queue[object] = queue.Queue(queue_items)
         self._ready, self._done, self._ending = threading.Event(), threading.Event(), threading.Lock()
         self.error = ""
 
     def __enter__(self) -> WorkerProcess:
-        self._child = Child(self._name, _work, self._task)
-        self._child.start()
+        self._child, self._closed = (self._crew or Crew()).hire(self._name, self._task), False
         self._threads = [
             threading.Thread(target=run, name=f"{self._name} {what}", daemon=True)
             for run, what in ((self._send_all, "sender"), (self._receive, "receiver"))
@@ -81,16 +122,23 @@ class WorkerProcess:
 
     def close(self) -> None:
         """End the process and the threads; nothing is delivered after it. A second call does nothing."""
-        if self._child.pipe.closed:
+        if self._closed:
             return
+        self._closed = True
         if not self._done.is_set():
             self._end(f"the {self._name} was ended")
-        self._child.end(1.0)
+        # a sender with much to send would wait for a process that takes it all for nothing
+        goes_on = self._crew is not None and not self.error and not self._outbox.full()
+        if not goes_on:
+            self._child.end(1.0)
         with suppress(queue.Full):  # then the sender has something to send, and fails at it
             self._outbox.put_nowait(None)
         for thread in self._threads:
             thread.join()
-        self._child.pipe.close()
+        if self._crew is not None and goes_on:
+            self._crew.keep(self._name, self._child)
+        else:
+            self._child.pipe.close()
 
     @property
     def pid(self) -> int | None:
@@ -169,13 +217,17 @@ class WorkerProcess:
             self._end(message.error and f"the {self._name} {verb}: {message.error}")
 
 
-def _work(pipe: Connection, task: Task) -> None:
+def _work(pipe: Connection, task: Task | None) -> None:
     try:
-        task.prepare()
-        pipe.send(_READY)
-        items = chain.from_iterable(iter(pipe.recv, None))  # of one batch after the other, until None
-        task.run(takewhile(lambda item: item is not None, items), pipe.send)
-        pipe.send(_Done())
+        while task is not None:
+            task.prepare()
+            pipe.send(_READY)
+            items = chain.from_iterable(iter(pipe.recv, None))  # of one batch after the other, until None
+            given = takewhile(lambda item: item is not None, items)
+            task.run(given, pipe.send)
+            pipe.send(_Done())
+            deque(given, maxlen=0)  # what came after all that it took
+            task = pipe.recv()
     except (EOFError, ConnectionError):  # whoever started it is gone
         return
     except Exception as error:  # top of a process

@@ -48,10 +48,12 @@ _ALONE = (
 def pytest_configure() -> None:
     """Interrupted commands hear it, even if the tests are a shell's background job, which would not.
 
-    No test but those of the verdict waits for healthy rigs to be simulated.
+    No test but those of the verdict waits for healthy rigs to be simulated, and what one test took changes
+    nothing that another sees.
     """
     os.environ["RATTLE_HEALTHY_RIGS"] = "0"
     os.environ["RATTLE_LIVE_PORT"] = "0"  # a page of each run's own, which ends with it
+    os.environ["RATTLE_PACES"] = "0"
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

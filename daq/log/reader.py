@@ -78,10 +78,11 @@ class LogReader:
 
     `complete` is False where the writer never finished: then the file is read from its front, chunk by chunk,
     also behind damage. `damage` says what was found wrong first, `damaged_at` from which byte on, if known.
+    `passing` hears up to which byte, about, messages have been read.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, passing: Callable[[int], None] = lambda _: None) -> None:
+        self.path, self.passing = path, passing
         self.complete = False
         self.damage = ""
         self.damaged_at: int | None = None
@@ -361,14 +362,17 @@ class LogReader:
         """Chunks in file order, each to be opened by a call; without index all of them."""
         if self._indexed is None:
             allowance = self.allowance()
+            passed = 0
             for record in metadata_and_chunks(self._file.fileno(), self.allowance(), self._note):
                 if isinstance(record, Chunk):
+                    self.passing(passed := passed + len(record.data))
                     yield partial(open_chunk, record, allowance, self._sealed)
             return
         numbers = None
         if topics is not None:
             numbers = frozenset(number for number, topic in self._channel_names.items() if topic in topics)
-        for _, opening in self._indexed.passing(numbers, start_ns, end_ns, self.allowance()):
+        for place, opening in self._indexed.passing(numbers, start_ns, end_ns, self.allowance()):
+            self.passing(place)
             yield opening.result
 
     def _opened(self, opening: Callable[[], OpenedChunk]) -> tuple[OpenedChunk, list[ChannelRecord]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -73,15 +74,20 @@ class LogReport:
         return self.complete and not self.damage and not wrong
 
 
-def verify_log(path: Path) -> LogReport:
-    """Read every message of a log with its checksums and account for every sample index."""
+def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> LogReport:
+    """Read every message of a log with its checksums and account for every sample index.
+
+    `passing` hears how many bytes have been read.
+    """
     damage = ""
     state: dict[str, _Account] = {}
     with LogReader(path) as log:
+        log.passing = passing
         try:
             for message in log.messages():
                 account = state.setdefault(message.topic, _Account())
                 account.add(message.topic, message.sequence, message.data)
+            log.passing = lambda _: None
             gaps = log.gaps()
             log.check_frame()
         except LogError as error:
@@ -165,14 +171,15 @@ def _apart(some: list[_Span], others: list[_Span]) -> int:
     return apart
 
 
-def recover_log(damaged: Path, recovered: Path) -> LogReport:
+def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] = lambda _: None) -> LogReport:
     """Copy what is whole of `damaged` to the new file `recovered`, then verify what was written.
 
     Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
     topics that end before others do. How many came after the last that could be read of all, no file tells:
     `recovered_from` says whether it was only cut there. Topics that are none of the format's are left out.
+    `passing` hears how many bytes have been copied.
     """
-    with LogReader(damaged) as log:
+    with LogReader(damaged, passing) as log:
         topics = {
             topic: _SCHEMA_OF_TOPIC.get(topic, "SampleBlock")
             for topic in log.topic_metadata()

@@ -29,7 +29,8 @@ def diagnose(
     model: Model = None,
     seed: Seed = 0,
     budget: Annotated[
-        float, typer.Option("--budget", min=10.0, metavar="SECONDS", help="Time to spend, about.")
+        float,
+        typer.Option("--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about."),
     ] = 120.0,
     machine: Json = False,
 ) -> None:
@@ -132,10 +133,12 @@ def calibrate(
 def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
     import numpy as np
 
+    from rig.diagnosis.recordings import work_of
     from rig.ensembles import Simulated, cores, worker_processes
     from sim_twin.diagnosis.matching import match
 
-    with worker_processes(cores()) as workers, screen.bar("simulating", rigs, "healthy rigs") as bar:
+    work = work_of("calibrate", read.campaign, rigs)
+    with screen.bar("simulating", rigs, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar)
         outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
     if simulate.cut_short:

@@ -16,6 +16,7 @@ import typer
 
 from daq.errors import ConfigurationError, Problem, RattleError
 from rig.commands.arguments import RunFile, seconds
+from rig.session.pace import Work
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -68,8 +69,9 @@ def export(
     target = out or run.with_suffix(chosen.suffixes[0])
     start_s, end_s = seconds(start, "--from"), math.inf if end is None else seconds(end, "--to-time")
     with LogReader(run) as log, Scratch(target.parent) as scratch:
+        size = run.stat().st_size / 1e6
         origins, names = _chosen(log, channels, origin)
-        with screen.busy("reading"):
+        with screen.busy("reading", Work("read for export", size)):
             recording = read_log(log, scratch, origins, names)
             if start_s > 0 or end_s < math.inf:
                 recording = within(recording, start_s, end_s)
@@ -85,7 +87,7 @@ def export(
                 more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
                 named = ", ".join(each.name for each in left[:_NAMED])
                 screen.say(f"left out   {named}{more}: other rates (--all-rates)")
-        with screen.busy("writing"):
+        with screen.busy("writing", Work(f"write {to}", len(recording.tracks) * size)):
             written = chosen.write(recording, target, screen.warn)
     for path in written:
         screen.say(f"file       {path}")
@@ -180,7 +182,8 @@ def import_files(
     source = ", ".join(map(str, files))
     with ExitStack() as stack:
         scratch = stack.enter_context(Scratch(target.parent))
-        with screen.busy("reading"):
+        size = sum(path.stat().st_size for path in files if path.is_file()) / 1e6
+        with screen.busy("reading", Work(f"read {files[0].suffix}", size)):
             found = [format_of(path).read(path, scratch) for path in files]
             ids = {each.rest.run_id for each in found if each.rest.metadata}
             if len(ids) > 1:
@@ -202,7 +205,7 @@ def import_files(
         recording = matched_to_rig(contents, scenario, answers, source, screen.warn)
         writer = stack.enter_context(LogWriter(target))
         stack.enter_context(removed_if_it_fails(target))
-        with screen.busy("writing"):
+        with screen.busy("writing", Work(f"import {files[0].suffix}", size)):
             write_log(_with_records(recording, scenario, files), writer)
 
 

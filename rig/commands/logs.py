@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +13,8 @@ from rich.table import Table
 
 from daq.errors import ConfigurationError, RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
-from rig.session.progress import Screen, Terminal
+from rig.session.pace import Work
+from rig.session.progress import MEGABYTES, Screen, Terminal
 
 if TYPE_CHECKING:
     from daq.log.reader import Origin
@@ -36,8 +37,7 @@ def overlay(
 
     screen = Screen(Terminal())
     target = out or run.with_suffix(".overlay.mcap")
-    with screen.busy("predicting"):
-        overlay_run(run, target, effects, model, screen.warn)
+    overlay_run(run, target, effects, model, screen.warn, screen=screen)
     overlaid = judged(read_run(target), screen)
     show(overlaid, screen)
     if effects is not None and (channels := closeness(overlaid)):
@@ -49,12 +49,27 @@ def overlay(
 
 
 _UNSOUND, _LOST = 1, 3
+_LARGE_MB = 50.0
+"""What is read in less than five seconds on any machine is less."""
 
 
 def verify(log: RunFile, as_json: Json = False) -> None:
     from daq.log.recover import verify_log
 
-    _show(verify_log(log), as_json)
+    with _read("verifying", log, Screen(Terminal(stderr=as_json))) as passing:
+        report = verify_log(log, passing)
+    _show(report, as_json)
+
+
+@contextmanager
+def _read(what: str, log: Path, screen: Screen) -> Iterator[Callable[[int], None]]:
+    """Show how far a log has been read; of one that is soon read nothing is said."""
+    size = log.stat().st_size / 1e6 if log.is_file() else 0.0
+    if size < _LARGE_MB:
+        yield lambda _: None
+        return
+    with screen.bar(what, round(size), MEGABYTES, Work(what, size)) as bar:
+        yield lambda passed: bar(passed / 1e6)
 
 
 def recover(
@@ -62,8 +77,9 @@ def recover(
 ) -> None:
     from daq.log.recover import recover_log
 
-    report = recover_log(log, out)
     screen = Screen(Terminal())
+    with _read("recovering", log, screen) as passing:
+        report = recover_log(log, out, passing)
     if not report.whole:
         screen.say(f"{report.lost} samples were lost, and what may have come after them")
     _show(report, as_json=False)
@@ -206,7 +222,7 @@ def report_and_name(run: RunRecord, screen: Screen) -> None:
 
     log, report = run.path, run.path.with_suffix(".html")
     try:
-        with screen.busy("writing the report"):
+        with screen.busy("writing the report", Work("report", log.stat().st_size / 1e6)):
             write_report(run, report)
         screen.say(f"report     {report}")
     except OSError as error:

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, ScenarioFile, print_json
-from rig.session.progress import Screen, Terminal
+from rig.session.pace import Work
+from rig.session.progress import MOTION_S, Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.ensembles import Outcomes
@@ -40,8 +41,11 @@ def predict(
         twin = with_model(twin, fitted, screen.warn)
     if effects is not None:
         twin = with_effects(twin, effects)
-    with screen.busy("simulating"):
-        drawn = write_prediction(scenario, twin, seed, out, effects, fitted)
+    work = Work(
+        f"predict {scenario.rig}{' with figures' if as_json else ''}", wanted.settle + wanted.duration
+    )
+    with screen.bar("simulating", wanted.duration, MOTION_S, work) as bar:
+        drawn = write_prediction(scenario, twin, seed, out, effects, fitted, bar)
         values = drawn.model.solver_values(drawn, wanted.settle, wanted.duration) if as_json else None
     if values is not None:
         print_json(values)
@@ -149,7 +153,9 @@ def ensemble(
     with source as found:
         with screen.busy("compiling"):  # by one worker; the others find the machine code on the disk
             simulate(variants[:1], a_glance, found.executor)
-        with screen.bar("simulating", runs, "runs") as bar:
+        each_s = wanted.settle + wanted.duration
+        work = Work(f"ensemble {scenario.rig} on {scheduler or found.count}", runs * each_s)
+        with screen.bar("simulating", runs, "runs", work) as bar:
             queued = _QUEUED * found.count
             outcomes = simulate(variants, figures, found.executor, lambda done, _: bar(done), queued)
     _told(outcomes, seed, machine, screen, out)

@@ -10,6 +10,7 @@ import typer
 
 from daq.errors import RattleError
 from rig.reproduce.page import FIGURES  # the help of --only names them
+from rig.session.pace import Work
 from rig.session.progress import Screen, Terminal
 
 
@@ -47,7 +48,8 @@ def reproduce(
         executor = None
         if not quick and min(len(names), cores()) > 1:
             executor = stack.enter_context(worker_processes(min(len(names), cores()))).executor
-        bar = stack.enter_context(screen.bar("simulating", len(names), "figures"))
+        work = Work(f"reproduce {' '.join(names)}{' quickly' if quick else ''}")
+        bar = stack.enter_context(screen.bar("simulating", len(names), "figures", work))
         outcomes = compute_all(names, Effort(quick, recordings), executor, bar)
     done = [Reproduced(FIGURES[name], outcome) for name, outcome in outcomes.items()]
     _write(out / "reproduce.json", document(done, quick))

@@ -27,6 +27,7 @@ from rig.commands.arguments import (
     overrides,
     print_json,
 )
+from rig.session.pace import Work
 from rig.session.progress import Screen, Terminal
 from rig.session.signals import Stopped
 
@@ -60,6 +61,7 @@ def run(
     from rig.files.pairing import check_pair, free_bytes, longest_s, too_late
     from rig.files.scenario import load_scenario
     from rig.session.run import RunRequest, run_scenario
+    from rig.sweep.plan import real_instruments
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Terminal(stderr=as_json))
@@ -89,7 +91,11 @@ def run(
         request = replace(request, enough=screen.enter_pressed())
     if live and screen.attended:
         request = replace(request, armed=True)
-    log = run_scenario(request, screen, clock)
+    lasts = scenario.acquisition.settle + scenario.acquisition.duration
+    real = "real" if real_instruments(bench) else "emulated"
+    work = None if live or until_stopped else Work(f"run {scenario.rig} on {real} instruments", lasts)
+    with screen.within("lasts", work):
+        log = run_scenario(request, screen, clock)
 
     # The rig stands: what its report takes, most of scipy, is loaded only now.
     from rig.commands.logs import report_and_name, show
@@ -142,7 +148,7 @@ def emulate(
     seed: Annotated[int | None, typer.Option(min=0, help="The same rig and faults again.")] = None,
 ) -> None:
     from drivers.rehearsal import FAULTS, rehearsed
-    from rig.emulation import bench_reaching, emulated_bench, starting
+    from rig.emulation import STARTING, bench_reaching, emulated_bench, first_start
     from rig.files.scenario import load_scenario
 
     if fault == ["list"]:
@@ -166,7 +172,7 @@ def emulate(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     with ExitStack() as stack:
-        with screen.busy(starting(bench)):
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             emulated = stack.enter_context(emulated_bench(scenario, bench))
         addresses = {
             table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import RUNS, RunFile, RunFiles
+from rig.session.pace import Work
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -54,11 +55,16 @@ def train(
     if error_goal is not None and network != "rbf":
         raise typer.BadParameter("a grnn adds no units", param_hint="--error-goal")
     screen = Screen(Terminal())
-    with screen.busy("learning"):
+    with screen.busy("learning", Work(f"train {network} over {over}", _size_of(runs))):
         found = trained(runs, network, over, units, seed, error_goal, screen.warn)
     save_surrogate(found, out)
     _tell(found, screen)
     screen.say(f"surrogate  {out}")
+
+
+def _size_of(runs: list[Path]) -> float:
+    """Of files, in MB."""
+    return sum(run.stat().st_size for run in runs if run.is_file()) / 1e6
 
 
 def _tell(found: Surrogate, screen: Screen) -> None:
@@ -98,8 +104,7 @@ def predict(
 
     screen = Screen(Terminal())
     target = out or run.with_suffix(".surrogate.mcap")
-    with screen.busy("predicting"):
-        overlay_run(run, target, warn=screen.warn, surrogate=model)
+    overlay_run(run, target, warn=screen.warn, surrogate=model, screen=screen)
     report_and_name(judged(read_run(target), screen), screen)
 
 
@@ -136,7 +141,7 @@ def report(
     logs = each_once(runs, screen.warn)
     with (
         worker_processes(min(cores(), 2)) as workers,
-        screen.bar("judging", judgement.PIECES, "comparisons") as bar,
+        screen.bar("judging", judgement.PIECES, "comparisons", Work("judge", _size_of(runs))) as bar,
     ):
         rows = judgement.judged(logs, out, workers.executor, bar)
     if not rows:

@@ -193,7 +193,7 @@ def _dry_check(request: SweepRequest, screen: Screen) -> None:
     check_points(swept, bench, datetime.datetime.now(datetime.UTC).date(), free)
     state = begun(request)
     ended = {number: point.outcome for number, point in state.points.items()}
-    for line in listing(swept, bench, state.by_hand, ended):
+    for line in listing(swept, bench, state.by_hand, ended, screen.paces):
         screen.say(line)
     most = bytes_of((point.scenario.acquisition for point in swept.points), bench) / 1e6
     screen.say(f"disk       at most {most:.0f} MB in {folder}; {free / 1e9:.1f} GB free")

@@ -24,7 +24,7 @@ from rig.derived.settings import (
 )
 from rig.files.scenario import Scenario
 from rig.stream import Block, Consumer, Metadata, Record
-from rig.worker_process import QUEUE_ITEMS, WorkerFailed, WorkerProcess
+from rig.worker_process import QUEUE_ITEMS, Crew, WorkerFailed, WorkerProcess
 from sim_twin.rigs.channel_table import Role
 
 ORIGINS: tuple[Origin, ...] = ("measured", "nominal", "predicted")
@@ -147,11 +147,13 @@ class DerivationProcess:
         clock: Clock,
         publish: Consumer,
         queue_blocks: int = QUEUE_ITEMS,
+        crew: Crew | None = None,
     ) -> None:
         self._origins = tuple(channels)
         self._clock, self._publish = clock, publish
         self._told = False
-        self.worker = WorkerProcess("derivation", Derive(channels, scenario), self._deliver, queue_blocks)
+        task = Derive(channels, scenario)
+        self.worker = WorkerProcess("derivation", task, self._deliver, queue_blocks, crew)
 
     def wait_ready(self, check: Callable[[], None]) -> None:
         """Wait until it is compiled, or has failed at that; raises what `check` raises meanwhile."""

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from daq.errors import RattleError
 from rig.diagnosis.document import Request, document, effects_file, gap_block, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
-from rig.diagnosis.recordings import RecordedCampaign, recorded
+from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.diagnosis.report import before_and_after, causes, gap_map, verdict
 from rig.diagnosis.report.case import Case, RunFacts
 from rig.ensembles import Simulated, cores, worker_processes
@@ -65,7 +65,8 @@ def diagnose_runs(
     except OSError as error:
         raise RattleError(f"cannot write to {out}: {error.strerror}") from error
     effort = effort_for(data.campaign, budget_s)
-    with worker_processes(cores()) as workers, screen.bar("simulating", effort.motions, "rigs") as bar:
+    work = work_of("diagnose", data.campaign, effort.motions)
+    with screen.bar("simulating", effort.motions, "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
@@ -212,7 +213,8 @@ def _simulated(
         for effects, count in wanted
         for _ in range(count)
     ]
-    with worker_processes(cores()) as workers, screen.bar("simulating", len(draws), "rigs") as bar:
+    work = work_of("simulate", data.campaign, len(draws))
+    with screen.bar("simulating", len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar)
         shown = iter(simulated(draws))
     sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]

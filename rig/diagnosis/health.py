@@ -19,8 +19,9 @@ import sim_twin
 from daq.errors import RattleError
 from daq.log.reader import LogReader
 from daq.log.writer import write_whole
-from rig.diagnosis.recordings import AloneRun, recorded_alone
+from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.cache import cache_folder
 from rig.files.model_file import parse_model
 from rig.pages.words import listed
 from rig.report.record import RunRecord, Verdict
@@ -108,7 +109,7 @@ def _spot(cell: Cell) -> str:
 
 def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand | None:
     """The band of the run's scenario that is kept, or simulated now; None where too few rigs could be."""
-    file = _folder() / f"{_key(run, model, rigs)}.npz"
+    file = cache_folder() / "healthy" / f"{_key(run, model, rigs)}.npz"
     layout = run.campaign.layout
     with suppress(Exception), file.open("rb") as opened:  # whatever damage raises: it is made again
         kept = np.load(opened)
@@ -119,7 +120,8 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
             return HealthyBand(measure, *ends, numbers["limits"], int(numbers["rigs"]))
     draws = [Draw((), seed, blocks=_BLOCKS) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
-    with worker_processes(cores()) as workers, screen.bar(what, len(draws), "rigs") as bar:
+    work = work_of("simulate", run.campaign, len(draws))
+    with screen.bar(what, len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(run.campaign, workers.executor, time.monotonic() + _SIMULATED_S, bar)
         shown = simulated(draws)
     healthy = [each[0] for each in shown if each and each[0] is not None]
@@ -145,10 +147,6 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, content.getvalue())
     return band
-
-
-def _folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rattle" / "healthy"
 
 
 def _key(run: AloneRun, model: str, rigs: int) -> str:

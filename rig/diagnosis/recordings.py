@@ -14,9 +14,11 @@ from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader
+from rig.ensembles import cores
 from rig.files.scenario import Scenario
 from rig.files.table import NOTHING
 from rig.rigs import RIGS
+from rig.session.pace import Work
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 from rig.twin.logged import followed_scenario, logged_twin
 from sim_twin.decimation import decimated
@@ -39,6 +41,12 @@ class Lossy:
     series: SampleBlock
     lost: NDArray[np.bool_]
     why: tuple[str, ...]
+
+
+def work_of(what: str, campaign: Campaign, draws: int) -> Work:
+    """Work in which all runs of a campaign are simulated for so many draws, in s of motion."""
+    motion_s = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
+    return Work(f"{what} {campaign.runs[0].twin.model.name} on {cores()}", draws * motion_s)
 
 
 def lost_of(log: LogReader, names: Sequence[str], end_s: float | None = None) -> dict[str, Lossy]:

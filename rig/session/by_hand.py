@@ -164,6 +164,9 @@ class ByHand:
     def longest_order_s(self) -> float:
         return HUNG_S
 
+    def with_drive(self, drive: Any) -> ByHand:
+        return ByHand(self._person, drive, self._wait, self.seen, self._clock)
+
     def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
         self._rests = False
         if self._asked_to_rest.locked():

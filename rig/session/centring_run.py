@@ -26,6 +26,7 @@ from rig.session.devices import Connect, connected
 from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig
 from rig.session.progress import Screen
+from rig.session.signals import StopRequest
 from rig.stream import Record
 
 FORCES: Final = ("contact.force_upper", "contact.force_lower")
@@ -51,7 +52,8 @@ def find_centre(
     """
     load_contact_scan()
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, connect, scenario, bench, screen)
+        stop = stack.enter_context(StopRequest())
+        devices, notes = connected(stack, connect, scenario, bench, screen, stop)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock))
         if (shown := RIGS[scenario.rig].channels.drive) in rig.names:
             rig.hold_force(shown, plan.frequency)

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from types import TracebackType
 from typing import Any
 
 from daq.channel import Channel
@@ -21,6 +22,8 @@ from rig.session.acquisition import JOIN_S
 from rig.session.drive import Motion, drive_off_after
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
+from rig.session.supervisor import Supervisor
+from rig.worker_process import Crew
 
 
 class InstrumentsMissing(InstrumentError):
@@ -99,13 +102,12 @@ Connect = Callable[[Scenario, Bench, ExitStack, Screen], tuple[Devices, dict[str
 
 
 def connected(
-    stack: ExitStack, connect: Connect, scenario: Scenario, bench: Bench, screen: Screen
-) -> tuple[StopRequest, Devices, dict[str, str]]:
+    stack: ExitStack, connect: Connect, scenario: Scenario, bench: Bench, screen: Screen, stop: StopRequest
+) -> tuple[Devices, dict[str, str]]:
     """The bench's devices, open, for as long as `stack` lasts, and the notes that `connect` made for the log.
 
     Whatever is raised from then on, the drive is off after it.
     """
-    stop = stack.enter_context(StopRequest())
     devices, notes = connect(scenario, bench, stack, screen)
     stack.callback(devices.close)
     stop.check()
@@ -124,4 +126,61 @@ def connected(
     for table, logger in devices.loggers.items():
         screen.say(f"{table:<10} {logger.identity} at {logger.address}")
     stop.check()
-    return stop, devices, notes
+    return devices, notes
+
+
+class Standing:
+    """The devices of one run after the other: connected once for all that differ in their drive alone.
+
+    `supervisor` watches them, `crew` predicts and derives. The drive is off between two runs. A run that
+    raises anything is to be the last before `close`, and whoever sets something by hand closes before.
+    """
+
+    def __init__(self, connect: Connect) -> None:
+        self._connect = connect
+        self._open = ExitStack()
+        self._what: object = None
+        self._devices: tuple[Devices, dict[str, str]]
+        self._supervisor: Supervisor | None = None
+        self.crew: Crew
+
+    def __enter__(self) -> Standing:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        opened, self._open = self._open, ExitStack()
+        self._what = self._supervisor = None
+        with StopRequest():  # a person who asks twice leaves nothing half closed
+            opened.__exit__(kind, error, trace)
+
+    def close(self) -> None:
+        """Switch the drive off, end all that watches, and hang up."""
+        self.__exit__(None, None, None)
+
+    def supervised(self, make: Callable[[], Supervisor]) -> Supervisor:
+        """The supervisor of the devices, made for the first run."""
+        if self._supervisor is None:
+            self._supervisor = make()
+            self._open.callback(self._supervisor.close)
+        return self._supervisor
+
+    def connected(
+        self, scenario: Scenario, bench: Bench, screen: Screen, stop: StopRequest
+    ) -> tuple[Devices, dict[str, str]]:
+        """The devices for a run, open, and the notes for its log; see `connected`."""
+        # an emulated rig that hears no actuator plays one scenario's drive
+        deaf = None if bench.actuator.emulated or not bench.emulated else scenario.drive
+        what = bench, scenario.rig, scenario.model, scenario.acquisition.sample_rate, deaf
+        if self._what != what:
+            self.close()
+            self.crew = self._open.enter_context(Crew())
+            self._devices = connected(self._open, self._connect, scenario, bench, screen, stop)
+            self._what = what
+        elif self._supervisor is not None:
+            devices, _ = self._devices
+            if (seen := self._supervisor.emergency_stop or devices.emergency_stop()) is not None:
+                raise seen
+            self._supervisor.check()
+        return self._devices

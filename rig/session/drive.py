@@ -41,6 +41,9 @@ class Motion(Protocol):
     def longest_order_s(self) -> float:
         """How long a sequence may look at nothing else by now, in s; one that takes longer hangs."""
 
+    def with_drive(self, drive: Any) -> Motion:
+        """The same actuator for another section [drive]; of one that is at rest."""
+
     def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Prepare; nothing moves yet. `path`: drives (sections [drive]) that it shall come through."""
 
@@ -159,6 +162,9 @@ class Shaker:
     def longest_order_s(self) -> float:
         """Some settings of a generator on a slow line."""
         return HUNG_S
+
+    def with_drive(self, drive: SineDrive) -> Shaker:
+        return replace(self, drive=drive)
 
     def arm(self, soft: bool, path: Sequence[SineDrive] = ()) -> None:
         first = path[0] if path else self.drive  # a soft start waits there and comes to `drive` at its end

@@ -26,11 +26,12 @@ from rig.files.scenario import Limit
 from rig.instruments import actuator_of
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.by_hand import ByHand, SineSeen
-from rig.session.devices import Devices
+from rig.session.devices import Devices, Standing
 from rig.session.drive import Motion, Shaker, drive_off_after
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
 from rig.session.frequency import ON_THEIR_WAY_S
 from rig.session.interlock import HUNG_S, ForceWatch, LimitWatch
+from rig.session.levels import Levels
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
 from rig.session.logger_record import LoggerRecord
 from rig.session.progress import Screen
@@ -114,26 +115,35 @@ class DrivenRig:
     """What a run and other recordings of a moving rig have in common.
 
     In the order of their use: `launch`, `open_log`, `record`, `declare`, `moving`, and within that `start`,
-    `start_record`, `end_record` and `ramp_down`. `check_pair` has to have allowed scenario and bench.
+    `start_record`, `end_record` and `ramp_down`. `check_pair` has to have allowed scenario and bench. What
+    `standing` keeps watches the next run too.
     """
 
     def __init__(
-        self, bench: Bench, devices: Devices, stop: StopRequest, screen: Screen, clock: RunClock
+        self,
+        bench: Bench,
+        devices: Devices,
+        stop: StopRequest,
+        screen: Screen,
+        clock: RunClock,
+        standing: Standing | None = None,
     ) -> None:
         self.devices, self.screen, self.clock = devices, screen, clock
-        self._bench, self._stop = bench, stop
+        self.name, self._bench, self._stop = bench.rig, bench, stop
         self.sample_rate = devices.card.sample_rate
         self.names = [channel.name for channel in devices.card.channels]
+        ranges = {each.name: each.range for each in bench.daq_card.channels if not each.counted}
+        self.levels = Levels(self.names, ranges)
         self.watch = Watch(clock)
         self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
-        self._supervisor = Supervisor(
-            devices.spare,
-            devices.locks,
-            bench.actuator.emulated or actuator_of(bench.actuator_table).by_hand,
-            devices.line,
-            devices.latch,
-            self.motion.longest_stop_s,
+        alone = bench.actuator.emulated or actuator_of(bench.actuator_table).by_hand
+        watched = devices.spare, devices.locks, alone, devices.line, devices.latch
+        off_s = self.motion.longest_stop_s
+        self._supervisor = (
+            Supervisor(*watched, off_s)
+            if standing is None
+            else standing.supervised(lambda: Supervisor(*watched, off_s, stays=True))
         )
         self.stream = Stream()
         self.logbook = Logbook(clock, self.stream, screen)
@@ -154,9 +164,9 @@ class DrivenRig:
         self._guarded_s = math.inf  # the guard's last look, monotonic s; inf: nobody guards and nothing moves
 
     def launch(self, stack: ExitStack) -> None:
-        """Start the supervisor's process, which takes seconds."""
+        """Start the supervisor's process, which takes seconds; one that stays has been."""
         self._supervisor.launch()
-        stack.callback(self._supervisor.close)
+        stack.push(self._supervisor)
         if (spare := self.devices.spare) is not None:  # whoever arms it may fail to switch it off
             actuator = self.devices.actuator
             stack.enter_context(drive_off_after(actuator, spare, self.screen, self._supervisor))
@@ -211,7 +221,7 @@ class DrivenRig:
                 self.acquisition.end_record(reading)
 
         card, watched = self.devices.card, LimitWatch(limits, self.sample_rate)
-        consumers = (end_with_enough, self._look, *readers)
+        consumers = (end_with_enough, self._look, self.levels.take, *readers)
         self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers)
         if self.devices.encoder is not None:
             self.encoder = self.shaft.recording(
@@ -302,6 +312,7 @@ class DrivenRig:
 
     def start_record(self, count: int) -> int:
         """Record the next `count` samples of the card, and the encoder with it; returns the first."""
+        self.levels.begin()
         begin = self.acquisition.start_record(count)
         if self.encoder is not None:
             self.encoder.begin(begin / self.sample_rate)

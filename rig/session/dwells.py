@@ -22,6 +22,7 @@ from rig.session.driven_rig import DrivenRig
 from rig.session.motor import Motor
 from rig.session.progress import Screen
 from rig.session.shaft_speed import RPM_PER_RAD_S
+from rig.session.signals import StopRequest
 from rig.twin.logged import DWELLS
 
 _WITHOUT_END = 2**62
@@ -55,7 +56,8 @@ def record_dwells(request: DwellRequest, screen: Screen, clock: Clock) -> Path:
     """Record and return the path of the log. Whatever happens and is raised, the motor is off after it."""
     first = request.scenarios[0]
     with ExitStack() as stack:
-        stop, devices, notes = connected(stack, request.connect, first, request.bench, screen)
+        stop = stack.enter_context(StopRequest())
+        devices, notes = connected(stack, request.connect, first, request.bench, screen, stop)
         rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
         if not isinstance(rig.motion, Motor):
             raise ConfigurationError(first.name, [Problem("rig", first.rig, "a crank that rattle turns")])

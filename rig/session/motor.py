@@ -106,6 +106,9 @@ class Motor:
         """What the driver allows for an order on a disturbed line, while one is under way."""
         return _ORDER_S if self._ordering else HUNG_S
 
+    def with_drive(self, drive: CrankDrive) -> Motor:
+        return Motor(self._drive, drive.speed, self._wait, self._measured_rpm, self._clock, self._proves)
+
     def arm(self, soft: bool, path: Sequence[CrankDrive] = ()) -> None:
         for warning in self._drive.warnings:
             self._note("warning", "motor.warning", warning)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
+from rig.session.pace import Work
+from rig.session.progress import MOTION_S, Screen
 from rig.stream import Block, Metadata, Record
 from rig.twin.logged import align_to, followed_scenario, logged_twin, with_model
 from rig.twin.prediction import AlignedTwin
@@ -36,6 +39,7 @@ def overlay_run(
     model: Path | None = None,
     warn: Callable[[str], None] = lambda _: None,
     surrogate: Path | None = None,
+    screen: Screen | None = None,
 ) -> None:
     """Copy `run` to the new log `target` with /predicted/... of every measured channel in it.
 
@@ -44,9 +48,10 @@ def overlay_run(
     The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets;
     the twin without them then comes too, as /nominal/... `model`: one that every twin is matched by, of which
     `warn` hears what does not hold for this run. `surrogate`: one that says what it learnt, as
-    /predicted/surrogate/...
+    /predicted/surrogate/... `screen` shows how long it takes.
     """
-    with LogReader(run) as log:
+    with ExitStack() as stack:
+        log = stack.enter_context(LogReader(run))
         scenario = followed_scenario(log)
         measured = log.channels("measured")
         if not measured:
@@ -63,6 +68,8 @@ def overlay_run(
         twins: dict[Origin, AnyTwin] = {"predicted": twin}
         if effects is not None:
             twins = {"predicted": with_effects(twin, effects), "nominal": twin}
+        predicted_s = len(twins) * scenario.acquisition.duration
+        told = stack.enter_context(_shown(screen, scenario, predicted_s, learnt is not None))
         with LogWriter(target) as copy, removed_if_it_fails(target):
             derived = _derivation(log, copy, scenario, twins)
             _copy(log, copy, derived)
@@ -77,11 +84,25 @@ def overlay_run(
                     "from_rest": "false" if cycle.onset is None else "true",
                 }
             copy.add_metadata("twin", record)
-            for origin, each in twins.items():
-                _predict(log, copy, scenario, origin, each, derived)
+            for number, (origin, each) in enumerate(twins.items()):
+                before_s = number * scenario.acquisition.duration
+
+                def so_far(seconds: float, before_s: float = before_s) -> None:
+                    told(before_s + seconds)
+
+                _predict(log, copy, scenario, origin, each, derived, so_far)
             derived.finish()
             if learnt is not None:
                 _speak(log, copy, learnt, twin, warn)
+
+
+def _shown(
+    screen: Screen | None, scenario: Scenario, predicted_s: float, learnt: bool
+) -> AbstractContextManager[Callable[[float], None]]:
+    if screen is None:
+        return nullcontext(lambda _: None)
+    work = Work(f"overlay {scenario.rig}{' by a surrogate' if learnt else ''}", predicted_s)
+    return screen.bar("predicting", predicted_s, MOTION_S, work)
 
 
 def _speak(
@@ -159,7 +180,13 @@ def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
 
 
 def _predict(
-    log: LogReader, copy: LogWriter, scenario: Scenario, origin: Origin, twin: AnyTwin, derived: Derivation
+    log: LogReader,
+    copy: LogWriter,
+    scenario: Scenario,
+    origin: Origin,
+    twin: AnyTwin,
+    derived: Derivation,
+    told: Callable[[float], None],
 ) -> None:
     measured = log.channels("measured")
     wanted = _predicted_of(twin, measured)
@@ -175,3 +202,4 @@ def _predict(
         if block.channel in names:
             copy.add_block(origin, block, sample_time_ns(block.time_ns, len(block), rate))
             derived(Block(origin, block))
+        told(block.end_sample / rate)

@@ -13,20 +13,43 @@ from queue import SimpleQueue
 from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TextColumn,
+)
+from rich.table import Column
 from rich.text import Text
 
+from daq.clock import Clock, SystemClock
 from daq.errors import RattleError, harmless
+from rig.session.pace import Paces, Work, lasting
 
 FIRST_START: Final = "compiled on a first start, which takes up to a minute"
 """Measured on two cores with nothing compiled: beam 17 s, planar crank 34 s, spatial crank 50 s, or 52 s on
 real instruments. Whatever simulates first compiles for all."""
 
 
+TOLD_FROM_S: Final = 3.0
+"""What is over sooner needs no telling: whatever takes five seconds was expected to take four."""
+_MEASURED_S, _EARLY = 1.0, 0.1
+"""How long work is measured at least before it tells its own pace; until which share what was told counts."""
 _READ_S: Final = 1.0
 """How long the last words may take to be read."""
 _LOOK_S: Final = 0.1
 _LINES: Final = 1 << 16
+
+
+_BAR: Final = 12
+"""Characters: with what a rig shows beside it in a terminal of 80."""
+MOTION_S: Final = "s of motion"
+LOG_S: Final = "s of the log"
+MEGABYTES: Final = "MB"
+_MEASURED: Final = (MOTION_S, LOG_S, MEGABYTES)
+"""Units in which nothing is counted, so that no quarters are told."""
 
 
 class Terminal(Console):
@@ -36,15 +59,71 @@ class Terminal(Console):
         return super().render_str(harmless(text), **{**how, "markup": False, "emoji": False})
 
 
+class Waiting:
+    """How long is left of what takes `total` of some unit (0: nobody counts) and was told to take `told_s`.
+
+    Until a tenth is done what was told counts, if anything was; then what it does in a second.
+    """
+
+    def __init__(self, total: float, told_s: float | None, clock: Clock) -> None:
+        self._total, self._told_s, self._clock = total, told_s, clock
+        self._began_s = clock.monotonic_s()
+        self._first: tuple[float, float] | None = None  # done and time at the first report, before it a start
+        self._done, self._done_s = 0.0, self._began_s
+
+    @property
+    def taken_s(self) -> float:
+        return self._clock.monotonic_s() - self._began_s
+
+    def report(self, done: float) -> None:
+        """So much is done, of `total`."""
+        self._done, self._done_s = done, self._clock.monotonic_s()
+        if self._first is None:
+            self._first = done, self._done_s
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds, none below 0; None where nobody can tell."""
+        by_told = None if self._told_s is None else self._told_s - self.taken_s
+        if by_told is not None and self._done < _EARLY * self._total:
+            return max(by_told, 0.0)
+        by_pace = self._by_pace()
+        return by_told if by_pace is None and by_told is not None and by_told > 0 else by_pace
+
+    def _by_pace(self) -> float | None:
+        """From the first report on: before it something starts, which comes but once.
+
+        Measured for half as long as until then at least, for what works side by side reports at once.
+        """
+        if self._first is None or self._done <= self._first[0]:
+            return None
+        first, first_s = self._first
+        if self._done_s - first_s < max(_MEASURED_S, (first_s - self._began_s) / 2):
+            return None
+        pace = (self._done_s - first_s) / (self._done - first)
+        return max(pace * (self._total - self._done) - (self._clock.monotonic_s() - self._done_s), 0.0)
+
+
+class _Left(ProgressColumn):
+    """The time left, and what else is told beside it."""
+
+    def render(self, task: Task) -> Text:
+        left_s: float | None = task.fields["waiting"].left_s
+        words = [] if left_s is None else [f"{lasting(left_s)} left"]
+        return Text("   ".join([*words, *filter(None, [task.fields["beside"]()])]))
+
+
 class Screen:
     """Lines and progress bars on the terminal; on a pipe, lines alone.
 
-    Each of `stages` is told what goes on, how far it is, of how much, and the unit of both.
+    `paces` knows how long work took here before. Each of `stages` is told what goes on, how far it is, of how
+    much, and the unit of both.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, paces: Paces | None = None, clock: Clock | None = None) -> None:
         self.console = console
         self.stages: list[Callable[[str, float, float, str], None]] = []
+        self.paces, self._clock = paces or Paces(), clock or SystemClock()
         self._queue: SimpleQueue[Callable[[], None] | None] | None = None
 
     @contextmanager
@@ -121,49 +200,114 @@ class Screen:
             raise RattleError("nobody is there to confirm what is done by hand (end of input)") from error
 
     @contextmanager
-    def busy(self, text: str) -> Iterator[None]:
-        """Show that something goes on that has no length."""
+    def busy(self, text: str, work: Work | None = None, unknown: str = "") -> Iterator[None]:
+        """Show that something goes on of which nobody counts what is done, and how long it takes.
+
+        `unknown` is said where no such work was done here before.
+        """
         self.stage(text)
-        if not self.console.is_terminal:
-            self.say(f"{text} ...")
+        told_s = self._expected_s(work)
+        about = unknown if told_s is None else _about(told_s)
+        waiting = Waiting(0.0, told_s, self._clock)
+        if self.console.is_terminal:
+            with self._shown(f"{text} ({unknown})" if told_s is None and unknown else text, None, waiting):
+                yield
+        else:
+            self.say(f"{text}{f' ({about})' if about else ''} ...")
             yield
-            return
-        with self.console.status(text):
-            yield
+        self._took(work, waiting)
 
     @contextmanager
-    def bar(self, text: str, total: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
-        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, a line each quarter.
+    def bar(
+        self,
+        text: str,
+        total: float,
+        unit: str = "s",
+        work: Work | None = None,
+        beside: Callable[[], str] = lambda: "",
+    ) -> Iterator[Callable[[float], None]]:
+        """A progress bar up to `total` seconds, or what `unit` says; on a pipe, of a count each quarter.
 
-        What it gives is told how far it is, in that unit.
+        What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
+        `work` takes is told at the start or, where nobody knows, once it is measured.
         """
         self.stage(text, 0.0, total, unit)
-        if not self.console.is_terminal:
-            self.say(f"{text} ({total:g} {unit}) ...")
-            said = 0
+        told_s = self._expected_s(work)
+        waiting = Waiting(total, total if told_s is None and unit == "s" else told_s, self._clock)
+        if self.console.is_terminal:
+            with self._shown(text, total, waiting, beside) as show:
+
+                def shown(done: float) -> None:
+                    waiting.report(done)
+                    self.stage(text, done, total, unit)
+                    show(done)
+
+                yield shown
+        else:
+            about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
+            self.say(f"{text} ({', '.join([f'{total:g} {unit}', *about])}) ...")
+            said, measured = 0, told_s is not None or work is None
 
             def quarters(done: float) -> None:
-                nonlocal said
+                nonlocal said, measured
                 self.stage(text, done, total, unit)
-                if unit != "s" and (now := min(3, int(4 * done / total)) if total else 3) > said:
+                waiting.report(done)
+                left_s = waiting.left_s
+                if not measured and left_s is not None:
+                    measured = True
+                    if left_s + waiting.taken_s >= TOLD_FROM_S:
+                        self.say(f"{text}: about {lasting(left_s)} left")
+                if unit == "s" or unit in _MEASURED:
+                    return
+                if (now := min(3, int(4 * done / total)) if total else 3) > said:
                     said = now
                     self.say(f"{text} {25 * now} %")
 
             yield quarters
-            return
-        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+        self._took(work, waiting)
+
+    @contextmanager
+    def _shown(
+        self,
+        text: str,
+        total: float | None,
+        waiting: Waiting,
+        beside: Callable[[], str] = lambda: "",
+    ) -> Iterator[Callable[[float], None]]:
+        counted = () if total is None else (BarColumn(_BAR),)
+        left = _Left(Column(no_wrap=True))
+        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *counted, left)
         progress = Progress(*columns, console=self.console, transient=True)
-        task = progress.add_task(text, total=total)
+        task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside)
         self._show(progress.start)
-
-        def update(done: float) -> None:
-            self.stage(text, done, total, unit)
-            progress.update(task, completed=done)
-
         try:
-            yield update
+            yield lambda done: progress.update(task, completed=done)
         finally:
             self._show(progress.stop)
+
+    @contextmanager
+    def within(self, what: str, work: Work | None) -> Iterator[None]:
+        """Say at the start how long all that follows takes, where it was done here before."""
+        waiting = Waiting(0.0, told_s := self._expected_s(work), self._clock)
+        if told_s is not None:
+            self.say(f"{what:<10} {_about(told_s)}")
+        yield
+        self._took(work, waiting)
+
+    def _expected_s(self, work: Work | None) -> float | None:
+        expected_s = None if work is None else self.paces.expected_s(work)
+        return None if expected_s is None or expected_s < TOLD_FROM_S else expected_s
+
+    def _took(self, work: Work | None, waiting: Waiting) -> None:
+        if work is not None:
+            seconds = waiting.taken_s
+            self._show(
+                lambda: self.paces.took(work, seconds)
+            )  # a disk that hangs holds up nothing that moves
+
+
+def _about(seconds: float) -> str:
+    return f"about {lasting(seconds)}"
 
 
 def _typed() -> bytes | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from daq.block import NS_PER_S, sample_time_ns
@@ -16,7 +16,8 @@ from daq.log.records import Impact
 from rig.derived.derivation import ORIGINS, derivation_of, derived_channels
 from rig.files.scenario import AcquisitionSection
 from rig.session.on_page import VIEW_STAYS, on_page, show
-from rig.session.progress import Screen
+from rig.session.pace import Work
+from rig.session.progress import LOG_S, Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
 from rig.twin.logged import align_to, predicting_twin, scenario_of
@@ -59,9 +60,9 @@ def replay_log(
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]
         derivation = derivation_of(log, stream)
         stream += [derived, derivation]
-        with screen.busy("replaying"):
-            count = _play(log, speed, clock, stop, stream)
-        derivation.finish()
+        with _shown(log, speed, screen) as told:
+            count = _play(log, speed, clock, stop, stream, told)
+            derivation.finish()
         screen.say(f"derived    {derived}")
         screen.stage(f"replayed: {path}")
         if live:
@@ -87,7 +88,22 @@ class _Derived:
                 self._impacts += 1
 
 
-def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish: Consumer) -> int:
+def _shown(log: LogReader, speed: float, screen: Screen) -> AbstractContextManager[Callable[[float], None]]:
+    """A bar over the s of a log that are played; of a log that was cut short nobody knows how many."""
+    ends_ns = [log.last_ns(f"/{origin}/{name}", 0) for origin in PLAYED for name in log.channels(origin)]
+    seconds = (max(ends_ns) - (log.zero_ns or 0)) / NS_PER_S
+    work = Work("replay", log.path.stat().st_size / 1e6)
+    return screen.bar("replaying", max(seconds, 0.0), LOG_S, work if speed == 0 else None)
+
+
+def _play(
+    log: LogReader,
+    speed: float,
+    clock: Clock,
+    stop: StopRequest,
+    publish: Consumer,
+    told: Callable[[float], None],
+) -> int:
     """Paced on the monotonic clock; returns the number of blocks."""
 
     def blocks(origin: Origin) -> Iterator[tuple[int, Record]]:
@@ -106,6 +122,7 @@ def _play(log: LogReader, speed: float, clock: Clock, stop: StopRequest, publish
                 stop.check()
                 clock.sleep(min(left_s, 0.05))
         publish(record)
+        told((time_ns - first_ns) / NS_PER_S)
         count += isinstance(record, Block)
     return count
 

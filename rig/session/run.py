@@ -25,11 +25,12 @@ from rig.files.pairing import SOFT_START_FROM_S
 from rig.files.scenario import AcquisitionSection, Scenario
 from rig.rigs import RIGS
 from rig.session.acquisition import Reader
-from rig.session.devices import Connect, connected
+from rig.session.devices import Connect, Standing, connected
 from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, ON_THEIR_WAY_S, FrequencyCheck, FrequencyHold, Trimmed
 from rig.session.on_page import VIEW_STAYS, on_page, show
+from rig.session.pace import Work
 from rig.session.progress import FIRST_START, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
@@ -70,7 +71,8 @@ class Sequence:
         """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
         rig, wanted = self.rig, self.wanted
         if wanted.settle > 0:
-            with rig.screen.bar("settling", wanted.settle) as settling:
+            work = Work(f"start and settle {rig.name}", wanted.settle)
+            with rig.screen.bar("settling", wanted.settle, "s", work, rig.levels.worst) as settling:
                 self._start()
                 full = rig.acquisition.acquired
                 end, feed_from = full + self._samples(wanted.settle), full
@@ -84,7 +86,7 @@ class Sequence:
         count = pre_trigger + self._samples(wanted.duration)
         begin = rig.start_record(count)
         rig.logbook.tell("info", "record.start", "recording")
-        with rig.screen.bar("recording", wanted.duration) as bar:
+        with rig.screen.bar("recording", wanted.duration, beside=rig.levels.worst) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
@@ -152,7 +154,8 @@ class RunRequest:
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
     quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
     `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for Enter,
-    with all connected and measuring, before anything moves.
+    with all connected and measuring, before anything moves. `standing` has the devices where they stay
+    connected for the next run.
     """
 
     scenario: Scenario
@@ -166,14 +169,21 @@ class RunRequest:
     view_stays: bool = True
     path: tuple[Any, ...] = ()
     armed: bool = False
+    standing: Standing | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
+    scenario, bench, standing = request.scenario, request.bench, request.standing
     with ExitStack() as stack:
         view = stack.enter_context(on_page(screen)) if request.live else None
-        stop, devices, notes = connected(stack, request.connect, request.scenario, request.bench, screen)
-        rig = DrivenRig(request.bench, devices, stop, screen, RunClock(clock))
+        stop = stack.enter_context(StopRequest())
+        if standing is None:
+            devices, notes = connected(stack, request.connect, scenario, bench, screen, stop)
+        else:
+            devices, notes = standing.connected(scenario, bench, screen, stop)
+        rig = DrivenRig(bench, devices, stop, screen, RunClock(clock), standing)
+        rig.motion = rig.motion.with_drive(scenario.drive)
         return _Run(request, rig, notes, stop, view).execute(stack)
 
 
@@ -210,6 +220,7 @@ class _Run:
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
         beside = [ENCODER_ANGLE.name] if ENCODER_ANGLE.name in twin.sensors else []
+        crew = None if self._request.standing is None else self._request.standing.crew
         self._feed = feed = TwinFeed(
             twin,
             (*rig.names, *beside),
@@ -218,6 +229,7 @@ class _Run:
             rig.stream,
             rig.logbook.tell,
             lambda text: rig.screen.warn(f"{text}: is {look_at}?"),
+            crew,
         )
         predicted = [channel for channel in predicted_channels(twin) if channel.name in rig.names]
         origins: dict[Origin, list[Channel]] = {
@@ -225,11 +237,12 @@ class _Run:
             "predicted": predicted,
         }
         names = {origin: tuple(channel.name for channel in each) for origin, each in origins.items()}
-        derivation = DerivationProcess(names, self._scenario, rig.clock, rig.stream)
+        derivation = DerivationProcess(names, self._scenario, rig.clock, rig.stream, crew=crew)
         stack.enter_context(derivation.worker)
         stack.enter_context(feed.worker)
         emulated = "daq_card" in self._request.bench.emulated  # then its start has told it
-        with rig.screen.busy(f"warming up the twin{'' if emulated else f' ({FIRST_START})'}"):
+        work = Work(f"warm up {self._scenario.rig}")
+        with rig.screen.busy("warming up the twin", work, "" if emulated else FIRST_START):
             feed.worker.wait_ready(self._stop.check)
             derivation.wait_ready(self._stop.check)
         log = rig.open_log(stack, self._request.folder, self._scenario.name)
@@ -255,9 +268,10 @@ class _Run:
             if channel.name in (*rig.names, *beside):
                 rig.recorder.declare("predicted", channel)
         self._move_and_record()
-        with rig.screen.busy("finishing the prediction"):
+        work = Work(f"finish {self._scenario.rig}", wanted.settle + wanted.duration)
+        with rig.screen.busy("finishing the prediction", work):
             feed.finish(self._stop.check)
-        derivation.finish(rig.logbook.note, self._stop.check)
+            derivation.finish(rig.logbook.note, self._stop.check)
         if view is not None:
             rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
         rig.recorder.close()

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from itertools import pairwise
 from multiprocessing.connection import Connection
+from types import TracebackType
 
 from daq.clock import SystemClock
 from daq.errors import EmergencyStop, InstrumentRefused, RattleError
@@ -68,6 +69,8 @@ class Supervisor:
     It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
     `latch`. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at nothing
     else, but for 0.5 s at most, and so long without a spare.
+
+    One that `stays` goes on watching a rig that has come to rest, for the next run to beat, until `close`.
     """
 
     def __init__(
@@ -78,7 +81,9 @@ class Supervisor:
         line: Callable[[], LineReader] | None = None,
         latch: Latch | None = None,
         off_s: float = 0.0,
+        stays: bool = False,
     ) -> None:
+        self._stays = stays
         self._silence_s = LET_GO_S if spare is None else SILENCE_S
         hurry_s = SILENCE_S if spare is None else min(_HURRY_S + off_s, SILENCE_S)
         self._up, self._unanswered = False, 0  # signs of life since the last that was answered
@@ -93,6 +98,8 @@ class Supervisor:
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
+        if self._child.pid is not None:
+            return
         # It may fork while it reads a card's line, which its child leaves alone; gRPC would hang that.
         os.environ["GRPC_ENABLE_FORK_SUPPORT"] = "0"
         self._child.start()
@@ -104,8 +111,15 @@ class Supervisor:
         os.set_blocking(self._child.pipe.fileno(), False)  # a beat that finds it full is dropped
         return self
 
-    def __exit__(self, *error: object) -> None:
-        self.close()
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing moves any more; a run that something went wrong with keeps nobody."""
+        if not self._stays or kind is not None:
+            self.close()
+        else:
+            with suppress(OSError):  # one that does not hear it takes the next silence for a run that hangs
+                self._child.pipe.send(math.inf)
 
     def close(self) -> None:
         """End the process; may be called twice."""
@@ -287,7 +301,9 @@ def _await_silence(
                 return _LET_GO.format(silence=min(LET_GO_S, longest_s))
             else:  # the whole machine stood still, the run with it: once more
                 slept = True
-            until_s = time.monotonic() + min(patience_s, longest_s)
+            # for ever where the run has said that nothing moves
+            within_s = patience_s if patience_s == math.inf else min(patience_s, longest_s)
+            until_s = time.monotonic() + within_s
     except (EOFError, OSError):
         return _GONE
 

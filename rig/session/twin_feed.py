@@ -12,7 +12,7 @@ from rig.session.acquisition import Acquisition
 from rig.stream import Block, Consumer, Shape
 from rig.twin.alignment import Alignment, reference_among
 from rig.twin.worker import Drive, Predict, RecordedSpan
-from rig.worker_process import WorkerFailed, WorkerProcess
+from rig.worker_process import Crew, WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
 
 _FINISH_S = 600.0
@@ -34,12 +34,13 @@ class TwinFeed:
         publish: Consumer,
         tell: Callable[[str, str, str], None],
         unseen: Callable[[str], None],
+        crew: Crew | None = None,
     ) -> None:
         self._names, self._publish, self._tell, self._unseen = names, publish, tell, unseen
         self._reference = reference_among(twin.model.channels, names).channel
         self._last = self._ends = False
         task = Predict(twin, self._reference, sample_rate, settle_s)
-        self.worker = WorkerProcess("twin", task, self._deliver)
+        self.worker = WorkerProcess("twin", task, self._deliver, crew=crew)
         self.feed_from: int | None = None
 
     def take(self, reading: CardReading, acquisition: Acquisition) -> None:

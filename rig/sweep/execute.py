@@ -18,12 +18,12 @@ from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
 from rig.files.scenario import Scenario, edited
 from rig.files.sweep import Point, Sweep, points_named
-from rig.session.devices import Connect
+from rig.session.devices import Connect, Standing
 from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.stream import Block, Record
-from rig.sweep.plan import Move, lasting, steps_of
+from rig.sweep.plan import Move, Step, connects, left, steps_of, work_of
 from rig.sweep.results import outcome_of, write_results
 from rig.sweep.state import (
     SCHEMA,
@@ -102,14 +102,22 @@ class Sweeping:
             point = self._state.points[number]
             comes = "comes again" if self._wanted(number) else f"not repeated without --again {number}"
             self._screen.warn(f"point {number}: {point.outcome}: {point.why}; {comes}")
+        with Standing(self._request.connect) as standing:
+            self._record(todo, len(steps), standing)
+        return self._state
+
+    def _record(self, todo: Sequence[Step], count: int, standing: Standing) -> None:
+        before: Point | None = None
         for index, step in enumerate(todo):
-            left = lasting(self._request.sweep, (each.point for each in todo[index:]))
+            to_come = [each.point for each in todo[index:]]
+            lasts = left(self._request.sweep, to_come, self._screen.paces, before)
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
-            self._screen.say(f"point {step.point.number} of {len(steps)}  {said}  ({left} left)")
+            self._screen.say(f"point {step.point.number} of {count}  {said}  ({lasts} left)")
             for axis in self._request.sweep.axes:
                 value, now = step.point.settings[axis.key], self._state.by_hand.get(axis.key)
                 if axis.by_hand and now != value:
                     move = Move(axis.key, now, value, axis.by_hand)
+                    standing.close()  # nobody reaches into a rig that is connected
                     if self._request.rehearsal:
                         self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
                     else:
@@ -117,16 +125,20 @@ class Sweeping:
                     # a move by hand also ends what centring found
                     hands = {**self._state.by_hand, axis.key: value}
                     self._keep(dataclasses.replace(self._state, by_hand=hands, centre=None))
-            self._point(step.point, last=step is todo[-1])
-        return self._state
+            began_s = self._clock.monotonic_s()
+            self._point(step.point, standing, last=step is todo[-1])
+            if not connects(before, step.point):
+                work = work_of(self._request.sweep, step.point)
+                self._screen.paces.took(work, self._clock.monotonic_s() - began_s)
+            before = step.point
 
     def _wanted(self, number: int) -> bool:
         ended = self._state.points.get(number)
         return number in self._request.again or ended is None or ended.outcome == "stopped"
 
-    def _point(self, point: Point, last: bool) -> None:
+    def _point(self, point: Point, standing: Standing, last: bool) -> None:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
-            come_to = self._centred(point)
+            come_to = self._centred(point, standing)
             scenario = come_to.scenario
             until, counted = self._request.sweep.until, None
             if until is not None:
@@ -144,6 +156,7 @@ class Sweeping:
                 (lambda: False) if counted is None else counted.enough,
                 view_stays=last,
                 path=come_to.path,
+                standing=standing,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)
@@ -178,11 +191,12 @@ class Sweeping:
             self._keep(self._state.with_point(number, ended))
             raise
 
-    def _centred(self, point: Point) -> Point:
+    def _centred(self, point: Point, standing: Standing) -> Point:
         if not self._request.sweep.centre or self._centre is None:
             return point
         found = self._state.centre
         if found is None:
+            standing.close()
             found = self._centre(point.scenario, self._bench, self._screen)
             self._keep(dataclasses.replace(self._state, centre=found))
         path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)

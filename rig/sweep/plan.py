@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise, starmap
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
@@ -19,14 +21,17 @@ from rig.session.centring import check_centring
 from rig.session.centring import plan_of as centring_plan
 from rig.session.drive import RAMP_S
 from rig.session.interlock import SPEED_GUARDED
+from rig.session.pace import Paces, Work, lasting
 from rig.session.run import starts_softly
 from rig.twin.scenario_twin import check_twin
 
 _WALK_S: Final = {False: RAMP_S, True: 3.0}
 """From one value to the next on a point's path, where nothing turns and where a motor does."""
-AROUND_S: Final = 15.0
-"""Of each point beside settling and recording: connecting, twin, ramps, closing the log; 10 s to 20 s on
-two cores, by what else they do."""
+AROUND_S: Final = 3.0
+"""Of each point beside settling and recording, where nothing is known of this machine: ramps, the end of the
+prediction, closing the log."""
+CONNECTING_S: Final = 15.0
+"""Before the first point, and wherever the rig was set otherwise: instruments, twin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +124,7 @@ def _counting(sweep: Sweep, bench: Bench) -> list[Problem]:
 
 
 def seconds_of(points: Iterable[Point]) -> float:
-    """The longest that points take, without what moves by hand take."""
+    """The longest that points take, without what moves by hand and connecting take."""
     return sum(
         AROUND_S
         + len(point.path) * _WALK_S[RIGS[point.scenario.rig].turns]
@@ -129,13 +134,27 @@ def seconds_of(points: Iterable[Point]) -> float:
     )
 
 
-def lasting(sweep: Sweep, points: Iterable[Point]) -> str:
-    """How long points of a sweep take, in words; less where their records end with enough impacts."""
-    minutes, seconds = divmod(round(seconds_of(points)), 60)
-    hours, minutes = divmod(minutes, 60)
-    short = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
-    words = f"{hours} h {minutes} min" if hours else short
-    return f"{'about' if sweep.until is None else 'at most'} {words}"
+def work_of(sweep: Sweep, point: Point) -> Work:
+    """A point as work, in the seconds that it takes at most."""
+    until = "" if sweep.until is None else f" until {sweep.until.impacts} impacts"
+    return Work(f"point of {sweep.rig}{until}", seconds_of([point]))
+
+
+def connects(before: Point | None, point: Point) -> bool:
+    """Whether the rig has to be connected anew after the point `before`."""
+    return before is None or before.scenario.model != point.scenario.model
+
+
+def left(sweep: Sweep, points: Sequence[Point], paces: Paces, before: Point | None = None) -> str:
+    """How long points of a sweep take after the point `before`, in words.
+
+    By what points took on this machine; else at most, where records may end with enough impacts.
+    """
+    known = [paces.expected_s(work_of(sweep, point)) for point in points]
+    lasts_s = seconds_of(points) if None in known else math.fsum(filter(None, known))
+    connections = sum(starmap(connects, pairwise([before, *points])))
+    at_most = sweep.until is not None and None in known
+    return f"{'at most' if at_most else 'about'} {lasting(lasts_s + connections * CONNECTING_S)}"
 
 
 def real_instruments(bench: Bench) -> tuple[str, ...]:
@@ -144,7 +163,7 @@ def real_instruments(bench: Bench) -> tuple[str, ...]:
 
 
 def listing(
-    sweep: Sweep, bench: Bench, set_by_hand: Mapping[str, Value], ended: Mapping[int, str]
+    sweep: Sweep, bench: Bench, set_by_hand: Mapping[str, Value], ended: Mapping[int, str], paces: Paces
 ) -> Iterator[str]:
     """The plan in lines; `set_by_hand` is how the rig stands already, `ended` how points ended before."""
     steps = steps_of(sweep)
@@ -161,9 +180,12 @@ def listing(
         yield "path       the drive comes to each point through all values before it, without a rest"
     if sweep.centre:
         yield "centring   before the first point and after each move by hand"
-    left = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
-    sooner = "" if sweep.until is None else f", less where {sweep.until.impacts} impacts come sooner"
-    yield f"time       {lasting(sweep, left)} for {len(left)} points{sooner}; moves by hand come on top"
+    open_yet = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
+    lasts = left(sweep, open_yet, paces)
+    sooner = ""
+    if sweep.until is not None and lasts.startswith("at most"):
+        sooner = f", less where {sweep.until.impacts} impacts come sooner"
+    yield f"time       {lasts} for {len(open_yet)} points{sooner}; moves by hand come on top"
 
 
 def _said(move: Move, set_by_hand: Mapping[str, Value]) -> str:

@@ -42,20 +42,28 @@ class _DrawnPlant:
     """A rig as it was drawn; it begins at rest with the drive off.
 
     `believed` is the operator's twin with the hidden effects in; `healthy` draws the rig from `seed`, and
-    what is set anew for each run (clearance, drive, noise) from `run_seed` as well.
+    what is set anew for each run, each start (clearance, drive, noise), from `run_seed` as well.
     """
 
     def __init__(self, believed: AnyTwin, seed: int, run_seed: int, healthy: bool) -> None:
-        rig_draw = np.random.default_rng([seed, 0])
+        self._believed, self._seed, self._healthy = believed, seed, healthy
         self._noise = np.random.default_rng([seed, 1, run_seed])
-        self._twin = believed.model.draw_healthy(believed, rig_draw, self._noise) if healthy else believed
+        self._twin = self._drawn()
         self._stream: TwinStream | None = None
+
+    def _drawn(self) -> AnyTwin:
+        if not self._healthy:
+            return self._believed
+        rig_draw = np.random.default_rng([self._seed, 0])
+        return self._believed.model.draw_healthy(self._believed, rig_draw, self._noise)
 
     @property
     def channels(self) -> tuple[str, ...]:
         return self._twin.channels
 
     def start(self, sample_rate: float) -> None:
+        if self._stream is not None:  # another run
+            self._twin = self._drawn()
         self._stream = self._twin.model.stream(self._twin, sample_rate, self._noise, drive_changes=True)
 
     def advance(self, count: int) -> NDArray[np.float64]:

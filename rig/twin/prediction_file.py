@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,13 +26,14 @@ def write_prediction(
     path: Path,
     effects: Path | None = None,
     fitted: ModelFile | None = None,
+    told: Callable[[float], None] = lambda _: None,
 ) -> AnyTwin:
     """Write /predicted/... of `scenario` to the new file `path`; returns the twin that was run.
 
     Without `seed`: nominal, noiseless, from rest with the full drive at t = 0, sample 0 after `settle`. With
     it: a healthy draw with noise and any phase of the drive, settled before sample 0. Timestamps start at the
     Unix epoch. `effects` is the file whose effects `twin` has, `fitted` what it was
-    matched by, for the record.
+    matched by, for the record. `told` hears how many seconds are written.
     """
     model, rate = twin.model, scenario.acquisition.sample_rate
     noise, phase, before = None, 0.0, scenario.acquisition.settle
@@ -56,6 +57,7 @@ def write_prediction(
         count = round(scenario.acquisition.duration * rate)
         for block in blocks_of(stream, 0, count, start_ns=0):
             log.add_block("predicted", block, sample_time_ns(0, block.end_sample, rate))
+            told(block.end_sample / rate)
     return twin
 
 

@@ -124,6 +124,22 @@ def test_a_stop_ramps_to_zero_and_then_withdraws_run() -> None:
     on_bench(work)
 
 
+def test_after_a_stop_and_a_rest_it_runs_again_at_another_speed() -> None:
+    """As from point to point of a sweep: nobody need look after it while it stands."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        await bench.motor.stop()
+        await bench.wait(60.0)
+        await bench.run_at(HZ / 2)
+        state = await bench.poller.look()
+        assert state.running
+        assert state.output_frequency_hz == pytest.approx(HZ / 2, abs=0.01)  # its step
+        assert bench.poller.error is None
+
+    on_bench(work)
+
+
 def test_a_stop_waits_for_the_measured_speed_where_there_is_one() -> None:
     async def work(bench: Bench) -> float:
         await bench.run_at(HZ)

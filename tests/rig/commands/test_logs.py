@@ -14,6 +14,7 @@ from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.front import read_summary
 from daq.log.records import Gap
+from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 from tests.daq.log.logs import START_NS, block, write_ramp
 from tests.rig.commands.cli import Call
@@ -42,6 +43,28 @@ def test_a_cut_log_exits_1_and_can_be_recovered(call: Call, tmp_path: Path) -> N
     assert "cut short" in answer.out
     assert call("recover", path, "-o", tmp_path / "whole.mcap").code == 0
     assert call("verify", tmp_path / "whole.mcap").code == 0
+
+
+def test_a_large_log_says_that_it_is_read_and_a_program_hears_nothing_of_it(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.commands.logs._LARGE_MB", 0.0)
+    path = write_ramp(tmp_path / "log.mcap")
+    assert call("verify", path).out.startswith("verifying (0 MB) ...\n")
+    assert call("recover", path, "-o", tmp_path / "again.mcap").out.startswith("recovering (0 MB) ...\n")
+    assert json.loads(call("verify", path, "--json").out)["sound"] is True
+
+
+def test_how_far_a_log_was_read_is_told_in_bytes(tmp_path: Path) -> None:
+    path, passed = write_ramp(tmp_path / "log.mcap"), list[int]()
+    verify_log(path, passed.append)
+    assert passed == sorted(passed)
+    assert 0 < passed[-1] < path.stat().st_size
+    path.write_bytes(path.read_bytes()[:-500])  # without an index
+    cut = list[int]()
+    recover_log(path, tmp_path / "whole.mcap", cut.append)
+    assert cut == sorted(cut)
+    assert 0 < cut[-1] < path.stat().st_size
 
 
 def damaged_at_the_end(path: Path, at: int, byte: int) -> Path:

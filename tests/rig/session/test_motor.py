@@ -223,7 +223,8 @@ def test_a_shaft_that_runs_away_on_its_way_down_is_an_interlock() -> None:
 
 
 def proved(drive: FakeDrive, rpm: float = 200.0) -> Motor:
-    moved = Motor(drive, rpm * math.tau / 60.0, drive.clock.sleep, drive.shaft_rpm, drive.clock, proves=True)
+    first = Motor(drive, 10.0, drive.clock.sleep, drive.shaft_rpm, drive.clock, proves=True)
+    moved = first.with_drive(CrankDrive(rpm * math.tau / 60.0))
     moved.arm(soft=True)
     moved.start(soft=True)
     return moved

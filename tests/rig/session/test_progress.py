@@ -12,7 +12,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from rig.session.progress import Screen, Terminal
+from rig.session.pace import Paces, Work
+from rig.session.progress import Screen, Terminal, Waiting
 
 
 def said(total: float, unit: str, steps: int) -> list[str]:
@@ -119,3 +120,129 @@ def test_an_enter_from_before_the_record_does_not_end_it(monkeypatch: pytest.Mon
         assert [pressed(), pressed()] == [True, False]
         typed.close()
         assert screen.nobody_enters()
+
+
+class Moment:
+    """A clock that stands until it is moved."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def monotonic_s(self) -> float:
+        return self.now_s
+
+
+class Known(Paces):
+    """What everything is expected to take, and what it took."""
+
+    def __init__(self, expected_s: float | None) -> None:
+        super().__init__()
+        self._expected, self.kept = expected_s, list[tuple[Work, float]]()
+
+    def expected_s(self, work: Work) -> float | None:
+        return self._expected
+
+    def took(self, work: Work, seconds: float) -> None:
+        self.kept.append((work, seconds))
+
+
+def timed(expected_s: float | None, terminal: bool = False) -> tuple[Screen, Known, Moment, StringIO]:
+    out, paces, clock = StringIO(), Known(expected_s), Moment()
+    console = Console(file=out, force_terminal=terminal, width=120)
+    return Screen(console, paces, clock), paces, clock, out  # type: ignore[arg-type]
+
+
+WORK = Work("predict", 10.0)
+
+
+def test_work_that_was_done_before_is_told_of_at_its_start_and_kept_at_its_end() -> None:
+    screen, paces, clock, out = timed(75.0)
+    with screen.busy("predicting", WORK):
+        assert out.getvalue() == "predicting (about 1 min 15 s) ...\n"
+        clock.now_s = 80.0
+    assert paces.kept == [(WORK, 80.0)]
+    with screen.bar("simulating", 48, "rigs", WORK):
+        assert out.getvalue().splitlines()[1:] == ["simulating (48 rigs, about 1 min 15 s) ..."]
+    with screen.within("lasts", WORK):
+        assert out.getvalue().splitlines()[-1] == "lasts      about 1 min 15 s"
+
+
+def test_seconds_that_something_comes_before_are_told_with_it() -> None:
+    """A motor that has to come up before it settles."""
+    screen, _, _, out = timed(8.4)
+    with screen.bar("settling", 1.0, "s", WORK):
+        assert out.getvalue() == "settling (1 s, about 8 s in all) ...\n"
+
+
+def test_what_is_soon_over_or_never_was_done_is_not_told_of() -> None:
+    for expected_s in (2.0, None):
+        screen, _, _, out = timed(expected_s)
+        with screen.busy("predicting", WORK), screen.within("lasts", WORK):
+            assert out.getvalue() == "predicting ...\n"
+    screen, _, _, out = timed(None)
+    with screen.busy("starting", WORK, "up to a minute"):
+        assert out.getvalue() == "starting (up to a minute) ...\n"
+
+
+def test_work_that_fails_or_is_stopped_tells_nothing_of_the_next() -> None:
+    screen, paces, _, _ = timed(None)
+    for shown in (screen.busy("predicting", WORK), screen.bar("simulating", 48, "rigs", WORK)):
+        with pytest.raises(KeyboardInterrupt), shown:
+            raise KeyboardInterrupt
+    assert paces.kept == []
+
+
+def test_the_first_of_its_kind_is_measured_and_told_once() -> None:
+    """By what it does once all has started, for as long as two at a time need to show it."""
+    screen, _, clock, out = timed(None)
+    with screen.bar("simulating", 80, "rigs", WORK) as bar:
+        for clock.now_s, done in ((6.0, 8), (6.1, 16), (8.0, 24), (8.1, 32), (10.0, 40), (10.1, 48)):
+            bar(done)
+    told = [line for line in out.getvalue().splitlines() if "about" in line]
+    assert told == ["simulating: about 5 s left"]  # 40 of 80 are left, 32 came in 4 s
+
+
+def test_nothing_is_measured_of_what_nobody_asks_the_time_of() -> None:
+    screen, _, clock, out = timed(None)
+    with screen.bar("judging", 80, "rigs") as bar:
+        for clock.now_s, done in ((6.0, 8), (12.0, 16), (60.0, 24)):
+            bar(done)
+    assert "about" not in out.getvalue()
+
+
+def test_the_time_left_goes_by_what_was_told_and_then_by_what_is_done() -> None:
+    clock = Moment()
+    waiting = Waiting(100.0, 50.0, clock)  # type: ignore[arg-type]
+    left = []
+    for clock.now_s, done in ((5.0, 1.0), (10.0, 6.0), (15.0, 11.0), (20.0, 16.0)):
+        waiting.report(done)
+        left.append(waiting.left_s)
+    assert left == [45.0, 40.0, 89.0, 84.0]
+    clock.now_s = 24.0  # nothing new, but the clock goes on
+    assert waiting.left_s == 80.0
+
+
+def test_nobody_says_that_no_time_is_left_of_what_goes_on() -> None:
+    clock = Moment()
+    waiting = Waiting(0.0, 10.0, clock)  # type: ignore[arg-type]
+    clock.now_s = 4.0
+    assert waiting.left_s == 6.0
+    clock.now_s = 11.0
+    assert waiting.left_s is None
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_a_terminal_shows_how_long_is_left_and_what_else_there_is(counted: bool) -> None:
+    screen, _, clock, out = timed(75.0, terminal=True)
+    if counted:
+        with screen.bar(
+            "recording", 90.0, beside=lambda: "contact.force_upper up to 43 % of its range"
+        ) as bar:
+            clock.now_s = 30.0
+            bar(30.0)
+    else:
+        with screen.busy("predicting", WORK):
+            clock.now_s = 15.0
+    shown = out.getvalue()
+    assert "1 min 0 s left" in shown
+    assert ("contact.force_upper up to 43 % of its range" in shown) == counted

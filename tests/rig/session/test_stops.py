@@ -16,15 +16,15 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import EmergencyStop, InterlockTripped, RattleError
+from daq.errors import EmergencyStop, InstrumentSilent, InterlockTripped, RattleError
 from daq.log.reader import LogReader
 from rig.derived import derivation
 from rig.files.bench import embedded_bench
-from rig.files.scenario import Scenario, parse_scenario
+from rig.files.scenario import Scenario, edited, parse_scenario
 from rig.session import driven_rig, twin_feed
 from rig.session.centring import plan_of
 from rig.session.centring_run import find_centre
-from rig.session.devices import Devices
+from rig.session.devices import Devices, Standing
 from rig.session.drive import Shaker
 from rig.session.dwells import DwellRequest, record_dwells
 from rig.session.motor import Motor, MotorActuator
@@ -67,7 +67,7 @@ class Idle:
     error, lost = "", False
     emergency_stop: EmergencyStop | None = None
 
-    def __init__(self, *_: Any) -> None:
+    def __init__(self, *_: Any, **__: Any) -> None:
         pass
 
     def __enter__(self) -> Idle:
@@ -113,7 +113,8 @@ class RunningCard(SteppedCard):
 
     def start(self) -> None:
         super().start()
-        self._letting.start()
+        if self._letting.ident is None:
+            self._letting.start()
 
     def open(self) -> None:
         pass
@@ -279,3 +280,100 @@ def test_a_supervisor_that_is_lost_stops_it(
     monkeypatch.setattr(stopper, "start", lost)
     ended(rig, moves, SupervisorTripped, "the supervisor is gone")
     rig.assert_stopped()
+
+
+class InTurn:
+    """Runs one after the other on what stands, at these frequencies; `before` is what happens before one."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig, self.opened = rig, 0
+        self.before: dict[float, Callable[[], None]] = {}
+
+    def connect(self, *_: object) -> tuple[Devices, dict[str, str]]:
+        self.opened += 1
+        return self.rig.connect()
+
+    def __call__(self, *hertz: float) -> None:
+        with Standing(self.connect) as standing:
+            for each in hertz:
+                self.before.get(each, lambda: None)()
+                short = {"acquisition.duration": "0.3 s", "acquisition.settle": "0 s"}
+                scenario = edited(self.rig.scenario, {"drive.frequency": f"{each} Hz", **short}, "in turn")
+                rig = self.rig
+                request = RunRequest(scenario, rig.bench, self.connect, rig.folder, standing=standing)
+                run_scenario(request, silent_screen(), SystemClock())
+                assert self.rig.told()[-1] == "off"
+
+    @property
+    def armed_hz(self) -> list[object]:
+        return [each[1] for each in self.rig.generator.told if each[0] == "arm_sine"]
+
+
+@pytest.fixture
+def in_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[InTurn]:
+    monkeypatch.setattr(driven_rig, "Supervisor", Idle)
+    for module in (twin_feed, derivation):
+        monkeypatch.setattr(module, "WorkerProcess", Idle)
+    monkeypatch.setattr(Idle, "emergency_stop", None)
+    rig = Rig(BEAM, tmp_path)
+    yield InTurn(rig)
+    rig.card.close()
+
+
+def test_runs_on_what_stands_are_each_armed_and_switched_off_and_it_hangs_up_at_the_end(
+    in_turn: InTurn,
+) -> None:
+    in_turn(20.0, 21.0)
+    assert in_turn.opened == 1
+    assert in_turn.armed_hz == [20.0, 21.0]
+    assert in_turn.rig.told().count("open") == 1
+    assert in_turn.rig.told().count("start") == 2
+    assert in_turn.rig.told()[-2:] == ["off", "close"]
+    logs = sorted(in_turn.rig.folder.glob("*.mcap"))
+    assert len(logs) == 2
+    for log in logs:
+        with LogReader(log) as reader:
+            assert reader.complete
+            assert reader.series("measured", "drive.force").first_sample == 0
+
+
+def test_what_trips_in_one_run_lets_none_follow_and_leaves_nothing_connected(in_turn: InTurn) -> None:
+    def too_much() -> None:
+        in_turn.rig.card.level = 60.0
+
+    in_turn.before[21.0] = too_much
+    with pytest.raises(InterlockTripped, match="60 N"):
+        in_turn(20.0, 21.0, 22.0)
+    assert in_turn.armed_hz == [20.0, 21.0]
+    assert in_turn.rig.told()[-2:] == ["off", "close"]
+
+
+def test_an_emergency_stop_between_two_runs_lets_the_next_not_move(
+    in_turn: InTurn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pressed() -> None:
+        seen = EmergencyStop("port0/line0 of a card", "its line is open", 0.0)
+        monkeypatch.setattr(Idle, "emergency_stop", seen)
+
+    in_turn.before[21.0] = pressed
+    with pytest.raises(EmergencyStop):
+        in_turn(20.0, 21.0)
+    assert in_turn.armed_hz == [20.0]
+    assert in_turn.rig.told()[-2:] == ["off", "close"]
+
+
+def test_a_drive_that_does_not_go_off_between_two_runs_ends_them(
+    in_turn: InTurn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    generator, off = in_turn.rig.generator, in_turn.rig.generator.off
+
+    def fails() -> None:
+        off()
+        if generator.told.count(("start",)):
+            raise InstrumentSilent(generator.name, generator.address, "no answer to off")
+
+    monkeypatch.setattr(generator, "off", fails)
+    with pytest.raises(InstrumentSilent, match="no answer to off"):
+        in_turn(20.0, 21.0)
+    assert in_turn.armed_hz == [20.0]
+    assert in_turn.rig.told()[-1] == "close"

@@ -92,10 +92,12 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def launched(tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
     with lock("generator", "here") as held:
 
-        def launch(emulated: bool = False, line: bool = False, off_s: float = 0.0) -> Supervisor:
+        def launch(
+            emulated: bool = False, line: bool = False, off_s: float = 0.0, stays: bool = False
+        ) -> Supervisor:
             watched = partial(FileLine, tmp_path) if line else None
             generator, latch = partial(FarGenerator, tmp_path), Latch("generator", "here")
-            supervisor = Supervisor(generator, [held], emulated, watched, latch, off_s)
+            supervisor = Supervisor(generator, [held], emulated, watched, latch, off_s, stays)
             supervisor.launch()
             return supervisor
 
@@ -301,6 +303,61 @@ def test_a_run_that_dies_before_anything_moves_is_switched_off(
     supervisor._child.pipe.close()
     await_true("switched off", (tmp_path / "off").exists)
     supervisor.close()
+
+
+def test_one_that_stays_watches_the_next_run_as_it_did_the_first(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    """Nothing moves between two runs, so nobody need give a sign of life; once it moves, somebody must."""
+    (tmp_path / "there").touch()
+    supervisor = launched(stays=True)
+    process = supervisor._child.pid
+    with supervisor:
+        supervisor.beat()
+    time.sleep(SILENCE_S + 0.4)
+    supervisor.launch()
+    with supervisor:
+        supervisor.check()
+        assert not (tmp_path / "off").exists()
+        assert supervisor._child.pid == process
+        supervisor.beat()
+        await_true("switched off", (tmp_path / "off").exists, SILENCE_S + 0.4)
+    supervisor.close()
+
+
+def test_a_run_that_dies_at_rest_is_switched_off_as_well(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    (tmp_path / "there").touch()
+    supervisor = launched(stays=True)
+    with supervisor:
+        supervisor.beat()
+    supervisor._child.pipe.close()
+    await_true("switched off", (tmp_path / "off").exists)
+    supervisor.close()
+
+
+def test_an_emergency_stop_between_two_runs_ends_the_next_before_it_moves(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    supervisor = launched(stays=True, line=True)
+    with supervisor:
+        supervisor.beat()
+    (tmp_path / "pressed").touch()
+    await_true("seen", lambda: supervisor.emergency_stop)
+    time.sleep(0.3)
+    with supervisor:
+        supervisor.check()  # it lives, and has switched off nothing that was off
+        assert not (tmp_path / "off").exists()
+        assert supervisor.emergency_stop is not None
+    supervisor.close()
+
+
+def test_one_that_stays_does_not_outlive_a_run_that_went_wrong(launched: Callable[..., Supervisor]) -> None:
+    supervisor = launched(stays=True)
+    with pytest.raises(ZeroDivisionError), supervisor:
+        raise ZeroDivisionError
+    assert not supervisor._child.alive
 
 
 def test_one_that_is_frozen_is_noticed_by_the_run(

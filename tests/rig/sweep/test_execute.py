@@ -16,6 +16,8 @@ from rig.files.bench import parse_bench
 from rig.files.model_file import parse_model
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
+from rig.session.devices import Standing
+from rig.session.pace import Paces
 from rig.session.signals import Stopped
 from rig.sweep.results import TABLE
 from rig.sweep.state import FILE, CentreState, held, load_state
@@ -187,6 +189,39 @@ def test_a_move_by_hand_says_what_to_do_waits_and_is_not_repeated(
     assert "model.clearance 0.2 mm -> 0.1 mm" in person.asked[2]
     trial.call(Runs(), again={1}, rehearsal=False, anew=True)
     assert "model.clearance -> 0.1 mm" in person.asked[3]
+
+
+@pytest.mark.parametrize("centre", [False, True])
+def test_points_share_what_is_connected_until_somebody_reaches_into_the_rig(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, centre: bool
+) -> None:
+    """Or until it is centred, which connects by itself."""
+    runs, closed = Runs(), list[int]()
+    monkeypatch.setattr(Standing, "close", lambda _: closed.append(len(runs.asked)))
+    trial = Trial(tmp_path / "swept", parsed(settings="centre = true" if centre else ""))
+    trial.centre = lambda *_: CentreState(0.1, 0.01, -5e-6)
+    person = Terminal(trial, monkeypatch)
+    trial.call(runs, rehearsal=False)
+    assert len(person.asked) == 2
+    assert closed == ([0, 0, 2, 2] if centre else [0, 2])
+    assert len({id(each.standing) for each in runs.asked}) == 1
+    assert runs.asked[0].standing is not None
+
+
+def test_what_a_point_took_says_how_long_the_others_take(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for one before which the rig was connected."""
+    monkeypatch.setenv("RATTLE_PACES", "1")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("rig.session.pace._PROJECT", tmp_path)
+    trial.screen.paces = Paces()
+    trial.sweep = parsed('"drive.frequency" = ["19 Hz", "20 Hz", "21 Hz"]')
+    trial.call(Runs())
+    told = [line for line in trial.said.splitlines() if line.startswith("point ")]
+    assert "(about 30 s left)" in told[0]
+    assert "(about 10 s left)" in told[1]
+    assert "(about 0 s left)" in told[2]
 
 
 def test_nothing_moves_where_nobody_confirms(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from rig.files.pairing import bytes_of
 from rig.files.sweep import Sweep
 from rig.rigs import RIGS
 from rig.session.drive import RAMP_S
+from rig.session.pace import Paces
 from rig.sweep.plan import (
     AROUND_S,
     check_points,
@@ -36,7 +37,7 @@ hold = "1 ms"
 
 
 def lines(swept: Sweep, **known: object) -> list[str]:
-    return list(listing(swept, embedded_bench(), known, {}))  # type: ignore[arg-type]
+    return list(listing(swept, embedded_bench(), known, {}, Paces()))  # type: ignore[arg-type]
 
 
 def test_moves_are_what_changes_from_point_to_point() -> None:
@@ -65,9 +66,8 @@ def test_a_sweep_that_nothing_guards_says_so() -> None:
 
 def test_a_position_that_is_set_already_is_not_announced_as_a_move() -> None:
     known = {"model.clearance": "0.1 mm"}
-    first = next(
-        line for line in listing(parsed(), embedded_bench(), known, {1: "done"}) if line.startswith("1")
-    )
+    said = listing(parsed(), embedded_bench(), known, {1: "done"}, Paces())
+    first = next(line for line in said if line.startswith("1"))
     assert "BY HAND" not in first
     assert first.endswith("[done]")
 
@@ -75,10 +75,10 @@ def test_a_position_that_is_set_already_is_not_announced_as_a_move() -> None:
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ("", "time       about 1 min 8 s for 4 points; moves by hand come on top"),
+        ("", "time       about 50 s for 4 points; moves by hand come on top"),
         (
             'until = { impacts = 15, longest = "60 s" }',
-            "time       at most 5 min 4 s for 4 points, less where 15 impacts come sooner; moves by hand "
+            "time       at most 4 min 46 s for 4 points, less where 15 impacts come sooner; moves by hand "
             "come on top",
         ),
     ],

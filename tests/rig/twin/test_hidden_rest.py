@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from daq.errors import UnphysicalParameter
 from rig.files.bench import parse_bench
-from rig.twin.plant import resting_at
+from rig.twin.plant import ShakenPlant, resting_at
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import Twin
@@ -41,3 +42,15 @@ def test_a_bench_says_it_in_its_unit(tmp_path: Path) -> None:
     file = write_bench(tmp_path / "bench.toml", emulation='[emulation]\nrest_offset = "-0.05 mm"')
     bench = parse_bench(file.read_text(), "bench", tmp_path)
     assert bench.emulation.rest_offset == pytest.approx(-5e-5)
+
+
+def test_another_run_on_a_rig_sets_anew_what_every_run_sets_anew_and_nothing_else() -> None:
+    plant = ShakenPlant(BEAM, 3.6, seed=1, run_seed=2, healthy=True)
+    drawn = plant.really
+    plant.start(51_200.0)
+    assert plant.really is drawn
+    plant.start(51_200.0)
+    again = plant.really
+    assert again.rig.clearance != drawn.rig.clearance
+    assert again.rig.clearance == pytest.approx(drawn.rig.clearance, rel=0.2)
+    assert replace(again.rig, clearance=drawn.rig.clearance) == drawn.rig

@@ -7,6 +7,7 @@ import signal
 import threading
 
 import numpy as np
+import psutil
 import pytest
 
 from daq.errors import LogError, RecorderFailed
@@ -16,7 +17,7 @@ from rig.stream import Block
 from rig.twin.alignment import Alignment
 from rig.twin.scenario_twin import twin_of
 from rig.twin.worker import Drive, Predict, RecordedSpan
-from rig.worker_process import WorkerFailed, WorkerProcess
+from rig.worker_process import Crew, WorkerFailed, WorkerProcess
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import nominal_sensors
 from sim_twin.twin import AnyTwin, Twin
@@ -150,3 +151,39 @@ def test_a_log_that_takes_nothing_more_is_no_death_of_the_twin() -> None:
         feed(worker)
         with pytest.raises(WorkerFailed, match=r"^run\.mcap: No space left on device$"):
             worker.finish(60.0)
+
+
+def test_a_crew_goes_on_with_the_next_task_and_ends_with_its_context() -> None:
+    """As a sweep does: what was handed over too late for one task is nothing to the next."""
+    with Crew() as crew:
+        numbers, ends = [], []
+        for _ in range(2):
+            delivered = Delivered()
+            with WorkerProcess(
+                "twin", Predict(TWIN, "drive.force", RATE, 0.0), delivered, crew=crew
+            ) as worker:
+                worker.wait_ready()
+                feed(worker)
+                worker.give(RecordedSpan(0, END, 0, last=True))  # nobody takes it any more
+                worker.finish(30.0)
+            numbers.append(worker.pid)
+            ends.append(max(each.samples.end_sample for each in delivered.items if isinstance(each, Block)))
+        assert numbers[0] == numbers[1]
+        assert ends == [END, END]
+        assert psutil.pid_exists(numbers[0] or 0)
+    assert not worker._child.alive
+
+
+def test_a_crew_keeps_nobody_who_failed_or_was_given_up() -> None:
+    with Crew() as crew:
+        given_up = WorkerProcess("twin", Predict(TWIN, "drive.force", RATE, 0.0), Delivered(), crew=crew)
+        with given_up:
+            given_up.wait_ready()
+        assert not given_up._child.alive
+        lost = crew.hire("twin", Predict(TWIN, "drive.force", RATE, 0.0))
+        crew.keep("twin", lost)
+        lost.process.kill()
+        lost.process.join()
+        again = crew.hire("twin", Predict(TWIN, "drive.force", RATE, 0.0))
+        crew.keep("twin", again)
+        assert again.pid != lost.pid

@@ -1,0 +1,32 @@
+"""Which channel comes nearest to the end of its range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.block import Flag
+from drivers.protocols.card import CardReading
+from rig.session.levels import Levels
+
+NAMES = ("drive.force", "motor.angle", "contact.force")
+
+
+def reading(*rows: list[float]) -> CardReading:
+    return CardReading(0, np.array(rows), (Flag.GOOD,) * len(rows), 0.0)
+
+
+def test_the_worst_is_told_by_its_share_since_the_record_began() -> None:
+    levels = Levels(NAMES, {"drive.force": 20.0, "contact.force": 200.0})
+    levels.take(reading([5.0, -11.0], [900.0, 901.0], [20.0, 30.0]))
+    assert levels.worst() == "drive.force at 55 % of its range"
+    levels.take(reading([1.0, 1.0], [902.0, 903.0], [np.nan, -190.0]))
+    assert levels.worst() == "drive.force at 55 % of its range"  # what is no number tells no level
+    levels.begin()
+    levels.take(reading([1.0, 1.0], [902.0, 903.0], [0.0, -190.0]))
+    assert levels.worst() == "contact.force at 95 % of its range"
+
+
+def test_where_no_channel_has_a_range_nothing_is_said() -> None:
+    levels = Levels(NAMES, {})
+    levels.take(reading([1.0], [2.0], [3.0]))
+    assert levels.worst() == ""
