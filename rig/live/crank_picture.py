@@ -109,7 +109,7 @@ class CrankSketch:
         right = np.cross(target - place, up)
         upward = np.cross(right, target - place)
         self._plane = np.stack((right / np.linalg.norm(right), upward / np.linalg.norm(upward)))
-        turn = np.concatenate([self._lines(each) for each in self._frames(np.linspace(0.0, 2 * np.pi, 36))])
+        turn = np.concatenate([line for each in self._frames(np.linspace(0, 2 * np.pi, 37)) for line in each])
         room = 0.08 * picture.rod_m
         left, low = turn.min(axis=0) - room
         right_edge, high = turn.max(axis=0) + room
@@ -125,7 +125,7 @@ class CrankSketch:
             [(whose, line) for whose, of in each.items() for line in of[at]]
             for at in range(min(map(len, each.values()), default=0))
         ]
-        path = np.array([frame[1][0] for frame in self._frames(np.linspace(0.0, 2 * np.pi, 37))])
+        path = np.array([frame[1][0] for frame in self._frames(np.linspace(0, 2 * np.pi, 37))])
         return sketched("one revolution, slowed; ideal joints", [path], frames, self._room)
 
     def _frames(self, angle: NDArray[np.floating]) -> list[list[Line]]:
@@ -138,10 +138,6 @@ class CrankSketch:
             for body, (place, turned) in zip(picture.bodies(), poses, strict=True)
         ]
         return [[lines[at] for lines in bodies] for at in range(int(known.sum()))]
-
-    @staticmethod
-    def _lines(frame: list[Line]) -> Line:
-        return np.concatenate(frame)
 
 
 class _Turning:
