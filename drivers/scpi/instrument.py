@@ -77,7 +77,9 @@ class ScpiSource:
 
     def check(self) -> None:
         """Ask for the next of what it was told; raises where it shows something else."""
-        command = next(self._watched)
+        self._watch(next(self._watched))
+
+    def _watch(self, command: str) -> None:
         for _ in range(2):  # it may have been turned off while it was asked
             if (kept := self._kept.get(command)) is None:
                 return

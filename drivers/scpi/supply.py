@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import cycle
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentError
@@ -16,8 +15,11 @@ from drivers.scpi.instrument import ScpiSource
 from drivers.scpi.settings import MOVING_S, OUTPUT_OFF, OUTPUT_ON, model_in, number_in
 from drivers.scpi.supply_settings import Condition, SupplySettings, Trouble
 
-_WATCHED = (OUTPUT_ON, n6900.VOLTAGE, n6900.CURRENT, n6900.WATCHDOG_ON)
-_SEEN = (n6900.MEASURED_V, n6900.TROUBLE, n6900.MEASURED_V, n6900.CONDITION)
+_SELDOM = (n6900.VOLTAGE.command, n6900.CURRENT.command, n6900.WATCHDOG_ON.command, n6900.CONDITION)
+_LOOKS = tuple(
+    look for each in _SELDOM for look in (OUTPUT_ON.command, n6900.MEASURED_V, n6900.TROUBLE, each)
+)
+"""One exchange a look: two might take longer than a sequence may look at nothing else."""
 _MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 
@@ -31,13 +33,11 @@ class ScpiSupply(ScpiSource):
     warnings: tuple[str, ...] = ()
 
     def __init__(self, config: SupplySettings, off_first: bool = False, clock: Clock | None = None) -> None:
-        watched = [each.command for each in _WATCHED]
-        super().__init__(config.name, config.resource, config.timeout_s, watched, off_first)
+        super().__init__(config.name, config.resource, config.timeout_s, _LOOKS, off_first)
         self.config, self._clock = config, clock or SystemClock()
         self.state: MotorState | None = None
         self._running = self._limited = False
         self._set_v = self._volts = self._amperes = 0.0
-        self._looks = cycle(_SEEN)
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
 
     @property
@@ -129,11 +129,11 @@ class ScpiSupply(ScpiSource):
         return self._told()
 
     def check(self) -> None:
-        """Ask for the next of what it was told and of what it shows; raises where it has tripped."""
-        super().check()
-        if not self._running or self._stopped:
-            return
-        match next(self._looks):
+        """Ask for the next of what it was told or shows; raises where that is wrong, or it has tripped."""
+        look, moves = next(self._watched), self._running and not self._stopped
+        match look:
+            case n6900.MEASURED_V | n6900.TROUBLE | n6900.CONDITION if not moves:
+                return
             case n6900.MEASURED_V:
                 self._volts = self._number(n6900.MEASURED_V)
                 self._told()
@@ -145,6 +145,8 @@ class ScpiSupply(ScpiSource):
                     text = f"the motor takes all {self._maximum_a:g} A that the bench allows: is it blocked?"
                     self._note("warning", "supply.current_limit", text)
                 self._limited = limited
+            case _:
+                self._watch(look)
 
     def fault_history(self) -> tuple[str, ...]:
         return ()

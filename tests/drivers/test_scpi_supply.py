@@ -66,7 +66,7 @@ def started(driver: ScpiSupply, rpm: float = 200.0) -> float:
     return kept
 
 
-def looked(driver: ScpiSupply, count: int = 8) -> None:
+def looked(driver: ScpiSupply, count: int = 16) -> None:
     for _ in range(count):
         driver.check()
 
@@ -103,6 +103,19 @@ def test_its_state_is_what_it_measures(supply: Supply) -> None:
     looked(driver, 4)
     assert driver.state is not None
     assert driver.state.speed_rpm == pytest.approx(200.0, abs=LSB_V * RPM_PER_VOLT)
+
+
+def test_a_look_is_one_exchange_and_the_output_is_looked_at_every_fourth_time(supply: Supply) -> None:
+    """The sequence may look at nothing else for 0.6 s, and an answer may take 0.5 s."""
+    driver, _, server = supply
+    started(driver)
+    before = len(server.lines)
+    looked(driver)
+    asked = server.lines[before:]
+    assert len(asked) == 16
+    assert asked[::4] == ["OUTP?"] * 4
+    assert asked[2::4] == ["STAT:QUES:COND?"] * 4
+    assert set(asked[3::4]) == {"VOLT?", "CURR?", "OUTP:PROT:WDOG?", "STAT:OPER:COND?"}
 
 
 def test_off_is_off_at_any_time_and_takes_the_watchdog_with_it(supply: Supply) -> None:
@@ -189,7 +202,7 @@ def test_a_motor_that_takes_all_that_it_may_is_told_of_once(supply: Supply) -> N
     driver.take_notices()
     behind.instrument.run("CURR 0.5")
     driver._kept.pop("CURR")
-    looked(driver, 16)
+    looked(driver, 32)
     (notice,) = driver.take_notices()
     assert (notice.level, notice.code) == ("warning", "supply.current_limit")
 

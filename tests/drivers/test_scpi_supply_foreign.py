@@ -108,7 +108,7 @@ def test_a_foreign_server_is_set_started_watched_and_switched_off(bench: Bench) 
     assert instrument.kept["OUTP"] == "0"
     driver.start()
     driver.set_speed(200.3)
-    for _ in range(8):
+    for _ in range(16):
         driver.check()
     shown = {key: float(value) for key, value in instrument.kept.items()}
     assert shown == {

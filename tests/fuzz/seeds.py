@@ -232,7 +232,7 @@ def frames() -> Iterator[tuple[str, str, bytes]]:
     none, volts = healthy[1], "+2.0E+01"
     told = [volts, none, "2", none, "1", none, "1", none]  # at the speed, watchdog, output
     armed = ["0", "1", "0", none, "0", none, "3", none, "66", none, "20", none]
-    checked = ["1", volts, volts, "0", "3", volts, "1", "1", "1", volts]
+    checked = ["1", volts, "0", volts, "1"]
     opened = ["Keysight Technologies,N6954A,1,1", "0", none, "81.6", "12.75", "0"]
     answered = [*opened, *armed, *told, *checked, volts, "0.8", "0", ""]
     yield "scpi_supply", "healthy", "\n".join(answered).encode()
