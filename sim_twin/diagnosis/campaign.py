@@ -230,7 +230,7 @@ def _staged(
     if stages.output < inf:
         given = fft.irfft(turned, length)
         if max(given.max(), -given.min()) > stages.output:
-            turned = fft.rfft(np.clip(given, -stages.output, stages.output))
+            turned = np.asarray(fft.rfft(np.clip(given, -stages.output, stages.output)), np.complex64)
     turned *= after
     return np.asarray(fft.irfft(turned, length)[: len(row)])
 
