@@ -13,8 +13,8 @@ from scipy import signal
 
 from daq.block import Flag
 from drivers.ni_daq.card import NiDaqCard
-from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings
-from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, LowPassStage, Wire
+from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings, Mark
+from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, LowPassStage, MarkStage, Wire
 from drivers.ni_daq.quality import QualityWatch
 from drivers.protocols.card import CardReading, Finding
 from tests.drivers.in_process import RowsPlant, opened
@@ -223,3 +223,28 @@ def test_what_the_device_tells_comes_first_and_once() -> None:
     assert quality.findings(block, [fault]) == ()
     assert [finding.code for finding in quality.findings(np.array([[1.0, 2.0]]), [])] == []
     assert quality.findings(block, [fault])[0] is fault
+
+
+@pytest.mark.parametrize("falling", [False, True])
+def test_a_mark_is_shown_as_one_of_5_volts_that_rises(falling: bool) -> None:
+    mark = np.where(np.arange(int(RATE)) % 2000 < 100, 5.0, 0.0)
+    channel = CardChannel(
+        "force", "cDAQ1Mod1/ai0", "marker", 1.0, 10.0, mark=Mark(0.0, 8.0, falling), unit="V"
+    )
+    wire = Wire("force", 1.0, range_v=10.0, mark=MarkStage(8.0, falling))
+    readings = read(mark, wire, channel)
+    assert values_of(readings) == pytest.approx(mark, abs=1e-5)
+    assert {reading.flags for reading in readings} == {(Flag.GOOD,)}
+
+
+def test_an_input_that_is_late_shows_it_later() -> None:
+    values = values_of(read(sine(1000.0, 100.0), Wire("force", TRUE, delay_s=30.4 / RATE), FORCE))[2560:]
+    at = np.arange(2560, 25600) - 30.4
+    assert values == pytest.approx(100.0 * np.sin(math.tau * 1000.0 * at / RATE), abs=0.02)
+
+
+def test_a_sensor_rings_at_its_own_frequency() -> None:
+    wire = Wire("force", TRUE, resonance_hz=4000.0, corner_hz=5.0)
+    values = values_of(read(sine(2000.0, 10.0), wire, FORCE))[5120:]
+    warped = math.tan(math.pi * 2000.0 / RATE) / math.tan(math.pi * 4000.0 / RATE)
+    assert np.sqrt(2.0) * values.std() == pytest.approx(10.0 / (1 - warped**2), rel=2e-3)
