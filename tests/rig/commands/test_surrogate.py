@@ -252,7 +252,7 @@ def test_runs_are_judged_and_the_second_call_has_it_at_once(
     answer = call("surrogate", "report", *logs, logs[0], "--out", tmp_path / "judged")
     assert answer.code == 0, answer.err
     assert "they count once" in answer.out
-    assert "the RBF network is ahead of the GRNN (explained" in answer.out
+    assert "of many, the RBF network is ahead of the GRNN (explained" in answer.out
     assert "other speeds" not in answer.out  # there are but two
     table = json.loads((tmp_path / "judged" / "surrogates.json").read_text(encoding="utf-8"))
     by = {(row["split"], row["learnt"], row["over"], row["method"]): row["score"] for row in table["rows"]}

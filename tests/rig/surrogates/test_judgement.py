@@ -28,7 +28,7 @@ from sim_twin.surrogates.judging import Score
 from tests.rig.surrogates.crank_logs import write_recordings
 
 SETTINGS = [Setting(1, 1, speed) for speed in (150, 200)]
-TEN, GOAL, GENERAL = "RBF, 10 units", "RBF, error goal", "GRNN, 500 units"
+TEN, GOAL, TEN_GENERAL, GENERAL = "RBF, 10 units", "RBF, error goal", "GRNN, 10 units", "GRNN, 500 units"
 
 
 def rows(explained: dict[tuple[str, str, str], float]) -> list[Row]:
@@ -53,26 +53,30 @@ def verdicts(explained: dict[tuple[str, str, str], float]) -> list[bool]:
 
 
 def test_claims_hold_where_the_numbers_say_so() -> None:
-    assert verdicts({}) == [False, False, True, False]
-    near = {(POINTS, NEAREST, TEN): 0.95, (POINTS, NEAREST, GENERAL): 0.3}
-    assert verdicts(near) == [True, True, True, False]
-    near = {(POINTS, NEAREST, GOAL): 0.2, (POINTS, NEAREST, GENERAL): 0.6}
-    assert verdicts(near) == [False, False, False, False]
+    exact, ten_ahead, many_ahead, unsuitable, elsewhere = range(5)
+    assert verdicts({}) == [False, False, False, True, False]
+    assert verdicts({(POINTS, NEAREST, TEN): 0.95})[exact]
+    assert not verdicts({(POINTS, NEAREST, TEN): 0.85})[exact]
+    near = verdicts({(POINTS, NEAREST, TEN): 0.3, (POINTS, NEAREST, TEN_GENERAL): 0.2})
+    assert (near[ten_ahead], near[many_ahead]) == (True, False)
+    near = verdicts({(POINTS, NEAREST, GOAL): 0.7, (POINTS, NEAREST, GENERAL): 0.6})
+    assert (near[ten_ahead], near[many_ahead], near[unsuitable]) == (False, True, False)
+    assert verdicts({(POINTS, ALL, GOAL): 0.7}) == verdicts({})  # the paper had few points
     both = {(SPEED, ALL, GENERAL): 0.7, (CLEARANCE, NEAREST, TEN): 0.6}
-    assert verdicts(both) == [False, False, True, True]
-    assert verdicts({(SPEED, ALL, GENERAL): 0.7}) == [False, False, True, False]
+    assert verdicts(both)[elsewhere]
+    assert not verdicts({(SPEED, ALL, GENERAL): 0.7})[elsewhere]
 
 
 def test_of_settings_that_were_not_there_nothing_is_claimed() -> None:
     few = [row for row in rows({}) if row.split not in (SPEED, CLEARANCE)]
-    assert len(claims(few)) == 3
+    assert len(claims(few)) == 4
     assert claims([]) == []
 
 
 def test_page_json_and_text_have_every_row() -> None:
     table = rows({(POINTS, NEAREST, GENERAL): 0.64})
     text = page("Surrogates", [], [("What holds", parts(table))])
-    assert "Does not hold: the RBF network is ahead of the GRNN" in text
+    assert "Does not hold: of many, the RBF network is ahead of the GRNN" in text
     assert "GRNN, 500 units 64%" in text
     record = json.loads(document(table, [Path("a.mcap")]))
     assert len(record["rows"]) == len(table)
