@@ -11,7 +11,8 @@ RECORD_END, STOPPING = "record.end", "drive.stopping"
 """Codes of events: a record has come to its end; the rig is brought to rest before its time."""
 
 CHECKSUM_OPCODE = 0x80
-"""A record of our own after each chunk: CRC-32 of all before it. MCAP leaves 0x80 to 0xFF to programs."""
+"""A record of our own after the head, each metadata record and each chunk: CRC-32 of all before it.
+MCAP leaves 0x80 to 0xFF to programs."""
 
 
 @dataclass(frozen=True, slots=True)
