@@ -31,6 +31,7 @@ _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
 _LENGTH = 8
 _CHECKSUM_BYTES = 4
+_CHECKSUM_HEAD = _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
 _LENGTHS = {CHECKSUM_OPCODE: _CHECKSUM_BYTES, Opcode.FOOTER: 20}
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 20
@@ -114,7 +115,7 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
             whole = position == size and opcode == CHECKSUM_OPCODE
             end = os.pread(descriptor, _RECORD.size, max(size - _RECORD.size - _CHECKSUM_BYTES, 0))
             # where a checksum ends the file nothing was cut off: what leads elsewhere is wrong
-            damaged = record or (end == _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES) and not whole)
+            damaged = record or (end == _CHECKSUM_HEAD and not whole)
             note(f"a record is damaged (byte {position})" if damaged else str(error), position)
             opcode = Opcode.CHUNK
             if not record:
@@ -135,6 +136,7 @@ def library_of(descriptor: int) -> str:
     opcode, header = _record_at(descriptor, len(MCAP0_MAGIC), os.fstat(descriptor).st_size)
     if opcode != Opcode.HEADER:
         raise ValueError("it does not begin as an MCAP file does")
+    _check_between(descriptor, MCAP0_MAGIC, header, len(MCAP0_MAGIC))
     return str(Header.read(_content(header)).library)
 
 
@@ -172,8 +174,26 @@ def _metadata_at(descriptor: int, places: list[int], size: int) -> Iterator[tupl
         described += len(record)
         if opcode != Opcode.METADATA or described > MOST_DESCRIPTION_BYTES:
             raise ValueError(f"no metadata at byte {place}, or without end")
+        sealed = max(place - _RECORD.size - _CHECKSUM_BYTES, 0)
+        before = os.pread(descriptor, place - sealed, sealed)
+        if before.startswith(_CHECKSUM_HEAD):  # as behind every record of ours
+            _check_between(
+                descriptor, before, record, place, int.from_bytes(before[_RECORD.size :], "little")
+            )
         metadata = Metadata.read(_content(record))
         yield metadata.name, metadata.metadata
+
+
+def _check_between(descriptor: int, before: bytes, record: bytes, place: int, checksum: int = 0) -> None:
+    """Raise ValueError where the checksum behind the record at `place` is not of `record`.
+
+    `checksum` is that of all up to `before`, which stands in front of it. A log of others has none.
+    """
+    after = os.pread(descriptor, _RECORD.size + _CHECKSUM_BYTES, place + len(record))
+    told = int.from_bytes(after[_RECORD.size :], "little")
+    ours = checksum or after.startswith(_CHECKSUM_HEAD)
+    if ours and told != zlib.crc32(record, zlib.crc32(before, checksum)):
+        raise ValueError(f"the checksum of what stands at byte {place} is wrong")
 
 
 def _indexed(content: memoryview) -> IndexedChunk:

@@ -14,7 +14,8 @@ CALIBRATED, SENSITIVITY = "calibrated.", "sensitivity."
 """Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit."""
 
 CHECKSUM_OPCODE = 0x80
-"""A record of our own after each chunk: CRC-32 of all before it. MCAP leaves 0x80 to 0xFF to programs."""
+"""A record of our own after the head, each metadata record and each chunk: CRC-32 of all before it.
+MCAP leaves 0x80 to 0xFF to programs."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
-from daq.block import SampleBlock
+from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log import recover
@@ -159,6 +159,38 @@ def test_a_flip_anywhere_in_a_crashed_log_is_told(ramp: Path, tmp_path: Path) ->
         with LogReader(tmp_path / "crashed.mcap") as log:
             assert log.damage not in ("", CUT), at
         whole[at] ^= 1 << at % 8
+
+
+def test_a_flip_in_what_describes_a_finished_log_is_told_by_whoever_opens_it(
+    ramp: Path, tmp_path: Path
+) -> None:
+    """A report, an overlay and a replay read no checksum of all the data."""
+    path = tmp_path / "late.mcap"
+    with LogWriter(path) as late:
+        late.add_metadata("scenario", {"toml": 'amplitude = "9 N"'})
+        late.declare("measured", Channel("a", "N"))
+        late.add_block("measured", block(0), START_NS)
+        late.add_metadata("run", {"id": "run-7"})  # into an open chunk
+        late.add_block("measured", block(1), START_NS)
+        late.flush_if_older(START_NS + NS_PER_S)
+        late.add_metadata("twin", {"effects": "none"})
+    with LogReader(path) as log:
+        assert (log.complete, log.damage, log.library) == (True, "", "rattle")
+        described = log.metadata
+        assert set(described) == {"scenario", "run", "twin"}
+    whole, places = bytearray(path.read_bytes()), [(0, chunks_of(path)[0][0])]
+    places += [(end, end + 120) for _, end in chunks_of(path)]
+    changed = 0
+    for at, bit in product([at for begin, end in places for at in range(begin, end)], range(0, 8, 3)):
+        whole[at] ^= 1 << bit
+        path.write_bytes(whole)
+        with LogReader(path) as log:
+            if log.metadata != described or not log.library.startswith("rattle"):
+                changed += 1
+                assert log.damage, (at, bit)
+                assert not log.complete
+        whole[at] ^= 1 << bit
+    assert changed > 100
 
 
 def test_every_chunk_can_be_read_alone(ramp: Path) -> None:
