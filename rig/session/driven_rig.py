@@ -438,6 +438,7 @@ class DrivenRig:
             self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
             self._latching.give(self.emergency_stop)
+            stop = None
             with self._deciding:
                 if (found := self._dangers()) > self._met:
                     # what comes while it stops already, a person who asks twice, an emergency stop: no ramp
@@ -450,8 +451,13 @@ class DrivenRig:
                     if self.devices.spare is None:  # else the supervisor may act beside it
                         self.watch.excuse(self.motion.longest_stop_s)
                     stop = self.motion.cut if cut else self.motion.off
-                    stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
-                    stops[-1].start()
+            if stop is not None:
+                stopping = threading.Thread(target=self._stop_now, args=(stop,), daemon=True)
+                try:
+                    stopping.start()
+                    stops.append(stopping)
+                except RuntimeError:  # a machine that starts none more: without signs of life meanwhile
+                    self._stop_now(stop)
             # a generator that does not go off is the supervisor's; an inverter's stop has its own deadlines
             failing = self._unsafe and self._guarded_s >= self._unsafe_until_s
             if not self._late() and not (failing and self.devices.spare is not None):

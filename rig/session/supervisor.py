@@ -43,6 +43,7 @@ _GONE = "rattle: the run is gone; the inverter's own watchdog (Pr.122) stops the
 _IS_OFF = (
     "rattle: the drive is off, by a connection of the supervisor's own. What was recorded: rattle recover"
 )
+_ENDED = "rattle: the run is gone, and its emulated drive with it. What was recorded: rattle recover"
 _GOES_ON = (
     "rattle: the run is gone or hangs, and THE DRIVE MAY STILL BE ON: switch it off by hand; process "
     "{process} goes on trying (kill {process} ends it)"
@@ -206,26 +207,40 @@ def _supervise(
                 os.kill(run, signal.SIGKILL)
             _say(why)
         elif emulated:
-            switch_off(spare)  # it ends with the run
-        elif os.fork() == 0:  # the run waits for its child, which this one is not
-            _switch_off_for_good(pipe, spare, locks, told=why == _OFF)
+            off = switch_off(spare)
+            if why != _OFF:
+                _say(_IS_OFF if off else _ENDED)
+        else:
+            apart = False
+            with suppress(OSError):  # a machine that starts none more: in this one then
+                if os.fork() > 0:  # the run waits for its child and ends it, which that one is not
+                    return
+                apart = True
+            _switch_off_for_good(pipe, spare, locks, told=why == _OFF, apart=apart)
             os._exit(0)
 
 
 def _switch_off_for_good(
-    pipe: Connection, spare: Callable[[], Actuator], locks: Sequence[InstrumentLock], told: bool
+    pipe: Connection,
+    spare: Callable[[], Actuator],
+    locks: Sequence[InstrumentLock],
+    told: bool,
+    apart: bool,
 ) -> None:
-    # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
-    kept = sorted([pipe.fileno(), *(lock.fileno() for lock in locks)])
-    for low, high in pairwise([2, *kept, _MOST_FILES]):
-        os.closerange(low + 1, high)
-    with suppress(OSError):
-        pipe.send(str(os.getpid()))
+    """`apart`: in a process without other threads, that no run which lives still ends."""
+    if apart:
+        # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
+        kept = sorted([pipe.fileno(), *(lock.fileno() for lock in locks)])
+        for low, high in pairwise([2, *kept, _MOST_FILES]):
+            os.closerange(low + 1, high)
+        with suppress(OSError):
+            pipe.send(str(os.getpid()))
     if not switch_off(spare):
         # whoever reads what the run writes, or would end this, is not to wait for it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         words = "" if told else _GOES_ON.format(process=os.getpid())
-        threading.Thread(target=_say_and_let_go, args=(words,), daemon=True).start()
+        with suppress(RuntimeError):  # no thread more: without words then
+            threading.Thread(target=_say_and_let_go, args=(words,), daemon=True).start()
         for lock in locks:
             with suppress(OSError):
                 lock.sign(", which goes on switching off a drive that does not answer,")
