@@ -125,7 +125,10 @@ class DrivenRig:
         self.sample_rate = devices.card.sample_rate
         self.names = [channel.name for channel in devices.card.channels]
         self.watch = Watch(clock)
-        self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
+        kind = RIGS[bench.rig]
+        self._highest = float(getattr(bench.actuator, actuator_of(kind.actuator).highest))
+        fastest_rad_s = self._highest if kind.turns else math.inf
+        self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock, fastest_rad_s)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
         self._supervisor = Supervisor(
             devices.spare,
@@ -177,9 +180,8 @@ class DrivenRig:
     def hold_force(self, channel: str, frequency_hz: float) -> None:
         """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order."""
         if isinstance(self.motion, Shaker):
-            highest = getattr(self._bench.actuator, actuator_of(RIGS[self._bench.rig].actuator).highest)
             shown = self.devices.card.channels[self.names.index(channel)]
-            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
+            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, self._highest)
 
             def prove(ordered: float) -> None:
                 """Raise before a soft start goes on where the measured force is beyond what was ordered."""
