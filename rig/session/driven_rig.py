@@ -24,6 +24,7 @@ from rig.files.bench import Bench
 from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
+from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices, Standing
@@ -135,15 +136,17 @@ class DrivenRig:
         ranges = {each.name: each.range for each in bench.daq_card.channels if not each.counted}
         self.levels = Levels(self.names, ranges)
         self.watch = Watch(clock)
-        self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock)
+        actuator = actuator_of(bench.actuator_table)
+        self._highest = float(getattr(bench.actuator, actuator.highest))
+        fastest_rad_s = self._highest if RIGS[bench.rig].turns else math.inf
+        self.shaft = ShaftWatch(devices.card.channels, self.sample_rate, clock, fastest_rad_s)
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
-        alone = bench.actuator.emulated or actuator_of(bench.actuator_table).by_hand
-        watched = devices.spare, devices.locks, alone, devices.line, devices.latch
-        off_s = self.motion.longest_stop_s
+        watched = devices.spare, devices.locks, bench.actuator.emulated, devices.line, devices.latch
+        off_s, by_hand = self.motion.longest_stop_s, actuator.by_hand
         self._supervisor = (
-            Supervisor(*watched, off_s)
+            Supervisor(*watched, off_s, by_hand=by_hand)
             if standing is None
-            else standing.supervised(lambda: Supervisor(*watched, off_s, stays=True))
+            else standing.supervised(lambda: Supervisor(*watched, off_s, stays=True, by_hand=by_hand))
         )
         self.stream = Stream()
         self.logbook = Logbook(clock, self.stream, screen)
@@ -187,9 +190,8 @@ class DrivenRig:
     def hold_force(self, channel: str, frequency_hz: float) -> None:
         """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order."""
         if isinstance(self.motion, Shaker | ByHand):
-            highest = getattr(self._bench.actuator, actuator_of(self._bench.actuator_table).highest)
             shown = self.devices.card.channels[self.names.index(channel)]
-            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, highest)
+            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, self._highest)
             if isinstance(self.motion, ByHand):
                 self.motion.seen = SineSeen(force)
                 return
@@ -454,6 +456,7 @@ class DrivenRig:
             self.acquisition.alarm.clear()
             self._guarded_s = self.clock.monotonic_s()
             self._latching.give(self.emergency_stop)
+            stop = None
             with self._deciding:
                 if (found := self._dangers()) > self._met:
                     # what comes while it stops already, a person who asks twice, an emergency stop: no ramp
@@ -466,8 +469,13 @@ class DrivenRig:
                     if self.devices.spare is None:  # else the supervisor may act beside it
                         self.watch.excuse(self.motion.longest_stop_s)
                     stop = self.motion.cut if cut else self.motion.off
-                    stops.append(threading.Thread(target=self._stop_now, args=(stop,), daemon=True))
-                    stops[-1].start()
+            if stop is not None:
+                stopping = threading.Thread(target=self._stop_now, args=(stop,), daemon=True)
+                try:
+                    stopping.start()
+                    stops.append(stopping)
+                except RuntimeError:  # a machine that starts none more: without signs of life meanwhile
+                    self._stop_now(stop)
             # a generator that does not go off is the supervisor's; an inverter's stop has its own deadlines
             failing = self._unsafe and self._guarded_s >= self._unsafe_until_s
             if not self._late() and not (failing and self.devices.spare is not None):

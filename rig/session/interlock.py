@@ -191,6 +191,8 @@ class Debounced:
         return None
 
 
+OVERSPEED_S = 0.3
+"""For how long it has to, besides a turn: a glitch on a marker shows any speed until the next mark."""
 OFF_SHARE, OFF_S = 0.05, 0.5
 """A turn's mean off by more than a healthy drive's ever is, and for how long before the run ends."""
 BACK_SHARE = 0.04
@@ -206,13 +208,17 @@ SPEED_GUARDED = (
 """What a person should know of it before anything moves."""
 
 
-def guards_of_shaft(clock: Clock) -> tuple[SpeedGuard, SpeedGuard]:
+def guards_of_shaft(clock: Clock, highest_rad_s: float = math.inf) -> tuple[SpeedGuard, SpeedGuard]:
     """One that looks at what the card shows of the shaft, one at what an encoder on a bus does."""
-    return SpeedGuard(clock), SpeedGuard(clock, "encoder shows", "the encoder shows no speed")
+    shows, shows_not = "encoder shows", "the encoder shows no speed"
+    return SpeedGuard(clock, highest_rad_s=highest_rad_s), SpeedGuard(clock, shows, shows_not, highest_rad_s)
 
 
 class SpeedGuard:
-    """Looks at every block in the acquisition thread, between `arm` and `disarm`.
+    """Looks at every block in the acquisition thread.
+
+    Whatever is wanted, a tenth more than `highest_rad_s` for 0.3 s and a turn has tripped it: a glitch on a
+    marker shows any speed until the next mark. All else it does between `arm` and `disarm`.
 
     A speed that leaves the wanted one by more than 5 %, either way, is an event at once and `tripped` after
     half a second; one that no instrument shows is an event at once and `tripped` after a second, and at once
@@ -225,9 +231,15 @@ class SpeedGuard:
     """
 
     def __init__(
-        self, clock: Clock, shows: str = "shaft at", shows_not: str = "no instrument shows the shaft's speed"
+        self,
+        clock: Clock,
+        shows: str = "shaft at",
+        shows_not: str = "no instrument shows the shaft's speed",
+        highest_rad_s: float = math.inf,
     ) -> None:
         self._clock, self._shows, self._shows_not = clock, shows, shows_not
+        self._highest_rad_s = highest_rad_s
+        self._beyond = Debounced(OVERSPEED_S + math.tau / highest_rad_s)
         self._lock = threading.Lock()  # sequence, acquisition and guard all come here
         self._wanted_rad_s: float | None = None
         self._off, self._unknown = Debounced(OFF_S), Debounced(UNKNOWN_S)
@@ -255,17 +267,20 @@ class SpeedGuard:
     def look(self, shown: SpeedReading, card_s: float) -> list[Event]:
         """Judge what a block that ends at `card_s`, by any even clock, showed; what to tell of it."""
         with self._lock:
-            wanted = self._wanted_rad_s
-            if wanted is None:
-                return []
-            apart = abs(shown.speed_rad_s - wanted) / wanted if shown.valid else math.nan
-            rpm, wanted_rpm = shown.speed_rad_s * RPM_PER_RAD_S, wanted * RPM_PER_RAD_S
-            off = f"{self._shows} {rpm:.4g} rpm, wanted {wanted_rpm:.4g} rpm"
-            told = [
-                *self._trip(shown.lost),
-                *self._judge("unknown", self._unknown, card_s, not shown.valid, shown.valid, self._shows_not),
-                *self._judge("off", self._off, card_s, apart > OFF_SHARE, apart <= BACK_SHARE, off),
-            ]
+            wanted, rpm = self._wanted_rad_s, shown.speed_rad_s * RPM_PER_RAD_S
+            highest_rpm = self._highest_rad_s * RPM_PER_RAD_S
+            beyond = f"{self._shows} {rpm:.4g} rpm, where the bench allows {highest_rpm:.4g} rpm"
+            held, limit_rpm = self._beyond, _BEYOND_BENCH * highest_rpm
+            told = self._judge("beyond", held, card_s, abs(rpm) > limit_rpm, abs(rpm) <= highest_rpm, beyond)
+            if wanted is not None:
+                apart = abs(shown.speed_rad_s - wanted) / wanted if shown.valid else math.nan
+                off = f"{self._shows} {rpm:.4g} rpm, wanted {wanted * RPM_PER_RAD_S:.4g} rpm"
+                blind = not shown.valid
+                told += [
+                    *self._trip(shown.lost),
+                    *self._judge("unknown", self._unknown, card_s, blind, not blind, self._shows_not),
+                    *self._judge("off", self._off, card_s, apart > OFF_SHARE, apart <= BACK_SHARE, off),
+                ]
         return [Event(self._clock.unix_ns(), level, "acquisition", code, text) for level, code, text in told]
 
     def _judge(

@@ -12,7 +12,7 @@ from daq.log.records import ClockRecord
 from daq.time_base.clocks import CardClock
 from drivers.protocols.instrument import Notice
 from drivers.protocols.speed_drive import SpeedDrive
-from rig.session.interlock import HUNG_S, Debounced
+from rig.session.interlock import HUNG_S, OVERSPEED_S, Debounced
 from rig.session.shaft_speed import RPM_PER_RAD_S
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 
@@ -25,8 +25,9 @@ ARRIVED_SHARE = 0.10
 """Of the wanted speed: slip and gearing may be off by as much before the loop is closed."""
 OVERSPEED, SLOW_AGAIN = 1.5, 1.4
 """Of the wanted speed: what a shaft never goes beyond on a ramp, and below what it no longer runs away."""
-OVERSPEED_S = 0.3
-"""For how long it has to, besides a turn: a glitch on a marker shows any speed until the next mark."""
+_UNLIKE, _ALIKE = 1.25, 1.2
+"""Of what the output makes, besides the share above: a shaft that turns faster is geared otherwise than the
+bench file says. Less on the way up, for slip, an output that was asked a poll ago and a mean over a turn."""
 _SEEN_TURNS, _SEEN_S = 8.0, 2.0
 """A marker shows a speed after four marks that agree; the reading that has them comes a block later."""
 _FEWEST_TURNS, _MEAN_S = 3, 1.0
@@ -86,7 +87,7 @@ class Motor:
         self._clock = clock or SystemClock()
         self.speed_rad_s = speed_rad_s
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * RPM_PER_RAD_S
-        self._too_fast = Debounced(OVERSPEED_S + 60.0 / self._wanted_rpm)
+        self._expect(self._wanted_rpm)
         self._kept_rpm = 0.0
         self._ordering = False
         self._notices: list[Notice] = []
@@ -121,8 +122,10 @@ class Motor:
 
         Raises `InstrumentRefused` where inverter or shaft do not get there, `InterlockTripped` where no
         instrument shows that the shaft turns, or one shows that it runs away: faster than 1.5 times the
-        wanted speed for 0.3 s and the time of a turn at the wanted one. Lapses are included: below 1.4 times
-        such as are shorter than 0.15 s, between the two or unseen such as are shorter than all that time.
+        wanted speed for 0.3 s and the time of a turn at the wanted one, or as long 1.25 times what the output
+        makes, and a tenth of the wanted speed, before the ramp goes on. Nothing is shown: for 2 s and eight
+        turns of the output. Lapses are included: below 1.4 times such as are shorter than 0.15 s, between the
+        two or unseen such as are shorter than all that time.
         """
         speeds = [*(drive.speed for drive in path), self.speed_rad_s]
         self._wanted_rpm = self._fastest_rpm = speeds[0] * RPM_PER_RAD_S
@@ -189,7 +192,7 @@ class Motor:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * RPM_PER_RAD_S
         self.speed_rad_s = speed_rad_s
         self._fastest_rpm = max(before_rpm, self._wanted_rpm)
-        self._too_fast = Debounced(OVERSPEED_S + 60.0 / min(before_rpm, self._wanted_rpm))
+        self._expect(min(before_rpm, self._wanted_rpm))
         left_rpm = self._kept_rpm
         self._kept_rpm = self._order(lambda: self._drive.set_speed(self._wanted_rpm))
         self._await_output(left_rpm)
@@ -208,7 +211,7 @@ class Motor:
                 raise self._refused(
                     f"its output does not come to {self._kept_rpm:g} rpm", "load and its ramp"
                 )
-            self._look_on()
+            self._follow()
             left_s -= _STEP_S
 
     def _await_shaft(self) -> None:
@@ -216,8 +219,37 @@ class Motor:
         while not abs(self._measured_rpm() - self._wanted_rpm) <= ARRIVED_SHARE * self._wanted_rpm:
             if left_s < 0.0:
                 raise self._not_arrived(self._measured_rpm())
-            self._look_on()
+            self._follow()
             left_s -= _STEP_S
+
+    def _expect(self, slowest_rpm: float) -> None:
+        """Nothing has been seen yet of a shaft whose turns take as long as at that speed."""
+        held_s = OVERSPEED_S + 60.0 / slowest_rpm
+        self._too_fast, self._unlike = Debounced(held_s), Debounced(held_s)
+        self._blind_s = self._blind_turns = 0.0
+
+    def _follow(self) -> None:
+        """Look on, and raise where the shaft is not seen to turn as the output does on its way up."""
+        rpm, state = self._look_on(), self._drive.state
+        if state is None or self._fastest_rpm > self._wanted_rpm:  # on the way down it may lag behind
+            return
+        blind = math.isnan(rpm) and state.speed_rpm > 0.0
+        self._blind_s = self._blind_s + _STEP_S if blind else 0.0
+        self._blind_turns = self._blind_turns + _STEP_S * state.speed_rpm / 60.0 if blind else 0.0
+        if self._blind_s > _SEEN_S and self._blind_turns > _SEEN_TURNS:
+            raise self._not_arrived(rpm)
+        over_rpm = abs(rpm) - ARRIVED_SHARE * self._fastest_rpm
+        lasted_s = self._unlike.look(
+            self._clock.monotonic_s(),
+            holds=over_rpm > _UNLIKE * state.speed_rpm,
+            gone=over_rpm < _ALIKE * state.speed_rpm,
+        )
+        if lasted_s is not None:
+            raise InterlockTripped(
+                f"interlock: the shaft turns at {rpm:.4g} rpm where the output makes "
+                f"{state.speed_rpm:.4g} rpm, for {lasted_s:.1f} s; the motor is off. "
+                "Check the gearing (rpm_per_hz), pulses per turn"
+            )
 
     def _look_on(self) -> float:
         """Wait a step and return the measured speed; raises InterlockTripped for a shaft that runs away."""

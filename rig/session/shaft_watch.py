@@ -102,15 +102,17 @@ class MarkWatch:
 class ShaftWatch:
     """What `channels` of a card, and an encoder where there is one, show of a shaft; nothing of other rigs.
 
-    `take` is called in the acquisition thread, all else by the sequence.
+    `take` is called in the acquisition thread, all else by the sequence. The bench allows `highest_rad_s`.
     """
 
-    def __init__(self, channels: Sequence[Channel], sample_rate: float, clock: Clock) -> None:
+    def __init__(
+        self, channels: Sequence[Channel], sample_rate: float, clock: Clock, highest_rad_s: float = math.inf
+    ) -> None:
         self._names, self._rate = [channel.name for channel in channels], sample_rate
         self._speed = ShaftSpeed(channels, sample_rate, clock)
         self._tachometer = Tachometer(channels, clock)
         self._marks = MarkWatch(channels)
-        self._by_card, self._by_encoder = guards_of_shaft(clock)
+        self._by_card, self._by_encoder = guards_of_shaft(clock, highest_rad_s)
 
     @property
     def tripped(self) -> bool:

@@ -44,6 +44,7 @@ _GONE = "rattle: the run is gone; the inverter's own watchdog (Pr.122) stops the
 _IS_OFF = (
     "rattle: the drive is off, by a connection of the supervisor's own. What was recorded: rattle recover"
 )
+_ENDED = "rattle: the run is gone, and its emulated drive with it. What was recorded: rattle recover"
 _GOES_ON = (
     "rattle: the run is gone or hangs, and THE DRIVE MAY STILL BE ON: switch it off by hand; process "
     "{process} goes on trying (kill {process} ends it)"
@@ -61,10 +62,10 @@ class Supervisor:
     """Brings the drive to rest when this process dies or `beat` stays away for 0.5 s.
 
     `spare` makes a second driver of the same actuator, which switches it off by a connection of its own, for
-    as long as it takes, and holds `locks` meanwhile; it must be picklable. It does so `once` with an actuator
-    that ends with its run, as an emulated one, and with a person, who has been asked then. Where it is None
-    no second one can be opened: then the supervisor ends a run that hangs for 4 s, so that nothing keeps the
-    actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
+    as long as it takes, and holds `locks` meanwhile; it must be picklable. It does so once with an `emulated`
+    actuator, which ends with its run, and with a person who drives `by_hand` and has been asked then. Where
+    it is None no second one can be opened: then the supervisor ends a run that hangs for 4 s, so that nothing
+    keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
 
     It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
     `latch`. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at nothing
@@ -77,11 +78,12 @@ class Supervisor:
         self,
         spare: Callable[[], Actuator] | None,
         locks: Sequence[InstrumentLock] = (),
-        once: bool = False,
+        emulated: bool = False,
         line: Callable[[], LineReader] | None = None,
         latch: Latch | None = None,
         off_s: float = 0.0,
         stays: bool = False,
+        by_hand: bool = False,
     ) -> None:
         self._stays = stays
         self._silence_s = LET_GO_S if spare is None else SILENCE_S
@@ -91,7 +93,7 @@ class Supervisor:
         self._line_seen: EmergencyStop | None = None
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
-        watched = spare, locks, once, line, latch, hurry_s
+        watched = spare, locks, emulated, by_hand, line, latch, hurry_s
         self._child = Child("supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None)
         self._pipe_has = select.poll()  # Connection.poll makes one for each of a hundred looks a second
         self._pipe_has.register(self._child.pipe.fileno(), select.POLLIN)
@@ -199,7 +201,8 @@ def _supervise(
     pipe: Connection,
     spare: Callable[[], Actuator] | None,
     locks: Sequence[InstrumentLock],
-    once: bool,
+    emulated: bool,
+    by_hand: bool,
     line: Callable[[], LineReader] | None,
     latch: Latch | None,
     hurry_s: float,
@@ -220,27 +223,43 @@ def _supervise(
             if why != _GONE and os.getppid() == run:
                 os.kill(run, signal.SIGKILL)
             _say(why)
-        elif once:
-            switch_off(spare)
-        elif os.fork() == 0:  # the run waits for its child, which this one is not
-            _switch_off_for_good(pipe, spare, locks, told=why == _OFF)
+        elif by_hand:
+            switch_off(spare)  # who was asked says it all
+        elif emulated:
+            off = switch_off(spare)
+            if why != _OFF:
+                _say(_IS_OFF if off else _ENDED)
+        else:
+            apart = False
+            with suppress(OSError):  # a machine that starts none more: in this one then
+                if os.fork() > 0:  # the run waits for its child and ends it, which that one is not
+                    return
+                apart = True
+            _switch_off_for_good(pipe, spare, locks, told=why == _OFF, apart=apart)
             os._exit(0)
 
 
 def _switch_off_for_good(
-    pipe: Connection, spare: Callable[[], Actuator], locks: Sequence[InstrumentLock], told: bool
+    pipe: Connection,
+    spare: Callable[[], Actuator],
+    locks: Sequence[InstrumentLock],
+    told: bool,
+    apart: bool,
 ) -> None:
-    # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
-    kept = sorted([pipe.fileno(), *(lock.fileno() for lock in locks)])
-    for low, high in pairwise([2, *kept, _MOST_FILES]):
-        os.closerange(low + 1, high)
-    with suppress(OSError):
-        pipe.send(str(os.getpid()))
+    """`apart`: in a process without other threads, that no run which lives still ends."""
+    if apart:
+        # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
+        kept = sorted([pipe.fileno(), *(lock.fileno() for lock in locks)])
+        for low, high in pairwise([2, *kept, _MOST_FILES]):
+            os.closerange(low + 1, high)
+        with suppress(OSError):
+            pipe.send(str(os.getpid()))
     if not switch_off(spare):
         # whoever reads what the run writes, or would end this, is not to wait for it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         words = "" if told else _GOES_ON.format(process=os.getpid())
-        threading.Thread(target=_say_and_let_go, args=(words,), daemon=True).start()
+        with suppress(RuntimeError):  # no thread more: without words then
+            threading.Thread(target=_say_and_let_go, args=(words,), daemon=True).start()
         for lock in locks:
             with suppress(OSError):
                 lock.sign(", which goes on switching off a drive that does not answer,")

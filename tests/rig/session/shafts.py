@@ -42,6 +42,7 @@ class FakeDrive:
     ripple: Callable[[float], float] = lambda _: 0.0
     stuck: bool = False
     seen: bool = True
+    ramp_rpm_per_s: float = RAMP_RPM_PER_S
     name: str = "inverter"
     address: str = FAKE
     identity: str = "a fake"
@@ -60,7 +61,9 @@ class FakeDrive:
         start_s, start_rpm = self._from
         target = self._set_rpm if self._run and not self.stuck else 0.0
         way = target - start_rpm
-        return start_rpm + math.copysign(min(abs(way), RAMP_RPM_PER_S * (self.clock.now_s - start_s)), way)
+        return start_rpm + math.copysign(
+            min(abs(way), self.ramp_rpm_per_s * (self.clock.now_s - start_s)), way
+        )
 
     def shaft_rpm(self) -> float:
         if not self.seen:
@@ -74,7 +77,7 @@ class FakeDrive:
         return MotorState(self.clock.now_s, self._run, self._set_rpm, output, hz, 1.0, 100.0)
 
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
-        return abs(to_rpm - from_rpm) / RAMP_RPM_PER_S
+        return abs(to_rpm - from_rpm) / self.ramp_rpm_per_s
 
     def open(self) -> None:
         self.told.append(("open",))

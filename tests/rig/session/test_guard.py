@@ -474,6 +474,24 @@ def test_a_machine_that_starts_no_latch_by_then_delays_no_off_and_latches(
     assert latch.told()
 
 
+def test_a_machine_that_starts_no_thread_more_delays_no_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path, None)
+
+    def refuse(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    def during(rig: DrivenRig) -> None:
+        with monkeypatch.context() as full:
+            full.setattr(threading.Thread, "start", refuse)
+            bench.level = 60.0
+            await_true("off", lambda: bench.generator.off_s, 0.5)
+        rig.watch.check()
+
+    ended(bench, InterlockTripped, r"contact\.force_upper = 60 N", during)
+
+
 SERIAL_OFF_S = 0.4
 
 

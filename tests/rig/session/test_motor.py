@@ -8,7 +8,8 @@ import pytest
 
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.time_base.clocks import CardClock
-from rig.session.motor import OVERSPEED_S, Motor, MotorActuator
+from rig.session.interlock import OVERSPEED_S
+from rig.session.motor import Motor, MotorActuator
 from sim_twin.rigs.crank_drive import SpeedDrive as CrankDrive
 from tests.rig.session.shafts import STEP_RPM, FakeDrive, SteppedClock
 
@@ -89,13 +90,21 @@ def test_a_shaft_that_turns_at_another_speed_is_a_wrong_bench() -> None:
         started(drive)
 
 
-def test_a_shaft_that_is_geared_up_is_stopped_on_the_ramp_before_it_is_there() -> None:
-    drive = FakeDrive(SteppedClock(), slip=-1.0)  # twice as fast as the bench file says
+@pytest.mark.parametrize(("slip", "beyond_at_s"), [(-1.0, 20.0 / 75.0), (-0.45, 1.0)])
+def test_a_shaft_that_is_geared_up_is_stopped_on_the_ramp_before_it_is_there(
+    slip: float, beyond_at_s: float
+) -> None:
+    """Held to the output, 100 rpm/s, a quarter above and 20 rpm: for 0.3 s and a turn."""
+    drive = FakeDrive(SteppedClock(), slip=slip)  # twice as fast as the bench file says
     began_s = drive.clock.now_s
-    with pytest.raises(InterlockTripped, match=r"shaft turns at .* rpm where 200 rpm is wanted, for 0\.6 s"):
+    with pytest.raises(InterlockTripped, match=r"shaft turns at .* rpm where the output makes .* for 0\.6 s"):
         started(drive)
-    # One and a half times the speed after 1.5 s of ramp, for 0.3 s and a turn; and a step of the loop each.
-    assert drive.clock.now_s - began_s == pytest.approx(1.5 + OVERSPEED_S + 0.3, abs=2 * 0.02 + 1e-6)
+    assert drive.clock.now_s - began_s == pytest.approx(beyond_at_s + OVERSPEED_S + 0.3, abs=3 * 0.02 + 1e-6)
+    assert drive.output_rpm < 200.0
+
+
+def test_a_shaft_that_slips_on_a_slow_ramp_is_no_danger() -> None:
+    started(FakeDrive(SteppedClock(), slip=0.08, ripple=lambda now_s: 15.0 * math.sin(20.0 * now_s)))
 
 
 @pytest.mark.parametrize("from_s", [1.0, 2.1, 4.0])
@@ -155,7 +164,15 @@ def test_an_inverter_that_stays_where_it_is_is_refused_when_the_ramp_has_overrun
 
 def test_a_shaft_that_nobody_sees_turn_is_an_interlock() -> None:
     with pytest.raises(InterlockTripped, match="no instrument shows that the shaft turns"):
-        started(FakeDrive(SteppedClock(), seen=False))
+        started(drive := FakeDrive(SteppedClock(), seen=False))
+    assert drive.clock.now_s - 1000.0 < 4.0
+
+
+def test_a_long_ramp_does_not_go_up_blind() -> None:
+    drive = FakeDrive(SteppedClock(), seen=False, ramp_rpm_per_s=10.0)
+    with pytest.raises(InterlockTripped, match="no instrument shows that the shaft turns"):
+        started(drive)
+    assert drive.output_rpm < 110.0  # the eighth turn; its ramp takes 20 s
 
 
 def test_trimming_stops_at_the_highest_speed() -> None:

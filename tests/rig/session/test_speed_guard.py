@@ -39,6 +39,21 @@ def test_a_speed_that_leaves_is_told_at_once_and_trips_after_its_time(factor: fl
         guard.check()
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(("times", "trips"), [(1.09, False), (1.12, True)])
+def test_a_shaft_beyond_what_the_bench_allows_trips_whatever_is_wanted(
+    sense: float, times: float, trips: bool
+) -> None:
+    guard = SpeedGuard(SteppedClock(), highest_rad_s=WANTED)
+    beyond = SpeedReading(sense * times * WANTED, valid=True)
+    assert codes(guard, beyond, 0.0, 0.5) == ["speed.beyond"] * trips  # 0.3 s and a turn, which takes 0.3 s
+    guard.check()
+    assert codes(guard, beyond, 0.5, 0.3) == ["speed.abort"] * trips
+    if trips:
+        with pytest.raises(InterlockTripped, match=r"shaft at .*224 rpm, where the bench allows 200 rpm"):
+            guard.check()
+
+
 def test_a_speed_that_nobody_sees_trips_after_its_time() -> None:
     guard = armed()
     assert codes(guard, UNKNOWN, 0.0, UNKNOWN_S) == ["speed.unknown"]

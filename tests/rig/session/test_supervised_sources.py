@@ -22,7 +22,7 @@ def test_a_supply_is_switched_off_by_a_connection_of_its_own() -> None:
     with start_dc_supply(sender) as emulator, receiver:
         sender.close()
         settings = SupplySettings(5.0, 300.0, 3.0, resource=emulator.address)
-        supervisor = Supervisor(partial(ScpiSupply, settings, off_first=True), once=True)
+        supervisor = Supervisor(partial(ScpiSupply, settings, off_first=True), emulated=True)
         supervisor.launch()
         driver = ScpiSupply(settings)
         driver.open()
@@ -39,7 +39,7 @@ def test_a_supply_is_switched_off_by_a_connection_of_its_own() -> None:
 
 def test_a_person_is_asked_once(capfd: pytest.CaptureFixture[str]) -> None:
     settings, said = ManualMotorSettings(maximum_speed_rpm=300.0), ""
-    supervisor = Supervisor(partial(ManualActuator, settings, off_first=True), once=True)
+    supervisor = Supervisor(partial(ManualActuator, settings, off_first=True), by_hand=True)
     supervisor.launch()
     with supervisor:
         supervisor.beat()

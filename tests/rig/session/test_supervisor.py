@@ -74,6 +74,23 @@ class LastThreadLine(FileLine):
         threading.Thread.start = refuse_latch  # type: ignore[method-assign]
 
 
+class LastGenerator(FarGenerator):
+    """The machine starts no process more from its making on, nor a thread from its opening on."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        os.fork = refuse_process
+
+    def open(self) -> None:
+        threading.Thread.start = refuse_latch  # type: ignore[method-assign]
+        (self._folder / "tried").touch()
+        super().open()
+
+
+def refuse_process() -> int:
+    raise BlockingIOError("Resource temporarily unavailable")
+
+
 START = threading.Thread.start
 
 
@@ -260,6 +277,23 @@ def test_a_machine_that_starts_no_thread_more_costs_neither_the_word_nor_the_lat
         await_true("seen", lambda: supervisor.emergency_stop)
         await_true("latched", latch.told)
         supervisor.check()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_machine_that_starts_nothing_more_keeps_nobody_from_switching_off(
+    tmp_path: Path, there: bool
+) -> None:
+    if there:
+        (tmp_path / "there").touch()
+    supervisor = Supervisor(partial(LastGenerator, tmp_path))
+    supervisor.launch()
+    supervisor.__enter__()
+    supervisor.beat()
+    supervisor._child.pipe.close()  # the run dies
+    await_true("tried", (tmp_path / "tried").exists)
+    (tmp_path / "there").touch()
+    await_true("switched off", (tmp_path / "off").exists)
+    supervisor._child.end(2.0)
 
 
 def test_a_latch_that_cannot_be_kept_is_told(
