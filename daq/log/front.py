@@ -174,8 +174,8 @@ def _metadata_at(descriptor: int, places: list[int], size: int) -> Iterator[tupl
         described += len(record)
         if opcode != Opcode.METADATA or described > MOST_DESCRIPTION_BYTES:
             raise ValueError(f"no metadata at byte {place}, or without end")
-        sealed = max(place - _RECORD.size - _CHECKSUM_BYTES, 0)
-        before = os.pread(descriptor, place - sealed, sealed)
+        room = max(place - _RECORD.size - _CHECKSUM_BYTES, 0)
+        before = os.pread(descriptor, place - room, room)
         if before.startswith(_CHECKSUM_HEAD):  # as behind every record of ours
             _check_between(
                 descriptor, before, record, place, int.from_bytes(before[_RECORD.size :], "little")

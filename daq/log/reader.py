@@ -304,6 +304,10 @@ class LogReader:
         numbers = frozenset(number for number, name in self._channel_names.items() if name == topic)
         return 0 if self._indexed is None else self._indexed.last_ns(numbers, after_ns)
 
+    def may_hold(self, topic: str) -> bool:
+        """Whether messages of a topic were written, by the index; without one they may have been."""
+        return self._indexed is None or self.last_ns(topic, -1) > 0
+
     def check_frame(self) -> None:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
         check_data(self._file.fileno(), self.allowance(), self._note)

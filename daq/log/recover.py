@@ -61,11 +61,13 @@ class LogReport:
     """Of that log: up to where nothing was wrong with it, as far as it is known, and all of it."""
     lost: int = 0
     """Samples that were not in it any more, by its own count."""
+    untold: tuple[str, ...] = ()
+    """Topics of it of which no block was left: how many samples they had nothing tells."""
 
     @property
     def whole(self) -> bool:
         """True if a recovered log lacks nothing but what was never written."""
-        return not self.lost and self.recovered_from in ("", CUT)
+        return not self.lost and not self.untold and self.recovered_from in ("", CUT)
 
     @property
     def sound(self) -> bool:
@@ -104,8 +106,10 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
         counted = {name: int(text) for name, text in origin.items() if _WHOLE_NUMBER.fullmatch(text)}
         whole, size, lost = (counted.get(name, 0) for name in ("whole_bytes", "size_bytes", "lost"))
         told = origin.get("damage", "")
-        damage = damage or log.damage
-        return LogReport(path, log.complete, damage, reports, missing, seconds, told, whole, size, lost)
+        damage, untold = damage or log.damage, tuple(origin.get("untold", "").splitlines())
+        return LogReport(
+            path, log.complete, damage, reports, missing, seconds, told, whole, size, lost, untold
+        )
 
 
 _Span = tuple[int, int]
@@ -176,8 +180,8 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
 
     Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
     topics that end before others do. How many came after the last that could be read of all, no file tells:
-    `recovered_from` says whether it was only cut there. Topics that are none of the format's are left out.
-    `passing` hears how many bytes have been copied.
+    `recovered_from` says whether it was only cut there, and `untold` of which topics none was left. Topics that
+    are none of the format's are left out. `passing` hears how many bytes have been copied.
     """
     with LogReader(damaged, passing) as log:
         topics = {
@@ -210,7 +214,12 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                     if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
                         writer.due(whose, name, block.end_sample + behind, log_ns, cause)
                         lost += behind if cause == LOST else 0
-                writer.add_metadata(_RECOVERED, _origin(log, lost))
+                untold = [
+                    topic
+                    for topic in topics
+                    if topic.startswith(_SAMPLE_TOPICS) and topic not in lasts and log.may_hold(topic)
+                ]
+                writer.add_metadata(_RECOVERED, _origin(log, lost, untold if cause == LOST else []))
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
                 raise
@@ -221,7 +230,7 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
         return verify_log(recovered)
 
 
-def _origin(log: LogReader, lost: int) -> dict[str, str]:
+def _origin(log: LogReader, lost: int, untold: list[str]) -> dict[str, str]:
     """What a recovered log says of the one that it comes from; of a sound one, what that says itself."""
     if not log.damage and not lost:
         return log.metadata.get(_RECOVERED, {})
@@ -231,7 +240,8 @@ def _origin(log: LogReader, lost: int) -> dict[str, str]:
         "size_bytes": size,
         "lost": lost,
     }
-    return {"damage": log.damage, **{name: str(count) for name, count in counts.items()}}
+    told = {"damage": log.damage, "untold": "\n".join(untold)}
+    return {**told, **{name: str(count) for name, count in counts.items()}}
 
 
 def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:

@@ -161,7 +161,8 @@ class LogWriter:
     def sync(self) -> None:
         """Bring to the disk what the system has of the file, and the first time its name; from any thread.
 
-        May take as long as the disk stalls. Raises RecorderFailed if the disk does not take it.
+        May take as long as the disk stalls. Raises RecorderFailed if the disk does not take it: then nobody
+        knows what of the file it has, though it may say of the next sync that all is well.
         """
         try:
             os.fdatasync(self._file.fileno())
@@ -169,6 +170,7 @@ class LogWriter:
                 sync_folder(self.path.parent)
                 self._folder_synced = True
         except OSError as error:
+            self._failed = error
             raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
 
     def close(self) -> None:
@@ -179,6 +181,8 @@ class LogWriter:
         try:
             if self._failed is None:
                 self._close_tails()
+                self._end_chunk()
+                self.sync()  # what says that the log is whole comes when all of it is there
                 self._writer.finish()
                 self._file.flush()
                 self.sync()

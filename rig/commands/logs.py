@@ -128,7 +128,8 @@ def _verdict(report: LogReport, scenario: str) -> str:
         return f"{reaches}: sound"
     part = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB of "
     whose = f"{part if report.whole_bytes < report.size_bytes else ''}a log ({report.recovered_from})"
-    return f"{reaches}: sound as far as it goes, recovered from {whose}"
+    nothing = f"; of {', '.join(report.untold)} nothing is left, however much it was" if report.untold else ""
+    return f"{reaches}: sound as far as it goes, recovered from {whose}{nothing}"
 
 
 def replay(

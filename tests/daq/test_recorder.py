@@ -257,6 +257,32 @@ def test_a_disk_that_runs_short_stops_the_caller_while_the_log_can_be_finished(
     assert not (tmp_path / "2.mcap").exists()
 
 
+def test_a_disk_that_runs_short_is_told_a_minute_before_also_while_it_stalls(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, left = SystemClock(), shutil.disk_usage(tmp_path)
+    path, go, free = tmp_path / "log.mcap", threading.Event(), 2 << 30
+    monkeypatch.setattr(recorder_module, "SYNC_S", 0.01)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: left._replace(free=free))
+    with Recorder(DiskOfItsOwnPace(path, lambda: go.wait()), clock) as recorder:
+        record_ramp(recorder, 1)
+        recorder.event(Event(clock.unix_ns(), "info", "rig", "x", "ends the chunk"))
+        while not path.stat().st_size:
+            clock.sleep(0.01)
+        clock.sleep(0.1)
+        assert recorder.events() == ()
+        free = (1 << 30) + 1000
+        until_s = clock.monotonic_s() + 20.0
+        while not (told := recorder.events()):
+            assert clock.monotonic_s() < until_s
+            clock.sleep(0.01)
+        assert [(each.level, each.code) for each in told] == [("warning", "disk.short")]
+        assert "1.07 GB free, and 1.07 GB have to stay free: the run stops within a minute" in told[0].text
+        clock.sleep(0.1)
+        assert recorder.events() == ()
+        go.set()
+
+
 def test_a_disk_that_fails_to_sync_stops_the_caller(tmp_path: Path) -> None:
     def fail() -> None:
         raise RecorderFailed("no disk any more")
@@ -365,7 +391,7 @@ class FailingDisk:
 def test_whatever_call_fails_first_it_is_one_error_and_a_readable_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
-    """The n-th, for n = 1, 2, ... until none is the n-th."""
+    """The n-th, for n = 1, 2, ... until none is the n-th. Nothing renames a log."""
     monkeypatch.setattr(recorder_module, "SYNC_S", 0.01)
     for nth in range(1, 200):
         path = tmp_path / f"{nth}.mcap"
@@ -379,10 +405,36 @@ def test_whatever_call_fails_first_it_is_one_error_and_a_readable_log(
         if handed_over and b"scenario" in path.read_bytes():  # its first record has come to the disk
             with LogReader(recovered(path)) as log:
                 blocks = list(log.blocks())
+            with LogReader(path) as log:
+                assert not log.complete or len(blocks) == handed_over
             assert [each.first_sample for _, each in blocks] == [BLOCK * n for n in range(len(blocks))]
             # what the last chunk holds, and what waits for the writer's thread, is all that may lack
-            assert len(blocks) >= handed_over - (40 if call in ("write", "flush") else 0)
+            assert len(blocks) >= handed_over - (
+                40 if call in ("write", "flush", "fdatasync", "fsync") else 0
+            )
     assert 1 < nth < 199
+
+
+@pytest.mark.parametrize("closed", [False, True], ids=["as it is written", "as it is closed"])
+def test_a_disk_that_failed_to_sync_once_is_believed_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, closed: bool
+) -> None:
+    """What it had not written may be gone, and the next sync says nothing of it."""
+    path = tmp_path / "log.mcap"
+    writer = LogWriter(path).open()
+    writer.declare("measured", Channel("a", "N"))
+    writer.add_block("measured", block(0), START_NS)
+    writer.flush_if_older(START_NS + 10**9)
+    FailingDisk("fdatasync", 1).put_below(monkeypatch)
+    with pytest.raises(RecorderFailed, match="Input/output error"):
+        (writer.close if closed else writer.sync)()
+    if not closed:
+        with pytest.raises(RecorderFailed, match=r"stopped after .*Input/output error"):
+            writer.add_block("measured", block(1), START_NS)
+    writer.close()
+    with LogReader(path) as log:
+        assert not log.complete
+        assert log.series("measured", "a").end_sample == BLOCK
 
 
 def record_until_it_fails(path: Path) -> tuple[int, list[str]]:

@@ -26,7 +26,7 @@ from daq.log.reader import LogReader
 from daq.log.records import Gap
 from daq.log.recover import LOST, recover_log, verify_log
 from daq.log.writer import LogWriter
-from tests.daq.log.logs import BLOCK, START_NS, block, crashed_file, write_ramp
+from tests.daq.log.logs import BLOCK, START_NS, block, crashed_file, host_ns, write_ramp
 
 CUTS = 40
 FLIPS = 150
@@ -132,6 +132,26 @@ def test_one_damaged_chunk_costs_only_itself(
         assert set(log.channels("measured")) == {"a", "b"}
         for _, block in log.blocks():
             assert np.array_equal(block.values, np.arange(block.first_sample, block.end_sample))
+
+
+@pytest.mark.parametrize("crashed", [False, True], ids=["with its summary", "without"])
+def test_a_channel_of_which_nothing_is_left_is_named(tmp_path: Path, crashed: bool) -> None:
+    """Its only reading lay in the chunk that is damaged; nothing tells its rate."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as writer:
+        for name in ("a", "slow", "silent"):
+            writer.declare("measured", Channel(name, "N"))
+        writer.add_block("measured", block(0, "slow"), START_NS)
+        for number in range(20):
+            writer.add_block("measured", block(number), host_ns(block(number)))
+    begin, end = chunks_of(path)[0]
+    content = bytearray(path.read_bytes()[: data_end(path) if crashed else None])
+    content[(begin + end) // 2] ^= 0x80
+    path.write_bytes(content)
+    report = recover_log(path, tmp_path / "recovered.mcap")
+    assert report.sound
+    assert not report.whole
+    assert set(report.untold) == {"/measured/slow", *(["/measured/silent"] if crashed else [])}
 
 
 def test_a_flip_anywhere_in_a_crashed_log_is_told(ramp: Path, tmp_path: Path) -> None:
