@@ -133,8 +133,8 @@ def told(folder: Path) -> bool:
     for size in SIZES[:-1]:
         for command in commands(folder, size):
             rattle(folder, *command)
-    known = Paces(folder / "known.json")
     (folder / "known.json").write_bytes(kept.read_bytes())
+    known = Paces(folder / "known.json")
     for command in commands(folder, SIZES[-1]):
         rattle(folder, *command)
     before, after = (json.loads(file.read_text()) for file in (folder / "known.json", kept))
