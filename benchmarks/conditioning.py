@@ -97,9 +97,9 @@ def _ask(log: Path | None) -> None:
     """Go through structures and first contacts of all rigs, a resonance, a clock, a diagnosis of `log`."""
     from benchmarks.processors import diagnosis, first_peaks, structures
     from daq.time_base.model import robust_line
+    from sim_twin.linear_filter import oscillator
     from sim_twin.rigs.impact_beam.model import nominal
     from sim_twin.rigs.impact_beam.structure import resting
-    from sim_twin.linear_filter import oscillator
 
     structures()
     first_peaks()
