@@ -180,8 +180,8 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
 
     Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
     topics that end before others do. How many came after the last that could be read of all, no file tells:
-    `recovered_from` says whether it was only cut there, and `untold` of which topics none was left. Topics that
-    are none of the format's are left out. `passing` hears how many bytes have been copied.
+    `recovered_from` says whether it was only cut there, and `untold` of which topics none was left. Topics
+    that are none of the format's are left out. `passing` hears how many bytes have been copied.
     """
     with LogReader(damaged, passing) as log:
         topics = {
