@@ -14,6 +14,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from itertools import chain, takewhile
 from multiprocessing.connection import Connection
 from typing import Any, Final, NamedTuple, Protocol
@@ -76,9 +77,7 @@ class Crew:
                 return child
             child.end(0.0)
             child.pipe.close()
-        child = Child(name, _work, task)
-        child.start()
-        return child
+        return _started(name, task, stays=True)
 
     def keep(self, name: str, child: Child) -> None:
         """Take back one that has done its task."""
@@ -108,7 +107,8 @@ class WorkerProcess:
         self.error = ""
 
     def __enter__(self) -> WorkerProcess:
-        self._child, self._closed = (self._crew or Crew()).hire(self._name, self._task), False
+        hire = partial(_started, stays=False) if self._crew is None else self._crew.hire
+        self._child, self._closed = hire(self._name, self._task), False
         self._threads = [
             threading.Thread(target=run, name=f"{self._name} {what}", daemon=True)
             for run, what in ((self._send_all, "sender"), (self._receive, "receiver"))
@@ -217,7 +217,13 @@ class WorkerProcess:
             self._end(message.error and f"the {self._name} {verb}: {message.error}")
 
 
-def _work(pipe: Connection, task: Task | None) -> None:
+def _started(name: str, task: Task, stays: bool) -> Child:
+    child = Child(name, _work, task, stays)
+    child.start()
+    return child
+
+
+def _work(pipe: Connection, task: Task | None, stays: bool) -> None:
     try:
         while task is not None:
             task.prepare()
@@ -226,6 +232,8 @@ def _work(pipe: Connection, task: Task | None) -> None:
             given = takewhile(lambda item: item is not None, items)
             task.run(given, pipe.send)
             pipe.send(_Done())
+            if not stays:
+                return
             deque(given, maxlen=0)  # what came after all that it took
             task = pipe.recv()
     except (EOFError, ConnectionError):  # whoever started it is gone

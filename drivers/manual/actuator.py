@@ -65,7 +65,7 @@ class ManualActuator:
         if self.settings.person:
             self._tell(" ".join(map(str, order)))
         else:
-            self._saying = threading.Thread(target=_say, args=(words,), daemon=True)
+            self._saying = threading.Thread(target=_say, args=(words, self._saying), daemon=True)
             self._saying.start()
 
     def _tell(self, order: str) -> None:
@@ -83,6 +83,8 @@ class ManualActuator:
             raise DeviceLost(self.name, self.address, f"it answers {answer!r} to {order}")
 
 
-def _say(words: str) -> None:
+def _say(words: str, before: threading.Thread | None) -> None:
+    if before is not None:
+        before.join()  # an order that is read after the one to stop would be obeyed
     with suppress(OSError, ValueError):
         print(f"\a{words}" if words == STOP else words, file=sys.stderr, flush=True)

@@ -105,6 +105,7 @@ def test_a_lost_encoder_brings_the_motor_down(crank: SpiedCrank, tmp_path: Path)
     assert "inverter.off" in events(ended.log)
 
 
+@pytest.mark.long
 def test_a_shaft_that_slips_is_an_interlock(tmp_path: Path) -> None:
     # Trimming changes the output every two seconds; once it has been steady for three, the belt slips.
     with (
@@ -176,6 +177,7 @@ def refused(crank: SpiedCrank, out: Path) -> str:
     return ended.err
 
 
+@pytest.mark.long
 def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
     mortal_crank: SpiedCrank, tmp_path: Path
 ) -> None:

@@ -96,6 +96,7 @@ def test_a_generator_that_falls_silent_in_the_ramp_ends_the_run(
         assert log.complete
 
 
+@pytest.mark.long
 def test_a_generator_that_falls_silent_while_it_is_armed_moves_nothing(
     bench: SpiedBench, tmp_path: Path, freeze: Freeze
 ) -> None:

@@ -122,6 +122,7 @@ def test_a_generator_out_of_reach_is_switched_off_once_it_is_back_and_no_run_get
             goes_on.kill()
 
 
+@pytest.mark.long
 def test_a_second_run_leaves_the_first_alone(bench: SpiedBench, tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=6.0)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as first:

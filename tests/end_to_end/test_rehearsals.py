@@ -39,6 +39,7 @@ def test_a_card_that_is_unplugged(tmp_path: Path) -> None:
     assert verify_log(ended.log).sound
 
 
+@pytest.mark.long
 def test_a_disk_that_stalls_and_a_sensor_that_clips_cost_no_sample(tmp_path: Path) -> None:
     ended = drilled(tmp_path, "disk.stalls@2:for=2", "daq_card.clips@4:channel=contact.force_upper")
     assert (ended.code, ended.err) == (0, "")

@@ -266,7 +266,7 @@ def test_healthy_rigs_spread_as_stated() -> None:
         ({"modal_damping": 1.5}, "modal_damping"),
         ({"modal_damping": -0.1}, "modal_damping"),
         ({"axis_angle": 0.1}, "axis_angle"),
-        ({"socket_clearance": 0.0}, "clearance"),
+        ({"socket_clearance": -1e-6}, "clearance"),
         ({"guide_stiffness": -1.0}, "guide_stiffness"),
         ({"friction": float("nan")}, "friction"),
         ({"crank_radius": 0.2}, "crank_radius"),
