@@ -18,7 +18,7 @@ from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 1 << 16
-"""17 s of 64 channels, measured and predicted, with two figures of each, in blocks of 0.1 s: longer than a
+"""12 s of 64 channels, measured and predicted, with two figures of each, in blocks of 75 ms: longer than a
 disk stalls. A second takes up to 26 MB."""
 SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
 _SHORT_S = 60.0  # of what it has been told to write: so long before it stops a recording says so
