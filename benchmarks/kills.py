@@ -27,7 +27,7 @@ from daq.errors import LogError
 from daq.log.reader import LogReader
 from daq.log.recover import recover_log
 from drivers.emulator_truth import TRUTH_FOLDER
-from tests.accounting import discrepancies, sent_in
+from tests.accounting import discrepancies, late_s, sent_in
 
 ROOT = Path(__file__).parents[1]
 MOST_LOST_S = 0.5
@@ -119,8 +119,8 @@ def lost_s(log: Path, killed_ns: int, recovered: Path) -> dict[str, float]:
     return {name: (killed_ns - end) / NS_PER_S for name, end in ends.items()}
 
 
-def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float]]:
-    """Of so many kills: the rig, the stream that lost most, and how much (s)."""
+def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float, float]]:
+    """Of so many kills: the rig, the stream that lost most, how much, and how late its samples came (s)."""
     rng = np.random.default_rng(seed)
     for number in range(kills):
         rig = list(RIGS)[number % len(RIGS)]
@@ -130,8 +130,10 @@ def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float]]:
             after_s = float(rng.uniform(0.5, _LONGEST_S)) + (_SLOWEST_S if rig in _BESIDE else 0.0)
             log, killed_ns = killed_run(rig, after_s, folder)
             each = lost_s(log, killed_ns, folder / "recovered.mcap")
+            with LogReader(log) as reader:
+                late = late_s(reader)
         worst = max(each, key=each.__getitem__)
-        yield rig, worst, each[worst]
+        yield rig, worst, each[worst], late
 
 
 def main() -> int:
@@ -140,7 +142,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     lost: list[float] = []
-    for number, (rig, stream, seconds) in enumerate(worst_lost(arguments.kills, arguments.seed)):
+    for number, (rig, stream, seconds, _) in enumerate(worst_lost(arguments.kills, arguments.seed)):
         lost.append(seconds)
         print(f"{number + 1:4} {rig:22} {stream:22} {seconds:.3f} s", flush=True)
     print(
