@@ -195,7 +195,7 @@ def _await(holds: Callable[[], object], within_s: float, terminal: Terminal) -> 
     while not holds():
         if time.monotonic() > until_s:
             return False
-        if terminal.run.poll() is not None and within_s == _PATIENCE_S:
+        if within_s == _PATIENCE_S and terminal.run.poll() is not None:
             raise RuntimeError(terminal.shown.decode(errors="replace"))
         time.sleep(0.002)
     return True
@@ -254,7 +254,7 @@ def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
         (folder / "struck").touch()
         return {"another held: limit after": _since(bench, struck_ns, terminal)}
     finally:
-        terminal.run.kill()
+        os.kill(pid, signal.SIGKILL)  # Popen takes a main thread that is held for one that has ended
         while os.WIFSTOPPED(os.waitpid(thread, _ANY_THREAD)[1]):
             pass  # a zombie otherwise, and the run would never end
 
