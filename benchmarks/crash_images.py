@@ -217,8 +217,10 @@ def main() -> int:
     found = count_images(arguments.images, arguments.seed)
     for outcome, count in found.most_common():
         print(f"{count:6} of {arguments.images}  {outcome or 'recovered; nothing wrong, all accounted for'}")
-    wrong = arguments.images - found[""] - found["no whole chunk on the disk yet"]
-    print(f"wrong: {wrong}" + ("" if wrong else f" (below {3 / arguments.images:.2g} of all, 95 %)"))
+    proven = arguments.images - found["no whole chunk on the disk yet"]
+    wrong = proven - found[""]
+    rate = "" if wrong or not proven else f" (below {3 / proven:.2g} of those with a chunk, 95 %)"
+    print(f"wrong: {wrong} of {proven} with a chunk" + rate)
     return int(wrong > 0)
 
 

@@ -2,8 +2,9 @@
 
 `limit`: what is measured passes a limit while the terminal has stopped; from that sample to the off.
 `killed`, `frozen`: SIGKILL and SIGSTOP at a random moment from the first of driving on.
-`thread`: one thread of the run, any of them, is held; where the run goes on without it, a person stops it.
-`lost`: an instrument is gone; to the first sign of a stop, and from there to the off.
+`thread`: one thread of the run, any of them, is held. One that guards or drives makes the run safe by itself;
+where it goes on without another, its limit still trips.
+`lost`: an instrument is gone or frozen; to the first sign of a stop, and from there to the off.
 `viewer`: the live view is killed; the record has to be whole.
 
 Returns 1 if the worst but one in a hundred misses its bar. The motor's inverter watches for 0.5 s (Pr.122).
@@ -58,6 +59,18 @@ _TOO_LONG_S = 5.0
 _PTRACE_SEIZE, _PTRACE_INTERRUPT = 0x4206, 0x4207
 _ACTUATORS = ("generator", "inverter")
 _ANY_THREAD = 0x40000000  # __WALL
+_GUARDS = ("main", "acquisition", "guard", "encoder", "inverter")
+"""Threads that guard or drive."""
+_NAMED = """\
+import ctypes, runpy, threading
+set_native_id, prctl = threading.Thread._set_native_id, ctypes.CDLL(None).prctl
+def named(thread):
+    set_native_id(thread)
+    prctl(15, thread.name.encode(), 0, 0, 0)
+threading.Thread._set_native_id = named
+runpy.run_module("rig.start", run_name="__main__", alter_sys=True)
+"""
+"""A run whose threads carry their names, of which Linux keeps 15 letters, for whoever looks from outside."""
 _LIMIT = '[limits."{channel}"]\nabort = "{level}"\n'
 
 
@@ -139,7 +152,7 @@ class Terminal:
         ours, theirs = pty.openpty()
         arguments = ["run", bench.scenario, "--bench", bench.file, "--out", out, *more]
         self.run = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-m", "rig.start", *map(str, arguments)],
+            [sys.executable, "-c", _NAMED, *map(str, arguments)],
             cwd=ROOT,
             stdin=theirs,
             stdout=theirs,
@@ -186,16 +199,18 @@ def _await(holds: Callable[[], object], within_s: float, terminal: Terminal) -> 
     while not holds():
         if time.monotonic() > until_s:
             return False
-        if terminal.run.poll() is not None and within_s == _PATIENCE_S:
+        if within_s == _PATIENCE_S and terminal.run.poll() is not None:
             raise RuntimeError(terminal.shown.decode(errors="replace"))
         time.sleep(0.002)
     return True
 
 
 def _since(bench: Bench, from_ns: int, terminal: Terminal) -> float:
-    """Seconds from then to the off; infinite where none comes."""
+    """Seconds from then to the off; infinite where none comes. Raises where it was off before."""
     _await(bench.safe_ns, _TOO_LONG_S, terminal)
     safe_ns = bench.safe_ns()
+    if safe_ns is not None and safe_ns < from_ns:
+        raise RuntimeError(f"it was off before: {terminal.shown.decode(errors='replace')}")
     return float("inf") if safe_ns is None else (safe_ns - from_ns) / NS_PER_S
 
 
@@ -228,33 +243,46 @@ def _frozen(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
 
 
 def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
-    thread = rng.choice([each.id for each in psutil.Process(terminal.run.pid).threads()])
+    pid = terminal.run.pid
+    thread = rng.choice([each.id for each in psutil.Process(pid).threads()])
+    comm = Path(f"/proc/{pid}/task/{thread}/comm").read_text().strip()
+    name = "main" if thread == pid else comm
     ptrace = ctypes.CDLL(None, use_errno=True).ptrace
     if ptrace(_PTRACE_SEIZE, thread, None, None) or ptrace(_PTRACE_INTERRUPT, thread, None, None):
-        raise OSError(ctypes.get_errno(), f"cannot hold thread {thread}")
+        raise OSError(ctypes.get_errno(), f"cannot hold thread {thread} ({name})")
     held_ns = time.time_ns()
     try:
-        if _await(bench.safe_ns, 1.5, terminal):
-            return {"thread held": _since(bench, held_ns, terminal)}
-        terminal.run.send_signal(signal.SIGINT)
-        return {"thread held, then stopped": _since(bench, time.time_ns(), terminal)}
+        if name in _GUARDS or _await(bench.safe_ns, 1.5, terminal):
+            return {f"{name} held": _since(bench, held_ns, terminal)}
+        struck_ns = time.time_ns()
+        (folder / "struck").touch()
+        return {"another held: limit after": _since(bench, struck_ns, terminal)}
     finally:
-        terminal.run.kill()
+        os.kill(pid, signal.SIGKILL)  # Popen takes a main thread that is held for one that has ended
         while os.WIFSTOPPED(os.waitpid(thread, _ANY_THREAD)[1]):
             pass  # a zombie otherwise, and the run would never end
 
 
 def _lost(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
-    name = rng.choice(list(bench.instruments))
-    os.kill(bench.instruments[name].pid, signal.SIGKILL)
+    name, how = rng.choice(list(bench.instruments)), rng.choice([signal.SIGKILL, signal.SIGSTOP])
+    pid = bench.instruments[name].pid
+    os.kill(pid, how)
     lost_ns = time.time_ns()
+    _await(lambda: terminal.run.poll() is not None, _TOO_LONG_S, terminal)
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGCONT)  # what drives is switched off for as long as it does not answer
     terminal.run.wait(_PATIENCE_S)
     (log,) = folder.glob("*.mcap")
     with LogReader(log) as reader:
         noticed_ns = next(event.time_ns for event in reader.events() if event.code == STOPPING)
-    found = {f"{name} lost: noticed": (noticed_ns - lost_ns) / NS_PER_S}
+    what, noticed_s = (
+        f"{name} {'lost' if how == signal.SIGKILL else 'frozen'}",
+        (noticed_ns - lost_ns) / NS_PER_S,
+    )
+    found = {f"{what}: noticed": noticed_s}
     if name not in _ACTUATORS:  # of which one that is gone tells nobody what it does
-        found[f"{name} lost: safe after"] = _since(bench, noticed_ns, terminal)
+        # off first, written down after
+        found[f"{what}: safe after"] = max(_since(bench, lost_ns, terminal) - noticed_s, 0.0)
     return found
 
 

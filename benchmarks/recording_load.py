@@ -27,7 +27,9 @@ import psutil
 
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
+from drivers.emulator_truth import TRUTH_FOLDER
 from rig.live.page_server import PORT_VARIABLE
+from tests.accounting import discrepancies, sent_in
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "impact_beam_sixteen_channels.toml"
@@ -35,6 +37,8 @@ BENCH = ROOT / "scenarios" / "sixteen_channels.bench.toml"
 SAMPLE_RATE_HZ = 51_200
 EVERY_S = 2.0
 _AN_HOUR_S, MOST_MB_AN_HOUR = 3600.0, 1.0
+_SLOPE_S = 600.0
+"""Of a shorter run memory has no slope: what is taken into use once would be one of GB/h."""
 MIB = 1 << 20
 MOST_CPU = {16: 0.5}
 """Share of a core that the acquisition process may take, by channels; one core where nothing is said."""
@@ -71,6 +75,8 @@ _READ_AT_20_HZ = 'rpm_per_hz = 5.0\npoll = "50 ms"'
 _STALLS_EVERY_S = 300.0
 _BUSY_S, _IDLE_S = 2.0, 18.0
 _RATES_HZ = {"encoder": 1000.0, "inverter": 20.0}
+_COMPARED_S = 120.0
+"""Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
 _NOT_STEADY = 1 / 3
 """Of the record, at its begin, in which memory is still taken into use."""
 
@@ -100,7 +106,8 @@ def main() -> int:
         bench.write_text(of_bench + _STALL.format(faults=faults))
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
-        os.environ[PORT_VARIABLE] = "0"
+        if arguments.seconds <= _COMPARED_S:
+            os.environ[TRUTH_FOLDER] = folder
         watched = _watch(command, arguments.seconds)
         return _report(list(Path(folder).glob("*.mcap")), watched, arguments.seconds, arguments.channels)
 
@@ -198,8 +205,9 @@ def _name(process: psutil.Process, acquisition: int) -> str:
         line = " ".join(process.cmdline())
     except psutil.Error:
         return f"gone {process.pid}"
-    known = {"view_process": "live view", "rerun": "viewer's server", "resource_tracker": "resource tracker"}
-    return f"{next((name for part, name in known.items() if part in line), 'worker')} {process.pid}"
+    known = {"rerun": "viewer's server", "resource_tracker": "resource tracker"}
+    named = Path(f"/proc/{process.pid}/comm").read_text().strip()
+    return f"{next((name for part, name in known.items() if part in line), named)} {process.pid}"
 
 
 def _seconds(process: psutil.Process) -> float:
@@ -232,16 +240,20 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
     print(f"samples unaccounted       {unaccounted} (missing: {missing}); {derived} derived values")
+    wrong = discrepancies(logs[0], sent_in(logs[0].parent)) if seconds <= _COMPARED_S else []
+    compared = "; ".join(wrong) or "all" if seconds <= _COMPARED_S else "too long to compare in memory"
+    print(f"as the emulators sent it  {compared}")
     print(f"view                      {told.get('view.dropped', 'none')}")
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
         print(f"{name:<25} {share:.2f} of a core")
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
-    print(f"acquisition, RSS          {max(watched.rss):.0f} MiB; in the last two thirds {slope:+.2f} MB/h")
+    grown = f"in the last two thirds {slope:+.2f} MB/h" if seconds >= _SLOPE_S else "too short for a slope"
+    print(f"acquisition, RSS          {max(watched.rss):.0f} MiB; {grown}")
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
     print(f"all processes             {sum(means.values()):.2f} cores")
     print(f"load after the run        {os.getloadavg()[0]:.2f}")
-    kept = report.sound and not unaccounted and not missing and measured == channels
+    kept = report.sound and not unaccounted and not missing and not wrong and measured == channels
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
     level = seconds < _AN_HOUR_S or slope < MOST_MB_AN_HOUR
     return 0 if kept and within and level and max(watched.rss) < MOST_MIB.get(channels, 1500) else 1

@@ -74,12 +74,14 @@ ALL = {
         ("benchmarks.reactions", "frozen", "--tries", "1"),
     ),
     "held thread": Promise(
-        "A run of which any thread hangs is safe within 1 s, or goes on and stops when it is told to.",
+        "A run of which a thread hangs that guards or drives is safe within 1 s; where it goes on without "
+        "another, its limit still stops it.",
         ("benchmarks.reactions", "thread"),
         ("benchmarks.reactions", "thread", "--tries", "1"),
     ),
     "lost instrument": Promise(
-        "An instrument that is lost is noticed within 1 s, and what moves is safe 0.2 s after.",
+        "An instrument that is lost, or answers no more, is noticed within 1 s, and what moves is safe 0.2 s "
+        "after.",
         ("benchmarks.reactions", "lost"),
         ("benchmarks.reactions", "lost", "--tries", "1"),
     ),

@@ -12,9 +12,10 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, Final
 
 OF_THE_TERMINAL: Final = frozenset({signal.SIGINT, signal.SIGHUP, signal.SIGQUIT})
@@ -109,6 +110,8 @@ def end_with_parent(grace_s: float = 0.0) -> None:
 def _child(
     entry: Callable[..., None], pipe: Connection, arguments: tuple[Any, ...], grace_s: float | None
 ) -> None:
+    with suppress(OSError):  # for top and ps; where a system has no such file it is python there
+        Path("/proc/self/comm").write_text(multiprocessing.current_process().name)
     if grace_s is not None:
         end_with_parent(grace_s)
     entry(pipe, *arguments)

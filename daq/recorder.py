@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import shutil
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import TracebackType
@@ -17,9 +18,10 @@ from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
 from daq.log.writer import LogWriter
 
 _QUEUE_ITEMS = 1 << 16
-"""17 s of 64 channels, measured and predicted, with two figures of each, in blocks of 0.1 s: longer than a
+"""12 s of 64 channels, measured and predicted, with two figures of each, in blocks of 75 ms: longer than a
 disk stalls. A second takes up to 26 MB."""
 SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
+_SHORT_S = 60.0  # of what it has been told to write: so long before it stops a recording says so
 _IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
 _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
@@ -30,7 +32,7 @@ class Recorder:
     Handing over never waits. It raises RecorderFailed once the writer has failed or the queue was full, which
     is the caller's sign to stop the rig: nothing is dropped in silence, and nothing comes behind a hole.
     `refused` counts what was handed over in vain. With less than a GiB left on the disk none begins, and one
-    that has begun fails while it can still be finished.
+    that has begun tells a minute before, in `events`, and fails while it can still be finished.
     """
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:
@@ -38,8 +40,14 @@ class Recorder:
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(_QUEUE_ITEMS)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._closing = threading.Event()
-        self._syncing = threading.Thread(target=self._sync, name="recorder to disk", daemon=True)
+        each_s = (("recorder to disk", writer.sync), ("recorder's room", self._check_room))  # one may stall
+        self._looking = [
+            threading.Thread(target=self._each_second, args=(look,), name=name, daemon=True)
+            for name, look in each_s
+        ]
         self._failure: RecorderFailed | None = None
+        self._begun_s = clock.monotonic_s()
+        self._told_short, self._news = False, deque[Event]()
         self.high_water = self.refused = 0
         self.blocks = 0
 
@@ -47,7 +55,8 @@ class Recorder:
         self._check_room()
         self._writer.open()
         self._thread.start()
-        self._syncing.start()
+        for thread in self._looking:
+            thread.start()
         return self
 
     def __exit__(
@@ -104,8 +113,9 @@ class Recorder:
             except queue.Full:
                 pass
             self._closing.set()
-            self._syncing.join(_HUNG_DISK_S)
-            if self._thread.is_alive() or self._syncing.is_alive():
+            for thread in self._looking:
+                thread.join(_HUNG_DISK_S)
+            if any(thread.is_alive() for thread in (self._thread, *self._looking)):
                 raise RecorderFailed(
                     f"{self._writer.path}: the disk does not answer; the end of the run is lost"
                 )
@@ -125,12 +135,15 @@ class Recorder:
             raise self._failure
         self.high_water = max(self.high_water, self._queue.qsize())
 
-    def _sync(self) -> None:
+    def events(self) -> tuple[Event, ...]:
+        """What is new of the disk, once."""
+        return tuple(self._news.popleft() for _ in range(len(self._news)))
+
+    def _each_second(self, look: Callable[[], None]) -> None:
         """A disk that stalls holds nobody up but this thread."""
         while not self._closing.wait(SYNC_S):
             try:
-                self._writer.sync()
-                self._check_room()
+                look()
             except RecorderFailed as error:
                 self._failure = self._failure or error
                 return
@@ -139,11 +152,17 @@ class Recorder:
         folder = self._writer.path.parent
         try:
             free = shutil.disk_usage(folder).free
+            written = self._writer.path.stat().st_size if self._thread.is_alive() else 0
         except OSError as error:
             raise RecorderFailed(f"{folder}: {error.strerror}") from error
+        left = f"{free / 1e9:.2f} GB free, and {LEAST_FREE_BYTES / 1e9:.2f} GB have to stay free"
         if free < LEAST_FREE_BYTES:
-            left = f"{free / 1e9:.2f} GB free, and {LEAST_FREE_BYTES / 1e9:.2f} GB have to stay free"
             raise RecorderFailed(f"{folder}: {left}; make room or name another folder")
+        a_second = written / max(self._clock.monotonic_s() - self._begun_s, SYNC_S)
+        if free < LEAST_FREE_BYTES + _SHORT_S * a_second and not self._told_short:
+            self._told_short = True
+            words = f"{folder}: {left}: the run stops within a minute if it goes on so; make room"
+            self._news.append(Event(self._clock.unix_ns(), "warning", "recorder", "disk.short", words))
 
     def _run(self) -> None:
         broken = False

@@ -23,7 +23,7 @@ from daq.errors import RattleError
 from daq.process import Child
 
 QUEUE_ITEMS = 16_384
-"""About 13 s of 64 channels, measured and predicted, in blocks of 0.1 s (4 bytes a sample: 330 MB)."""
+"""Near 10 s of 64 channels, measured and predicted, in blocks of 75 ms (4 bytes a sample: 250 MB)."""
 _BATCH = 256
 """What has piled up goes out together: a message a block would cost the acquisition more than the copy."""
 _START_S = 120.0

@@ -249,6 +249,7 @@ class DrivenRig:
         self.watch.at_times(motion.check)
         self.watch.checks += [heed_hung, self._supervisor.check]
         actuator = self.devices.actuator.name
+        logbook.events.append(self.recorder.events)
         logbook.events.append(lambda: logbook.stamped(actuator, motion.take_notices()))
         logbook.clocks += [acquisition.base.refit, lambda _: motion.clocks(acquisition.base)]
         if self.encoder is not None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 import psutil
 import pytest
@@ -77,6 +78,7 @@ def test_one_that_hangs_is_terminated_or_killed(terminate_s: float | None, by: s
     child.start()
     assert child.pipe.recv() == child.pid
     assert child.alive
+    assert Path(f"/proc/{child.pid}/comm").read_text() == "hangs\n"  # what top and ps show
     child.end(0.0, terminate_s)
     child.pipe.close()
     assert child.process.exitcode == -by

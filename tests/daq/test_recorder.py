@@ -184,7 +184,7 @@ def test_a_disk_that_stalls_ten_seconds_under_64_channels_costs_nothing(tmp_path
     with Recorder(StuckWriter(path, go), SystemClock()) as recorder:
         recorder.declare("measured", Channel("a", "N"))
         recorder.event(Event(START_NS, "info", "rig", "x", "the writer sticks"))
-        for number in range(10 * 10 * 64 * 2 * 3):
+        for number in range(round(10 / 0.075) * 64 * 2 * 3):
             recorder.block("measured", SampleBlock("a", number, START_NS, RATE, np.zeros(1, np.float32)))
         go.set()
     assert recorder.refused == 0

@@ -16,7 +16,7 @@ from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from tests.accounting import disk_failed
 from tests.conftest import RESOURCE_TRACKER
-from tests.end_to_end.command import Command, Ended, await_gone, command
+from tests.end_to_end.command import Command, Ended, await_gone, await_true, command
 from tests.end_to_end.conftest import SpiedBench
 from tests.end_to_end.files import CHANNELS, write_scenario
 
@@ -43,6 +43,7 @@ def assert_readable(log: Path, complete: bool = True) -> None:
 LOST_S = {"killed": 1.0, "frozen": 2.0}
 """By when a card is known to be gone; of one that hangs, its driver's own deadline has to pass."""
 SAFE_S = 0.2
+_LITTLE = 64 << 20
 
 
 def kill(pid: int) -> None:
@@ -205,6 +206,23 @@ def test_a_disk_that_takes_no_more_stops_the_rig(bench: SpiedBench, tmp_path: Pa
     assert "readable up to here" in ended.err
     assert "File too large" in ended.err
     assert_readable(disk_failed(ended.log), complete=False)
+
+
+def test_a_run_that_gets_no_more_memory_records_to_its_end(bench: SpiedBench, tmp_path: Path) -> None:
+    """But for a little: what it needs while it records it has by then. Its report may want more."""
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
+    with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:
+        run.await_line("recording")
+        process = psutil.Process(run.pid)
+        most = process.memory_info().vms + _LITTLE
+        process.rlimit(psutil.RLIMIT_AS, (most, most))
+        await_true("its end", lambda: run.ended)
+    bench.spy.await_off()
+    (log,) = tmp_path.glob("*.mcap")
+    assert verify_log(log).sound
+    with LogReader(log) as reader:
+        assert [event.code for event in reader.events()].count("record.end") == 1
+        assert reader.series("measured", "drive.force").end_sample == 3 * 51_200
 
 
 def test_a_viewer_that_dies_is_not_noticed(bench: SpiedBench, tmp_path: Path) -> None:
