@@ -279,6 +279,7 @@ class DrivenRig:
                 if each is not None:
                     running.enter_context(each)
             running.callback(ask)
+            running.callback(self.heed_emergency_stop)  # one on the way down counts whatever ended it
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._supervisor))
             try:
