@@ -28,7 +28,7 @@ from rig.rigs import RIGS
 from rig.session.acquisition import Acquisition, Reader
 from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker, drive_off_after
-from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
+from rig.session.encoder_record import ENCODER_CHANNEL, HANGS_S, EncoderRecord, encoder_channel
 from rig.session.frequency import ON_THEIR_WAY_S
 from rig.session.interlock import HUNG_S, ForceWatch, LimitWatch
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
@@ -41,7 +41,7 @@ from rig.session.supervisor import Latching, Supervisor
 from rig.stream import Stream
 
 _BLOCK_S = 0.1  # as often as the card's readings come
-_SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
+_SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
 STOPPED = "stopped before its time"
@@ -475,6 +475,8 @@ class DrivenRig:
     def _dangers(self) -> int:
         """How many things have come by now of which each is to stop what moves."""
         self._hung = self._hung or self._late()
+        if self._moves and self.encoder is not None and self.encoder.hangs:
+            self._hung = self._hung or f"the encoder gave no positions for {HANGS_S:g} s"
         lost = [
             each for each in (self.acquisition, self.encoder) if each is not None and each.error is not None
         ]
