@@ -107,7 +107,7 @@ def main() -> int:
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
         if arguments.seconds <= _COMPARED_S:
-            os.environ[TRUTH_FOLDER] = folder
+            os.environ |= {TRUTH_FOLDER: folder, PORT_VARIABLE: "0"}
         watched = _watch(command, arguments.seconds)
         return _report(list(Path(folder).glob("*.mcap")), watched, arguments.seconds, arguments.channels)
 

@@ -32,7 +32,10 @@ _T = TypeVar("_T")
 
 
 class Poller:
-    """Looks after a motor from `check_in` to `close`; the first error that endangers it stays in `error`."""
+    """Looks after a motor from `check_in` to `close`; the first error that endangers it stays in `error`.
+
+    An emergency stop that is read later takes its place.
+    """
 
     def __init__(
         self,
@@ -128,21 +131,24 @@ class Poller:
             try:
                 await self._look_after(began_s)
             except InstrumentError as error:
-                await self._make_safe(self._unread_line(error))
+                self._begin_to_make_safe(self._unread_line(error))
                 if isinstance(error, _GONE):
                     return  # a drive that comes back is a matter for a person
             except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
-                await self._make_safe(
+                self._begin_to_make_safe(
                     self._motor.refused(f"its keeper failed: {type(error).__name__}: {error}")
                 )
                 show_fault(error)
                 return
             self._looked_s = began_s
-            await asyncio.sleep(max(self._settings.period_s - (self._clock.monotonic_s() - began_s), 0.0))
+            # half as long beside a stop, whose own looks take their turns on the line
+            period_s = self._settings.period_s / (2.0 if self._stops else 1.0)
+            await asyncio.sleep(max(period_s - (self._clock.monotonic_s() - began_s), 0.0))
 
     def _unread_line(self, error: InstrumentError) -> InstrumentError:
         """An emergency stop where its line is on a drive that is gone: the chain may have cut its power."""
-        if (line := self._settings.stop_line) is None or not isinstance(error, _GONE):
+        line = self._settings.stop_line
+        if line is None or self.error is not None or not isinstance(error, _GONE):
             return error
         what = f"its line cannot be read: {error.what}"
         return EmergencyStop.unread(
@@ -159,8 +165,10 @@ class Poller:
         orders = self._motor.orders
         given = orders.given  # an order that comes while the drive is asked makes the answer one of before
         try:
-            if self.error is None:
+            if not isinstance(self.error, EmergencyStop):
                 await self._motor.heed_stop_line()
+            if self._stops:  # a stop looks by itself, and only a free line shows the emergency stop in time
+                return
             state = await self.look()
         except InstrumentSilent:
             # A drive that is always busy is not silent and tells nothing either.
@@ -197,11 +205,16 @@ class Poller:
             text = f"its output is at {state.output_frequency_hz:g} Hz where {orders.due_hz:g} Hz is due"
             raise self._motor.refused(text, "load, stall prevention (OL), who else commands it", NOT_OBEYED)
 
+    def _begin_to_make_safe(self, error: InstrumentError) -> None:
+        """Do that while the polls go on, and the emergency stop's line is read on the way down."""
+        task = asyncio.create_task(self._make_safe(error))
+        self._stops.add(task)
+        task.add_done_callback(self._stops.discard)
+
     async def _make_safe(self, error: InstrumentError) -> None:
-        """Latch the first error and stop the motor."""
-        if self.error is not None:
+        """Latch the error and stop the motor, unless that was done for one before it."""
+        if not self._latch(error):
             return
-        self._latch(error)
         if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
             return
         # Of a drive that has tripped or is silent no ramp can be seen, an emergency stop waits for none: run
@@ -215,10 +228,13 @@ class Poller:
         except InstrumentError as worse:
             self._notices.note("error", "inverter.stop", str(worse))
 
-    def _latch(self, error: InstrumentError) -> None:
-        if self.error is None:
-            self.error = error
-            self._notices.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
+    def _latch(self, error: InstrumentError) -> bool:
+        pressed = isinstance(error, EmergencyStop) and not isinstance(self.error, EmergencyStop)
+        if self.error is not None and not pressed:
+            return False
+        self.error = error
+        self._notices.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
+        return True
 
     def _refuse_running(self, state: MotorState) -> None:
         """Raise for a motor that turns though nobody here has told it to."""

@@ -28,7 +28,9 @@ from drivers.protocols.card import CardReading, Finding
 
 RATE_TOLERANCE = 10e-6  # of the rate asked for: from there on the operator is told
 LARGEST_RATE_ERROR = 0.01  # of the rate asked for: beyond it the run is refused, below it told
-WAIT_MARGIN_S = 1.0  # how much later than its last sample a block may come
+WAIT_MARGIN_S = 0.4
+"""How much later than its last sample a block may come: a chassis hands on what it has every few ms, over USB
+or a network, and a run bears no half second in which nobody was let run either."""
 _STATUS = {
     "overloaded_chans": Flag.OVERLOAD,
     "open_chans": Flag.OPEN_SENSOR,

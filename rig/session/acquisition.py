@@ -18,8 +18,9 @@ from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 
 BLOCK_S = 0.075  # a limit is seen within a reading and off within 0.15 s; a call's cost is small against it
-_TAKES_S, _READS_S = 0.6, 2.0
-"""What comes to a reading, and the card's own deadline; whoever needs longer watches no limit."""
+_TAKES_S, _READS_S = 0.6, 0.8
+"""What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
+longer watches no limit."""
 JOIN_S = 5.0
 """How long the end of a thread is awaited: nothing moves by then, and a driver may have no deadline."""
 _FLAG_CODES = {

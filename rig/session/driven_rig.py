@@ -29,7 +29,7 @@ from rig.session.acquisition import Acquisition, Reader
 from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices, Standing
 from rig.session.drive import Motion, Shaker, drive_off_after
-from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord, encoder_channel
+from rig.session.encoder_record import ENCODER_CHANNEL, HANGS_S, EncoderRecord, encoder_channel
 from rig.session.frequency import ON_THEIR_WAY_S
 from rig.session.interlock import HUNG_S, ForceWatch, LimitWatch
 from rig.session.levels import Levels
@@ -43,7 +43,7 @@ from rig.session.supervisor import Latching, Supervisor
 from rig.stream import Stream
 
 _BLOCK_S = 0.1  # as often as the card's readings come
-_SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker (2 s)
+_SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
 STOPPED = "stopped before its time"
@@ -295,6 +295,7 @@ class DrivenRig:
                 if each is not None:
                     running.enter_context(each)
             running.callback(ask)
+            running.callback(self.heed_emergency_stop)  # one on the way down counts whatever ended it
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._supervisor))
             try:
@@ -491,6 +492,8 @@ class DrivenRig:
     def _dangers(self) -> int:
         """How many things have come by now of which each is to stop what moves."""
         self._hung = self._hung or self._late()
+        if self._moves and self.encoder is not None and self.encoder.hangs:
+            self._hung = self._hung or f"the encoder gave no positions for {HANGS_S:g} s"
         lost = [
             each for each in (self.acquisition, self.encoder) if each is not None and each.error is not None
         ]

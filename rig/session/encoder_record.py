@@ -34,6 +34,8 @@ _BACKLOG_S = 2.0
 """Kept before a record begins, which is where the card was a block ago."""
 _SILENT_S = 2.0
 """Positions that come late on a busy machine or bus are a gap at worst; for so long, its timer is off."""
+HANGS_S = 0.9
+"""While the rig moves nobody waits longer for positions; a missing heartbeat is told by 0.75 s."""
 _EARLIEST_S, _LATEST_S = 0.1, 0.5
 """No position comes before it was taken, nor later than so by a stall: its clock was set."""
 _BLOCK_S = 0.1
@@ -95,6 +97,7 @@ class EncoderRecord:
         self._seen: deque[tuple[Array, Array, Array]] = deque(maxlen=round(_CHECKED_S / _BLOCK_S))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="encoder", daemon=True)
+        self._due_s = math.inf  # by when the next positions are to have come; the guard's thread looks
         self.error: RattleError | None = None
         self.ended = False
 
@@ -131,6 +134,11 @@ class EncoderRecord:
         first_s = self._begin_s if self._first is None else self._first_s
         lasts_s = min(self._end_s, by_s) - first_s
         return 0 if self.ended else math.ceil(max(lasts_s / self._encoder.period_s, 0.0))
+
+    @property
+    def hangs(self) -> bool:
+        """Whether positions that came once come no more, or nobody makes anything of them."""
+        return self._base.now_s() > self._due_s
 
     def check(self) -> None:
         """Raise what ended it, or InterlockTripped while the encoder reports an emergency of its own."""
@@ -178,6 +186,7 @@ class EncoderRecord:
                     while self._backlog and self._place(self._backlog[0]):
                         self._backlog.popleft()
                     silent_since_s = None
+                    self._due_s = self._base.now_s() + HANGS_S
                 except InstrumentSilent:  # it lives, its heartbeat says so
                     silent_since_s = silent_since_s or self._base.now_s()
                     if self._base.now_s() - silent_since_s > _SILENT_S:
@@ -188,6 +197,7 @@ class EncoderRecord:
             self.error = AcquisitionFault(f"encoder stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
             show_fault(error)
+        self._due_s = math.inf  # it has ended, and cannot be late any more
 
     def _stretch(self, block: PositionBlock, low: int, high: int) -> _Stretch:
         number = int(block.number[low])

@@ -27,7 +27,13 @@ from drivers.mitsubishi_fr.emulator.drive import (
 from drivers.mitsubishi_fr.emulator.line_faults import LineFaults
 from drivers.mitsubishi_fr.emulator.process import matching_setup
 from drivers.mitsubishi_fr.emulator.server import InverterServer
-from drivers.mitsubishi_fr.registers import INPUT_TERMINALS, PARAMETERS, TERMINAL_FUNCTIONS, Terminal
+from drivers.mitsubishi_fr.registers import (
+    INPUT_TERMINALS,
+    PARAMETERS,
+    RUNNING_FREQUENCY,
+    TERMINAL_FUNCTIONS,
+    Terminal,
+)
 from drivers.mitsubishi_fr.settings import InverterMisconfigured
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardSettings
@@ -380,6 +386,39 @@ def test_run_is_withdrawn_in_time_wherever_a_poll_is(phase_s: float) -> None:
 
     pressed_s, withdrawn_s = on_bench(press, settings=WATCHED, faults=HEALTHY)
     assert withdrawn_s - pressed_s < WITHIN_S
+
+
+@pytest.mark.parametrize("phase_s", np.linspace(0.0, 0.1, 6))
+def test_run_is_withdrawn_in_time_on_the_ramp_of_another_error_too(phase_s: float) -> None:
+    async def press(bench: Bench) -> tuple[float, float]:
+        await bench.run_at(HZ)
+        bench.drive.access(RUNNING_FREQUENCY.number, 1, [900])
+        assert not isinstance(await latched(bench, 0.5), EmergencyStop)
+        await bench.wait(phase_s)
+        pressed_s = bench.loop.time()
+        bench.drive.put_faults(PRESSED)
+        await bench.wait(1.0)
+        bench.drive.put_faults(HEALTHY)
+        await bench.wait(7.0)
+        assert isinstance(bench.poller.error, EmergencyStop)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return pressed_s, bench.withdrawn_s()
+
+    slow = {7: 600, 8: 600}  # 60 s for its 60 Hz
+    pressed_s, withdrawn_s = on_bench(press, settings=WATCHED, faults=HEALTHY, parameters=slow)
+    assert withdrawn_s - pressed_s < WITHIN_S
+
+
+def test_a_drive_that_falls_silent_after_another_error_is_no_emergency_stop() -> None:
+    async def silence(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.drive.access(RUNNING_FREQUENCY.number, 1, [900])
+        first = await latched(bench, 0.5)
+        bench.line.mute = True
+        await bench.wait(3.0)
+        assert bench.poller.error is first
+
+    on_bench(silence, settings=WATCHED, faults=HEALTHY)
 
 
 def test_a_normally_open_contact_and_another_terminal() -> None:

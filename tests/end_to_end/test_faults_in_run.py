@@ -40,8 +40,8 @@ def assert_readable(log: Path, complete: bool = True) -> None:
         assert len(list(reader.blocks("measured"))) > 0
 
 
-LOST_S = {"killed": 1.0, "frozen": 2.0}
-"""By when a card is known to be gone; of one that hangs, its driver's own deadline has to pass."""
+LOST_S = {"killed": 1.0, "frozen": 1.0}
+"""By when a card is known to be gone; of one that hangs, its driver's own deadline (0.7 s) has to pass."""
 SAFE_S = 0.2
 _LITTLE = 64 << 20
 

@@ -28,6 +28,7 @@ from daq.log.writer import LogWriter
 from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
 from drivers.lock import Latch
+from drivers.protocols.card import CardReading
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Limit, parse_scenario
@@ -35,12 +36,14 @@ from rig.session import driven_rig
 from rig.session.devices import Devices
 from rig.session.drive import Motion, Shaker
 from rig.session.driven_rig import DrivenRig, Hung
+from rig.session.encoder_record import HANGS_S
 from rig.session.signals import Stopped, StopRequest
 from tests.drivers.scripted import ScriptedInstrument
 from tests.drivers.test_scpi_bad_answers import Echo
 from tests.end_to_end.command import await_true
 from tests.rig.session.fakes import RATE, Kept, RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.test_driven_rig import SCENARIO
+from tests.rig.session.test_encoder_record import Lab
 from tests.rig.session.test_stops import Idle
 
 LIMIT_N, BLOCK_S = 50.0, 0.1
@@ -212,6 +215,53 @@ def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
             assert (bench.generator.off_s or 0.0) - since_s < 1.0
 
     ended(bench, Hung, "the acquisition took too long for a reading", during)
+
+
+def test_a_card_that_hangs_in_its_read_is_noticed_in_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, goes_on = Bench(tmp_path, None), threading.Event()
+    read = bench.card.read
+
+    def hang(count: int) -> CardReading:
+        goes_on.wait()
+        return read(count)
+
+    def during(rig: DrivenRig) -> None:
+        monkeypatch.setattr(bench.card, "read", hang)
+        since_s = time.monotonic()
+        try:
+            while bench.generator.off_s is None:
+                rig.watch.wait(0.02)
+        finally:
+            goes_on.set()
+            await_true("off", lambda: bench.generator.off_s, 1.0)
+            assert (bench.generator.off_s or 0.0) - since_s < 1.0
+
+    ended(bench, Hung, "the acquisition took too long for a reading", during)
+
+
+def test_an_encoder_that_hangs_in_its_read_is_noticed_in_a_second_and_the_run_lives(
+    tmp_path: Path, beats: list[float]
+) -> None:
+    bench = Bench(tmp_path, None)
+
+    def during(rig: DrivenRig) -> None:
+        lab = Lab()
+        with lab.record:
+            lab.advance(1)
+            rig.encoder = lab.record
+            rig.watch.wait(0.2)
+            assert bench.generator.off_s is None
+            lab.clock.now_s += HANGS_S + 0.1  # no positions come
+            await_true("off", lambda: bench.generator.off_s, 1.0)
+            off_s = time.monotonic()
+            await_true("signs of life", lambda: beats[-1] > off_s + 0.1)
+            rig.encoder = None
+            lab.end()
+        rig.watch.check()
+
+    ended(bench, Hung, r"the encoder gave no positions for 0\.9 s", during)
 
 
 def test_a_guard_that_hangs_is_seen_by_the_acquisition(tmp_path: Path) -> None:
