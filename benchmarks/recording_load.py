@@ -106,8 +106,9 @@ def main() -> int:
         bench.write_text(of_bench + _STALL.format(faults=faults))
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
+        os.environ[PORT_VARIABLE] = "0"
         if arguments.seconds <= _COMPARED_S:
-            os.environ |= {TRUTH_FOLDER: folder, PORT_VARIABLE: "0"}
+            os.environ[TRUTH_FOLDER] = folder
         watched = _watch(command, arguments.seconds)
         return _report(list(Path(folder).glob("*.mcap")), watched, arguments.seconds, arguments.channels)
 
