@@ -44,7 +44,6 @@ class Fault:
 
 _MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON; with a real one, a process goes on trying"
 _LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
-_HUNG = "exit 1 within two seconds, the instrument named; drive off; what it owed is in /gap"
 _WATCHDOG_STOPS = "exit 1; THE MOTOR MAY STILL TURN: its watchdog stops it"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
 _TRIED = "the run goes on; tried again and never believed"
@@ -106,7 +105,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F13", "trips; `code` 16 is E.OC1", "exit 1, event `inverter.E...`; nobody resets it", {"code": 16.0}
     ),
     "daq_card.unplugged": Fault("F1", "its process is gone", _LOST),
-    "daq_card.hangs": Fault("F31", "is silent `for` s", _HUNG, {"for": 20.0}),
+    "daq_card.hangs": Fault("F31", "is silent `for` s", _LOST, {"for": 20.0}),
     "daq_card.overruns": Fault("F15", "samples were overwritten in it before they were read", _LOST),
     "daq_card.not_finite": Fault(
         "F24", "a sample of `channel` in each block is no number", _MARKED, {**_ONE_INPUT, "for": 0.1}

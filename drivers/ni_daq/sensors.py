@@ -32,7 +32,8 @@ class UnwrappedCount:
     """The whole count behind a 32-bit counter that starts at 0 as int64, forwards and backwards.
 
     `modulus` is after how many counts it repeats; steps of less than half of that come out exactly. The first
-    count lies from `lowest` on.
+    count lies from `lowest` on. No step is ambiguous: a counter is read at every sample, and
+    half of 2^32 within one takes 26 s at 80 MHz; with an index, half a turn is 30,000 rpm at 1 kHz.
     """
 
     def __init__(self, modulus: int = COUNTER_STATES, lowest: int = -COUNTER_STATES // 2) -> None:

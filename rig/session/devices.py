@@ -114,7 +114,8 @@ def connected(
     with screen.busy("connecting"):
         devices.open()
     if devices.latch is not None and (seen := devices.latch.told()):
-        screen.confirm(f"{seen}. Enter once nobody is in danger and it may start again: ")
+        asks = f"{seen}. Enter once nobody is in danger and it may start again: "
+        screen.confirm(asks, lambda: stop.wanted)
         stop.check()
         devices.latch.set("")
     stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))

@@ -192,9 +192,15 @@ class Screen:
 
         return pressed
 
-    def confirm(self, text: str) -> None:
-        """Wait for Enter; raises RattleError where nobody can press it."""
+    def confirm(self, text: str, ended: Callable[[], bool] | None = None) -> None:
+        """Wait for Enter, or until `ended`; raises RattleError where nobody can press it."""
         try:
+            if ended is not None and sys.stdin is not None:  # a line that is read begins no wait anew
+                self.console.print(text, end="", markup=False)
+                text = ""
+                while not select.select([sys.stdin], [], [], _LOOK_S)[0]:
+                    if ended():
+                        return
             self.console.input(text, markup=False)
         except EOFError as error:
             raise RattleError("nobody is there to confirm what is done by hand (end of input)") from error

@@ -12,6 +12,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from daq.errors import RattleError
 from rig.session.pace import Paces, Work
 from rig.session.progress import Screen, Terminal, Waiting
 
@@ -81,6 +82,22 @@ def test_what_is_held_for_a_person_ends_by_enter_the_end_of_input_or_a_signal(
         if how != "a signal":
             typed.write({"Enter": b"\n", "end of input": b"\x04"}[how])
         screen.hold("Enter closes it", lambda: how == "a signal")
+
+
+@pytest.mark.parametrize("how", ["Enter", "end of input", "a signal"])
+def test_what_is_to_be_confirmed_does_not_outlast_a_signal(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    with open(reading) as there, open(writing, "wb", buffering=0) as typed:
+        monkeypatch.setattr("sys.stdin", there)
+        screen = Screen(Console(file=StringIO()))
+        if how == "Enter":
+            typed.write(b"\n")
+        elif how == "end of input":
+            typed.close()
+            with pytest.raises(RattleError, match="nobody is there to confirm"):
+                screen.confirm("Enter once nobody is in danger: ", lambda: False)
+            return
+        screen.confirm("Enter once nobody is in danger: ", lambda: how == "a signal")
 
 
 def test_a_count_is_told_by_quarters_and_seconds_are_not() -> None:
