@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from daq.block import Flag
 from daq.clock import Clock
 from daq.errors import EmergencyStop, InstrumentError, InterlockTripped, RattleError, RecorderFailed
 from daq.log.records import STOPPING, Event
@@ -513,9 +514,12 @@ class DrivenRig:
         """In the acquisition thread, which watches the guard as the guard does it."""
         if self._moves and self.clock.monotonic_s() - self._guarded_s > HUNG_S:
             self.acquisition.trip("nobody guards the run")
-        if self._force is not None and (
-            beyond := self._force.take(reading.values[self.names.index(self._force.channel.name)])
-        ):
+        beyond = ""
+        if self._force is not None:
+            row = self.names.index(self._force.channel.name)
+            flags = reading.flags[row] if self._moves else Flag.GOOD  # at rest a loose cable harms nobody
+            beyond = self._force.take(reading.values[row], flags)
+        if beyond:
             self.acquisition.trip(beyond)
             self.stream(Event(self.clock.unix_ns(), "error", "acquisition", "drive.abort", beyond))
         for event in self.shaft.take(reading, self.acquisition):

@@ -100,8 +100,9 @@ _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 class ForceWatch:
     """Holds the measured drive, its sine and its mean, to `highest` and to what was ordered, in its unit.
 
-    It looks over whole cycles, `over_s` long. `take` is for the acquisition thread. `amplitude` is the
-    sine's, `frequency_hz` what it is seen to have over the last second, NaN until then.
+    It looks over whole cycles, `over_s` long, and a sensor that is blind for as long is as bad as too much:
+    what it clips may be any force. `take` is for the acquisition thread. `amplitude` is the sine's,
+    `frequency_hz` what it is seen to have over the last second, NaN until then.
     """
 
     def __init__(self, channel: Channel, frequency_hz: float, sample_rate: float, highest: float) -> None:
@@ -112,12 +113,17 @@ class ForceWatch:
         self._sine = 2.0 * np.exp(-2j * np.pi * frequency_hz * at_s) / len(at_s)
         self._values = np.zeros(len(at_s))
         self._force = self.amplitude = 0.0
+        self._blind = 0
         self.frequency_hz = math.nan
         self._phasor = 0j
         self._advances = deque[tuple[float, int]](maxlen=_FREQUENCY_BLOCKS)  # rad too far, samples
 
-    def take(self, values: NDArray[np.floating]) -> str:
-        """Take the next samples, shape (n,); what is wrong, newly."""
+    def take(self, values: NDArray[np.floating], flags: Flag = Flag.GOOD) -> str:
+        """Take the next samples, shape (n,), and what is said of them; what is wrong, newly."""
+        blind, self._blind = self._blind, self._blind + len(values) if flags & BLIND else 0
+        if blind < len(self._values) <= self._blind:
+            what = f"{self.channel.name} is overloaded, open or not finite for {self.over_s:g} s"
+            return f"{what}: the force that the bench allows cannot be watched"
         self._values = np.concatenate((self._values, values))[-len(self._values) :]
         mean, before = float(self._values.mean()), self._force
         self._follow(complex(self._sine @ (self._values - mean)), len(values))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from daq.block import Flag
 from daq.channel import Channel
 from rig.session.interlock import ForceWatch
 
@@ -63,3 +64,12 @@ def test_a_sensor_that_shows_no_number_does_not_hide_what_comes_after_it() -> No
     assert watch.take(np.full(BLOCK, np.nan)) == ""
     high = 20.0 * np.sin(2 * np.pi * 20.0 * np.arange(4 * BLOCK) / RATE)
     assert [bool(watch.take(block)) for block in high.reshape(-1, BLOCK)].count(True) == 1
+
+
+@pytest.mark.parametrize("flag", [Flag.OVERLOAD, Flag.OPEN_SENSOR, Flag.NOT_FINITE])
+def test_a_sensor_that_shows_nothing_as_long_as_it_is_looked_over_cannot_be_relied_on(flag: Flag) -> None:
+    watch, zeros = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N), np.zeros(BLOCK)
+    blocks = [flag, Flag.GOOD, flag, flag, flag, Flag.GOOD, flag, flag]  # 0.1 s each, of 0.2 s
+    told = [watch.take(zeros, each) for each in blocks]
+    assert [bool(each) for each in told] == [False, False, False, True, False, False, False, True]
+    assert "drive.force is overloaded, open or not finite for 0.2 s" in told[3]
