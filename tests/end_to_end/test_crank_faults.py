@@ -90,6 +90,7 @@ def test_ctrl_c_brings_the_motor_down_on_its_ramp(crank: SpiedCrank, tmp_path: P
         assert end_s(reader, "measured") >= stopping.time_ns / NS_PER_S + 0.5
 
 
+@pytest.mark.long
 def test_a_lost_encoder_brings_the_motor_down(crank: SpiedCrank, tmp_path: Path) -> None:
     crank.spy.heard.clear()
     with command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run:
