@@ -35,6 +35,7 @@ from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.emulator.converter import AngleCount, Converter, EdgeCount, Measure, pulse_frequency
 from drivers.ni_daq.emulator.wiring import CounterWire, Input
 from drivers.ni_daq.sensors import described, known_sensor
+from drivers.protocols.speed_drive import MotorOutput
 from rig.diagnosis.health import band_of
 from rig.diagnosis.recordings import recorded_alone
 from rig.emulated_rig import drawn_rig
@@ -111,10 +112,12 @@ def measured(scenario: Scenario, bench: Bench, seed: int) -> dict[str, Array]:
     rig = drawn_rig(scenario, bench, seed, seed + 1)
     plant, output = rig.plant(), rig.scenario_output
     plant.start(rate)
-    if rig.motor is not None:  # as a run trims it: no whole number of samples a turn
+    if rig.motor is not None and isinstance(
+        output, MotorOutput
+    ):  # as a run trims it: no whole number of samples a turn
         off = TRIMMED * np.random.default_rng([seed, 1]).standard_normal()
-        hz = scenario.drive.speed / rig.motor.rad_s_per_hz * (1 + off)
-        output = replace(output, frequency_hz=hz, target_hz=hz)  # type: ignore[type-var]
+        level = scenario.drive.speed / rig.motor.rad_s_per_level * (1 + off)
+        output = replace(output, level=level, target=level)
     plant.drive(output, 0.0)
     wiring, channels = wiring_of(bench), bench.daq_card.channels
     analog = [channel for channel in channels if not channel.counted]

@@ -53,28 +53,28 @@ _DRIVE_STOPS = "exit 1; the motor is brought to rest, the word says why"
 _SOME = {"share": 0.01}  # of the answers: seldom enough that a run lives, often enough to show
 _ONE_INPUT = {"channel": ""}
 
+
+def _faults_of(source: str) -> dict[str, Fault]:
+    """Those that every source over SCPI may have."""
+    return {
+        f"{source}.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
+        f"{source}.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
+        f"{source}.wrong_model": Fault("F3", "is another make", _REFUSED, at_start=True),
+        f"{source}.errors": Fault(
+            "F30", "has a full error queue", "drained; the run goes on", {"count": 30.0}, at_start=True
+        ),
+        f"{source}.stale_answer": Fault(
+            "F30", "an old answer and half of one lie in its buffer", "the run goes on", at_start=True
+        ),
+    }
+
+
 FAULTS: Final[Mapping[str, Fault]] = {
-    "signal_generator.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
-    "signal_generator.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
-    "signal_generator.wrong_model": Fault("F3", "is another make", _REFUSED, at_start=True),
-    "signal_generator.errors": Fault(
-        "F30", "has a full error queue", "drained; the run goes on", {"count": 30.0}, at_start=True
-    ),
-    "signal_generator.stale_answer": Fault(
-        "F30", "an old answer and half of one lie in its buffer", "the run goes on", at_start=True
-    ),
+    **_faults_of("signal_generator"),
     "signal_generator.set_by_another": Fault(
         "F33", "its amplitude is turned to `volts` peak to peak at its panel", _LOST, {"volts": 1.0}
     ),
-    "dc_supply.unplugged": Fault("F1", "its process is gone", _MAY_BE_ON),
-    "dc_supply.hangs": Fault("F1", "is silent `for` s", _MAY_BE_ON, {"for": 20.0}),
-    "dc_supply.wrong_model": Fault("F3", "is another make", _REFUSED, at_start=True),
-    "dc_supply.errors": Fault(
-        "F30", "has a full error queue", "drained; the run goes on", {"count": 30.0}, at_start=True
-    ),
-    "dc_supply.stale_answer": Fault(
-        "F30", "an old answer and half of one lie in its buffer", "the run goes on", at_start=True
-    ),
+    **_faults_of("dc_supply"),
     "dc_supply.set_by_another": Fault("F33", "is turned to `volts` at its panel", _LOST, {"volts": 1.0}),
     "dc_supply.trips": Fault("F13", "switches off: over temperature", _LOST),
     "inverter.unplugged": Fault("F1", "its process is gone", "exit 1; THE MOTOR MAY STILL TURN"),

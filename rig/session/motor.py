@@ -248,7 +248,7 @@ class Motor:
             raise InterlockTripped(
                 f"interlock: the shaft turns at {rpm:.4g} rpm where the output makes "
                 f"{state.speed_rpm:.4g} rpm, for {lasted_s:.1f} s; the motor is off. "
-                "Check the gearing (rpm_per_hz), pulses per turn"
+                "Check the gearing (speed per Hz or per V in the bench file), pulses per turn"
             )
 
     def _look_on(self) -> float:

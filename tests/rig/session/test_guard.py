@@ -195,6 +195,18 @@ def test_a_sequence_that_hangs_is_switched_off_and_gives_no_sign_of_life(
     ended(bench, Hung, r"looked at nothing for 0.6 s, and the drive was switched off", during)
 
 
+def await_off_in_a_second(bench: Bench, rig: DrivenRig, goes_on: threading.Event) -> None:
+    """Go through the run while something hangs, which goes on once this one ends."""
+    since_s = time.monotonic()
+    try:
+        while bench.generator.off_s is None:
+            rig.watch.wait(0.02)
+    finally:
+        goes_on.set()
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        assert (bench.generator.off_s or 0.0) - since_s < 1.0
+
+
 def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
     bench, goes_on = Bench(tmp_path, None), threading.Event()
 
@@ -205,14 +217,7 @@ def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
 
         rig.stream.append(hang)
         rig.start_record(round(RATE))
-        since_s = time.monotonic()
-        try:
-            while bench.generator.off_s is None:
-                rig.watch.wait(0.02)
-        finally:
-            goes_on.set()
-            await_true("off", lambda: bench.generator.off_s, 1.0)
-            assert (bench.generator.off_s or 0.0) - since_s < 1.0
+        await_off_in_a_second(bench, rig, goes_on)
 
     ended(bench, Hung, "the acquisition took too long for a reading", during)
 
@@ -229,14 +234,7 @@ def test_a_card_that_hangs_in_its_read_is_noticed_in_a_second(
 
     def during(rig: DrivenRig) -> None:
         monkeypatch.setattr(bench.card, "read", hang)
-        since_s = time.monotonic()
-        try:
-            while bench.generator.off_s is None:
-                rig.watch.wait(0.02)
-        finally:
-            goes_on.set()
-            await_true("off", lambda: bench.generator.off_s, 1.0)
-            assert (bench.generator.off_s or 0.0) - since_s < 1.0
+        await_off_in_a_second(bench, rig, goes_on)
 
     ended(bench, Hung, "the acquisition took too long for a reading", during)
 
