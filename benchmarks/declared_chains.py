@@ -112,9 +112,8 @@ def measured(scenario: Scenario, bench: Bench, seed: int) -> dict[str, Array]:
     rig = drawn_rig(scenario, bench, seed, seed + 1)
     plant, output = rig.plant(), rig.scenario_output
     plant.start(rate)
-    if rig.motor is not None and isinstance(
-        output, MotorOutput
-    ):  # as a run trims it: no whole number of samples a turn
+    if rig.motor is not None:  # as a run trims it: no whole number of samples a turn
+        assert isinstance(output, MotorOutput)
         off = TRIMMED * np.random.default_rng([seed, 1]).standard_normal()
         level = scenario.drive.speed / rig.motor.rad_s_per_level * (1 + off)
         output = replace(output, level=level, target=level)
