@@ -232,17 +232,20 @@ class Motor:
         self._notices.note("info", "inverter.run", f"runs, set to {self._target}")
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
-        """Ramp to zero, then withdraw run; where anything goes wrong, withdraw it at once.
+        """Ramp to zero and see that it stands, with run withdrawn at once where the drive then ramps down by
+        itself (Pr.250), and at the end of the ramp or at the first thing that goes wrong where it coasts.
 
         What `measured_hz` raises comes out of here once run is withdrawn.
         """
+        ran = self.orders.run
         with Errand(self.orders, is_stop=True):
             try:
-                await self._ramp_down(measured_hz)
+                await (self._ask_zero() if self.parameters.coasts else self._take_run_back())
+                await self._see_standing(measured_hz)
             except InstrumentError as error:
                 self._notices.note("warning", "inverter.stop", f"no ramp, run is withdrawn at once: {error}")
             finally:
-                await self._withdraw()
+                await self._withdraw(ran)
 
     async def withdraw(self) -> None:
         """Take the run command back at once and wait until the drive has stopped.
@@ -254,8 +257,9 @@ class Motor:
             does = coasts if self.parameters.coasts else "ramps down by itself (Pr.8)"
             text = f"run is withdrawn at once; by Pr.250 the motor {does}"
             self._notices.note("warning", "inverter.cut", text)
+        ran = self.orders.run
         with Errand(self.orders, is_stop=True):
-            await self._withdraw()
+            await self._withdraw(ran)
 
     async def hand_back(self) -> None:
         """Give a stopped drive back to its panel; in PU mode silence is no fault (H11: M)."""
@@ -291,12 +295,25 @@ class Motor:
                 raise self.refused(f"not obeyed: {order}; it reads {raw}", "", NOT_OBEYED)
             await asyncio.sleep(LOOK_AGAIN_S)
 
-    async def _ramp_down(self, measured_hz: Callable[[], float] | None) -> None:
+    async def _ask_zero(self) -> None:
         self.orders.target_hz = 0.0
         await self._talk.write(fr.RUNNING_FREQUENCY, 0, self._soon())
         self._expect_ramp()
         if self.orders.run:  # else it is asked for again of a motor that stands: no news
-            self._notices.note("info", "inverter.zero", "zero speed asked for")
+            self._notices.note("info", "inverter.ramp", "zero speed asked for")
+
+    async def _take_run_back(self) -> None:
+        ran, self.orders.run = self.orders.run, False
+        self._expect_ramp()
+        for _ in range(WITHDRAWALS):
+            if await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon()):
+                break
+        if ran:
+            text = "run withdrawn, it ramps down by itself (Pr.250)"
+            self._notices.note("info", "inverter.ramp", text)
+
+    async def _see_standing(self, measured_hz: Callable[[], float] | None) -> None:
+        """Look on until it stands, by what is measured where that is known; raises where it does not."""
         began_s = self._clock.monotonic_s()
         state = await self.look()
         # From where it is and not from where it should be: a drive may lag behind its set value.
@@ -313,8 +330,9 @@ class Motor:
             await asyncio.sleep(LOOK_AGAIN_S)
             state = await self.look()
 
-    async def _withdraw(self) -> None:
-        ran, self.orders.run = self.orders.run, False
+    async def _withdraw(self, ran: bool) -> None:
+        """Send that until it is seen to run no more; told as news where it `ran`."""
+        self.orders.run = False
         self._expect_ramp()
         why = "it still runs"
         for _ in range(WITHDRAWALS):

@@ -75,7 +75,7 @@ class SpeedDrive(Instrument, Protocol):
         """Run forward, up to the set speed on the ramp."""
 
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
-        """Stop in category 1: ramp to zero, see that it stands, then withdraw run; no error where it stands.
+        """Stop in category 1: ramp to zero, see that it stands, run withdrawn; no error where it stands.
 
         The speed is taken from `measured_rpm` where that gives a finite one, else from the output frequency.
         Where the ramp overruns 1.5 times its time, run is withdrawn at once. A DC supply, which cannot brake,

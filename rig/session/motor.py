@@ -148,7 +148,7 @@ class Motor:
         self.off()
 
     def off(self) -> None:
-        """Stop in category 1: zero speed, see by the shaft that it stands, withdraw run."""
+        """Stop in category 1: ramp to zero, seen by the shaft to stand, and run withdrawn."""
         self._drive.stop(self._measured_rpm)
 
     def cut(self) -> None:

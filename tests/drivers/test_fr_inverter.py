@@ -133,7 +133,7 @@ def test_it_turns_the_crank_and_stops_it(bench: tuple[EmulatedInstrument, Ends])
     assert [notice.code for notice in told] == [
         "inverter.set",
         "inverter.run",
-        "inverter.zero",
+        "inverter.ramp",
         "inverter.off",
     ]
     assert told[0].text == "set to 6.67 Hz (200.1 rpm)"

@@ -17,6 +17,9 @@ from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, described
 from tests.drivers.fr_bench import FORWARD, HZ, LOOK_S, RAMP_S, SETTINGS, STOP, ZERO, Bench, latched, on_bench
 
+COASTS = {250: 0}
+"""Once run is withdrawn; as delivered it ramps down by itself."""
+
 
 def test_all_wrong_parameters_are_listed_at_once_and_nothing_is_written() -> None:
     wrong = {1: 900, 7: 0, 79: 2, 117: 1, 118: 96, 120: 0, 122: 9999, 340: 0, 502: 2, 549: 0}
@@ -108,7 +111,7 @@ def test_it_runs_at_the_set_speed_and_keeps_the_watchdog_quiet() -> None:
 
 
 def test_a_stop_ramps_to_zero_and_then_withdraws_run() -> None:
-    """Category 1 of IEC 60204-1: power goes only once it stands."""
+    """Category 1 of IEC 60204-1, by a drive that would let it coast: power goes only once it stands."""
 
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
@@ -120,6 +123,47 @@ def test_a_stop_ramps_to_zero_and_then_withdraws_run() -> None:
         assert not (await bench.poller.look()).running
         await bench.wait(2.0)
         assert bench.poller.error is None
+
+    on_bench(work, parameters=COASTS)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.2])
+def test_a_drive_that_ramps_down_by_itself_is_told_to_at_once(lag_s: float) -> None:
+    """Category 1 as well: nobody has to be there at the end of the ramp. The crank lags behind the output."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        began_s, written = bench.loop.time(), len(bench.line.writes())
+        await bench.motor.stop(lambda: bench.load.at(bench.loop.time() - lag_s))
+        assert bench.loop.time() - began_s == pytest.approx(RAMP_S + lag_s, abs=2 * LOOK_S)
+        assert set(bench.line.writes()[written:]) == {STOP}
+        assert bench.withdrawn_s() - began_s < LOOK_S
+        assert bench.load.at(began_s + RAMP_S / 2) == pytest.approx(HZ / 2, abs=0.5)
+        assert not (await bench.poller.look()).running
+        await bench.wait(2.0)
+        assert bench.poller.error is None
+        codes = [notice.code for notice in bench.notices.take()]
+        assert codes[-2:] == ["inverter.ramp", "inverter.off"]
+
+    on_bench(work)
+
+
+def test_a_withdrawal_that_is_lost_is_sent_again_at_once() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        began_s, hears, lost = bench.loop.time(), bench.line.respond, list[Request]()
+
+        def loses_the_first(request: Request) -> bytes:
+            if (request.address, request.content) != STOP or lost:
+                return hears(request)
+            lost.append(request)
+            return b""
+
+        bench.line.respond = loses_the_first
+        await bench.motor.stop()
+        assert bench.loop.time() - began_s < 2 * RAMP_S  # 2.5 if it waited to see it overrun
+        assert bench.load.at(bench.loop.time()) <= 0.05
+        assert "inverter.stop" not in [notice.code for notice in bench.notices.take()]
 
     on_bench(work)
 
@@ -148,7 +192,7 @@ def test_a_stop_waits_for_the_measured_speed_where_there_is_one() -> None:
         await bench.motor.stop(lambda: bench.load.at(bench.loop.time() - 0.2))
         return bench.withdrawn_s() - began_s
 
-    assert on_bench(work) == pytest.approx(RAMP_S + 0.2, abs=LOOK_S)
+    assert on_bench(work, parameters=COASTS) == pytest.approx(RAMP_S + 0.2, abs=LOOK_S)
 
 
 def test_a_measured_speed_that_is_no_number_is_not_waited_for() -> None:
@@ -158,7 +202,7 @@ def test_a_measured_speed_that_is_no_number_is_not_waited_for() -> None:
         await bench.motor.stop(lambda: float("nan"))
         return bench.withdrawn_s() - began_s
 
-    assert on_bench(work) == pytest.approx(RAMP_S, abs=LOOK_S)
+    assert on_bench(work, parameters=COASTS) == pytest.approx(RAMP_S, abs=LOOK_S)
 
 
 def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
@@ -171,7 +215,7 @@ def test_where_the_ramp_overruns_run_is_withdrawn_at_once() -> None:
         assert any("still at 6.67 Hz" in notice.text for notice in bench.notices.take())
         return bench.withdrawn_s() - began_s
 
-    assert on_bench(work) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
+    assert on_bench(work, parameters=COASTS) == pytest.approx(1.5 * RAMP_S, abs=LOOK_S)
 
 
 def test_run_is_withdrawn_although_the_measured_speed_fails() -> None:
@@ -186,7 +230,7 @@ def test_run_is_withdrawn_although_the_measured_speed_fails() -> None:
         assert bench.line.writes()[written:] == [ZERO, STOP]
         assert not (await bench.poller.look()).running
 
-    on_bench(work)
+    on_bench(work, parameters=COASTS)
 
 
 def test_a_stop_that_never_ends_is_over_in_time_and_stays_an_error() -> None:
@@ -234,7 +278,7 @@ def test_a_stop_is_carried_through_although_its_caller_gives_up() -> None:
         assert bench.load.at(bench.loop.time()) == 0.0
         assert "inverter.off" in [notice.code for notice in bench.notices.take()]
 
-    on_bench(work)
+    on_bench(work, parameters=COASTS)
 
 
 def test_a_cut_does_not_wait_for_the_ramp_of_a_stop() -> None:
@@ -250,7 +294,7 @@ def test_a_cut_does_not_wait_for_the_ramp_of_a_stop() -> None:
         await asyncio.gather(stop, cut)
         assert bench.poller.error is None
 
-    on_bench(work)
+    on_bench(work, parameters=COASTS)
 
 
 @pytest.mark.parametrize(
@@ -325,7 +369,7 @@ def test_an_order_that_is_given_up_takes_its_stop_not_with_it() -> None:
         assert bench.line.writes()[written:][-2:] == [ZERO, STOP]
         assert bench.load.at(bench.withdrawn_s()) <= 0.05
 
-    on_bench(work)
+    on_bench(work, parameters=COASTS)
 
 
 def test_closing_waits_for_a_stop_that_was_given_up() -> None:
@@ -420,7 +464,7 @@ def test_closing_stops_the_motor_and_hands_the_drive_back() -> None:
         assert bench.load.at(bench.loop.time()) == 0.0
         assert bench.drive.access(fr.FAULTS[0].number, 1, None) == [0]
 
-    on_bench(work)
+    on_bench(work, parameters=COASTS)
 
 
 def test_closing_ends_the_poll_although_an_answer_swallows_the_cancellation() -> None:
