@@ -7,8 +7,8 @@ where it goes on without another, its limit still trips.
 `lost`: an instrument is gone or frozen; to the first sign of a stop, and from there to the off.
 `viewer`: the live view is killed; the record has to be whole.
 
-Returns 1 if the worst but one in a hundred misses its bar. The motor's inverter watches for 0.5 s (Pr.122). It
-counts as off from when run is withdrawn, whereupon it ramps down (Pr.250).
+Returns 1 if the worst but one in a hundred misses its bar. The motor's inverter watches for 0.5 s (Pr.122);
+it is off once run is withdrawn, whereupon it ramps down (Pr.250).
 
 Usage: python -m benchmarks.reactions [ways] [--tries N] [--seed N]
 """
