@@ -155,3 +155,20 @@ def test_one_on_the_inverter_stops_the_motor(tmp_path: Path) -> None:
         assert crank.spy.heard[-1].target == 0.0
         assert crank.spy.heard[-1].started_s - monotonic_s < IN_TIME_S
         assert 0.0 <= stopping_s(ended.log) - pressed_s < IN_TIME_S
+
+
+@pytest.mark.long
+def test_one_on_the_ramp_of_another_error_is_what_the_run_ends_by(tmp_path: Path) -> None:
+    with (
+        spied_crank(tmp_path, stop=Terminal.RH) as crank,
+        command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
+    ):
+        run.await_line("recording")
+        os.kill(crank.encoder.pid, signal.SIGKILL)
+        crank.spy.await_stopping()
+        crank.rehearsal.send(DriveFaults())
+        ended = run.end()
+    assert ended.code == 3, ended.err
+    assert "emergency stop at inverter/RH of socket://" in ended.err
+    with LogReader(ended.log) as reader:
+        assert "the encoder was lost" in {gap.cause for gap in reader.gaps()}
