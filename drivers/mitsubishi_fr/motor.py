@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from daq.clock import Clock
@@ -235,15 +236,23 @@ class Motor:
         """Ramp to zero and see that it stands, with run withdrawn at once where the drive then ramps down by
         itself (Pr.250), and at the end of the ramp or at the first thing that goes wrong where it coasts.
 
+        Zero speed is asked for in either case: one of the two orders is enough.
         What `measured_hz` raises comes out of here once run is withdrawn.
         """
         ran = self.orders.run
         with Errand(self.orders, is_stop=True):
             try:
-                await (self._ask_zero() if self.parameters.coasts else self._take_run_back())
+                if self.parameters.coasts:
+                    await self._ask_zero()
+                else:
+                    with suppress(InstrumentRefused):  # withdrawn again at the end, and told then
+                        await self._take_run_back()
+                    with suppress(InstrumentRefused, InstrumentSilent):
+                        await self._ask_zero()
                 await self._see_standing(measured_hz)
             except InstrumentError as error:
-                self._notices.note("warning", "inverter.stop", f"no ramp, run is withdrawn at once: {error}")
+                text = f"not seen to ramp down, run is withdrawn: {error}"
+                self._notices.note("warning", "inverter.stop", text)
             finally:
                 await self._withdraw(ran)
 
@@ -307,10 +316,10 @@ class Motor:
         self._expect_ramp()
         for _ in range(WITHDRAWALS):
             if await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon()):
-                break
-        if ran:
-            text = "run withdrawn, it ramps down by itself (Pr.250)"
-            self._notices.note("info", "inverter.ramp", text)
+                if ran:
+                    text = "run withdrawn, it ramps down by itself (Pr.250)"
+                    self._notices.note("info", "inverter.ramp", text)
+                return
 
     async def _see_standing(self, measured_hz: Callable[[], float] | None) -> None:
         """Look on until it stands, by what is measured where that is known; raises where it does not."""

@@ -136,7 +136,7 @@ def test_a_drive_that_ramps_down_by_itself_is_told_to_at_once(lag_s: float) -> N
         began_s, written = bench.loop.time(), len(bench.line.writes())
         await bench.motor.stop(lambda: bench.load.at(bench.loop.time() - lag_s))
         assert bench.loop.time() - began_s == pytest.approx(RAMP_S + lag_s, abs=2 * LOOK_S)
-        assert set(bench.line.writes()[written:]) == {STOP}
+        assert bench.line.writes()[written:] == [STOP, ZERO, STOP]
         assert bench.withdrawn_s() - began_s < LOOK_S
         assert bench.load.at(began_s + RAMP_S / 2) == pytest.approx(HZ / 2, abs=0.5)
         assert not (await bench.poller.look()).running
@@ -146,6 +146,27 @@ def test_a_drive_that_ramps_down_by_itself_is_told_to_at_once(lag_s: float) -> N
         assert codes[-2:] == ["inverter.ramp", "inverter.off"]
 
     on_bench(work)
+
+
+@pytest.mark.parametrize("forgotten", [fr.STATUS_AND_COMMAND, fr.RUNNING_FREQUENCY])
+@pytest.mark.parametrize("parameters", [{}, COASTS])
+def test_either_order_of_a_stop_brings_the_output_down_on_one_ramp(
+    forgotten: fr.Register, parameters: dict[int, int]
+) -> None:
+    """One that is acknowledged and forgotten costs no second ramp: the other is obeyed."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.drive.put_faults(DriveFaults(not_obeyed=frozenset({forgotten.number})))
+        began_s = bench.loop.time()
+        stop = asyncio.create_task(bench.motor.stop())
+        coasts_late_s = 0.5 * RAMP_S if parameters and forgotten is fr.RUNNING_FREQUENCY else 0.0
+        await bench.wait(RAMP_S + coasts_late_s + LOOK_S)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        await asyncio.gather(stop, return_exceptions=True)
+        assert bench.loop.time() - began_s < bench.motor.longest_stop_s(HZ) + 8 * LOOK_S
+
+    on_bench(work, parameters=parameters)
 
 
 def test_a_withdrawal_that_is_lost_is_sent_again_at_once() -> None:
