@@ -54,10 +54,12 @@ def encoder_channel(encoder: PositionEncoder) -> Channel:
 class _Stretch:
     """Consecutive positions: number of the first, its place on the time base (s), unwrapped angle in rad.
 
-    `ambiguous`: whole turns may have been lost within it or before it.
+    `missing` positions should have come before it. `ambiguous`: whole turns may have been lost within it or
+    before it.
     """
 
     number: int
+    missing: int
     card_s: float
     angle_rad: Array
     flags: Flag
@@ -92,6 +94,7 @@ class EncoderRecord:
         self._backlog: deque[_Stretch] = deque()
         self._begin_s = self._end_s = self._first_s = math.inf
         self._first: int | None = None
+        self._until = 0  # behind the last position of the record that was due, once it has ended
         self._turned_off = 0.0
         self._gaps: deque[tuple[int, int, str]] = deque()
         self._seen: deque[tuple[Array, Array, Array]] = deque(maxlen=round(_CHECKED_S / _BLOCK_S))
@@ -130,10 +133,11 @@ class EncoderRecord:
         self._end_s = card_s
 
     def due(self, by_s: float) -> int:
-        """How many positions are due by then since the record began; 0 where all of them have come."""
+        """How many positions are due by then since the record began."""
+        if self.ended and self._first is not None:
+            return self._until - self._first
         first_s = self._begin_s if self._first is None else self._first_s
-        lasts_s = min(self._end_s, by_s) - first_s
-        return 0 if self.ended else math.ceil(max(lasts_s / self._encoder.period_s, 0.0))
+        return math.ceil(max((min(self._end_s, by_s) - first_s) / self._encoder.period_s, 0.0))
 
     @property
     def hangs(self) -> bool:
@@ -218,7 +222,7 @@ class EncoderRecord:
             card_s, known = by_arrival, False
         flags |= Flag.GOOD if known else Flag.CLOCK_NOT_LOCKED
         angle_rad = np.asarray(unwrapped.counts * self.angle_per_count, np.float64)
-        return _Stretch(number, card_s, angle_rad, flags, ambiguous)
+        return _Stretch(number, missing, card_s, angle_rad, flags, ambiguous)
 
     def _show(self, stretches: list[_Stretch]) -> None:
         """Show the guard how fast the encoder turns; that is not known where whole turns may be lost."""
@@ -245,30 +249,35 @@ class EncoderRecord:
             return newest.card_s - last_s > _BACKLOG_S
         if self.ended:
             return True
-        self.ended = last_s >= self._end_s
         times = stretch.card_s + np.arange(length) * period_s
-        low, high = np.searchsorted(times, [self._begin_s, self._end_s])
+        low, high = map(int, np.searchsorted(times, [self._begin_s, self._end_s]))
         if self._first is not None:
             low = max(self._first - stretch.number, 0)  # no position is left out where a model has moved
+        elif low < length:
+            # the record begins with the first that was due, which may be missing
+            due = min(int((times[low] - self._begin_s) / period_s), stretch.missing)
+            self._first, self._first_s = stretch.number + low - due, float(times[low]) - due * period_s
+            self._turned_off = math.tau * math.floor(stretch.angle_rad[low] / math.tau)
+        # and it ends with the last that was due
+        behind = min(int(max((stretch.card_s - self._end_s) / period_s, 0.0)), stretch.missing)
+        self._until = stretch.number + high - behind
+        self._tell_missing(stretch.number - behind)
         if high > low:
-            self._record(stretch, int(low), int(high), float(times[low]))
+            values = stretch.angle_rad[low:high] - self._turned_off
+            time_ns, first = self._base.unix_ns(float(times[low])), stretch.number + low - self._first
+            block = SampleBlock(ENCODER_CHANNEL, first, time_ns, 1.0 / period_s, values, stretch.flags)
+            self._stream(Block("measured", block))
+        self.ended = last_s >= self._end_s
         return True
 
-    def _record(self, stretch: _Stretch, low: int, high: int, card_s: float) -> None:
-        number = stretch.number + low
-        if self._first is None:
-            self._first, self._first_s = number, card_s
-            self._turned_off = math.tau * math.floor(stretch.angle_rad[low] / math.tau)
-        while self._gaps and self._gaps[0][0] < number:  # what the encoder said of positions that are missing
+    def _tell_missing(self, until: int) -> None:
+        """What the encoder said of positions of the record that are missing before that one."""
+        while self._first is not None and self._gaps and self._gaps[0][0] < until:
             first, count, cause = self._gaps.popleft()
-            if first > self._first:
-                before_s = (first - self._first) * self._encoder.period_s
-                time_ns = self._base.unix_ns(self._begin_s + before_s)
-                self._stream(Gap(time_ns, ENCODER_CHANNEL, first - self._first, count, cause))
-        values = stretch.angle_rad[low:high] - self._turned_off
-        time_ns, rate = self._base.unix_ns(card_s), 1.0 / self._encoder.period_s
-        block = SampleBlock(ENCODER_CHANNEL, number - self._first, time_ns, rate, values, stretch.flags)
-        self._stream(Block("measured", block))
+            before, behind = max(first - self._first, 0), min(first + count, until) - self._first
+            if before < behind:
+                time_ns = self._base.unix_ns(self._begin_s + before * self._encoder.period_s)
+                self._stream(Gap(time_ns, ENCODER_CHANNEL, before, behind - before, cause))
 
     def _unix_ns(self, arrival_s: float) -> int:
         return self._base.unix_ns(float(self._base.card_s(self._base.host_s(arrival_s))))

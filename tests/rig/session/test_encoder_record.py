@@ -6,7 +6,7 @@ import io
 import math
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -181,6 +181,33 @@ def test_positions_that_are_missing_are_a_gap_with_its_cause_and_cost_no_turn() 
     passed = (after.first_sample - first.first_sample) * PERIOD_S
     assert after.values[0] - first.values[0] == pytest.approx(OMEGA * passed, abs=2 * math.tau / COUNTS)
     assert lab.kept.codes() == []
+
+
+@pytest.mark.parametrize(
+    ("missing", "begun", "told"),
+    [
+        (range(330, 380), 380 - 348, [(0, 380 - 348)]),  # all placed 2 ms late
+        (range(1220, 1290), 0, [(1220 - 348, 1248 - 1220)]),
+        ([*range(330, 390), *range(1210, 1290)], 390 - 348, [(0, 390 - 348), (1210 - 348, 1248 - 1210)]),
+    ],
+)
+def test_positions_that_are_missing_at_either_end_of_the_record_are_a_gap_too(
+    missing: Iterable[int], begun: int, told: list[tuple[int, int]]
+) -> None:
+    lab = Lab(frozenset(missing))
+    blocks = lab.recorded(0.35, 1.25, 12)
+    first = blocks[0].first_sample
+    assert first == pytest.approx(begun, abs=2)
+    gaps = np.concatenate([gap.first_sample + np.arange(gap.count) for gap in lab.kept.gaps])
+    recorded = np.concatenate([block.first_sample + np.arange(len(block)) for block in blocks])
+    every = np.sort(np.concatenate([gaps, recorded]))
+    assert every.tolist() == list(range(len(every)))
+    assert len(every) == pytest.approx(900, abs=2)
+    assert len(gaps) == pytest.approx(sum(count for _, count in told), abs=2 * len(told))
+    assert {gap.cause for gap in lab.kept.gaps} == {"lost on the bus"}
+    at_s = (blocks[0].time_ns - lab.base.start_ns) / 1e9
+    assert at_s == pytest.approx(0.35 + first * PERIOD_S, abs=2e-3)
+    assert lab.record.due(math.inf) == len(every)
 
 
 def test_a_gap_in_which_the_shaft_may_have_turned_either_way_is_told() -> None:
