@@ -207,6 +207,8 @@ def test_the_cranks_turn_measured_and_predicted(
         assert_every_trace_is_drawn(page, told)
         assert_nothing_is_cut_or_overlaps(page)
         assert {whose for whose, _ in told["sketch"]["frames"][0]} == {"measured", "predicted"}
+        assert page.locator("#news").is_visible()
+        assert "bar:" not in page.locator("footer").inner_text()  # none of these channels has a range or a limit
 
 
 @pytest.mark.parametrize("size", SIZES[:1])
@@ -228,4 +230,6 @@ def test_before_the_run_it_says_armed_and_shows_levels(
         page.screenshot(path=tmp_path / "page.png")
         assert page.locator("#stage").inner_text() == "armed: Enter starts"
         assert page.locator(".peak").last.inner_text() == "16 m/s²"
+        assert page.locator("#news").is_hidden()  # nothing has happened: no empty box
+        assert "bar:" in page.locator("footer").inner_text()
         assert_nothing_is_cut_or_overlaps(page)
