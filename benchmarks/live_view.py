@@ -1,9 +1,10 @@
 """How soon the live view shows a run, and how far behind its newest sample it is.
 
-Runs `rattle run --live` on the emulated beam with 16 channels, or as many as are asked for, and opens the
-address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from the address to
-the first picture; how far behind the newest sample the page was each time it had drawn, while the run
-recorded. Run and browser share this machine's cores.
+Runs `rattle run --live` on the emulated beam with 16 channels and then with 64, or as many as are asked for,
+and opens the address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from
+the address to the first picture; how far behind the newest sample the page was each time it had drawn, while
+the run recorded; in the middle of the record, texts that are cut or lie on each other, and channels that have
+all their traces. Run and browser share this machine's cores.
 """
 
 from __future__ import annotations
@@ -22,34 +23,44 @@ from playwright.sync_api import sync_playwright
 
 from benchmarks.recording_load import SCENARIO, _beam_bench
 from rig.live.page_server import PORT_VARIABLE, PageServer, stop_page
+from tests.rig.browser import CHROMIUM, faults_of_texts
+from tests.rig.live.test_page import PLACES
 
 ROOT = Path(__file__).parents[1]
-CHROMIUM = "/usr/bin/chromium"
+TRACED = """() => state.channels.filter((channel, place) =>
+    cells[place].cell.dataset.drawn === Object.keys(channel.traces).join(" ")).length"""
 FIRST_S, BEHIND_S = 5.0, 2.0
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--channels", type=int, default=16)
+    parser.add_argument("--channels", type=int, nargs="+", default=[16, 64])
     parser.add_argument("--size", default="1280x800")
-    parser.add_argument("--picture", help="PNG of the page in the middle of the record")
+    parser.add_argument(
+        "--pictures", type=Path, help="a folder for a PNG of each in the middle of its record"
+    )
     arguments = parser.parse_args()
-    print(f"load before the run       {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores")
+    return max(_shown(arguments, channels) for channels in arguments.channels)
+
+
+def _shown(arguments: argparse.Namespace, channels: int) -> int:
+    print(f"channels                  {channels}")
+    print(f"load before the run       {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores", flush=True)
     with PageServer(0) as free:
         port = free.port
     try:
         with tempfile.TemporaryDirectory() as folder:
-            return _measure(arguments, Path(folder), port)
+            return _measure(arguments, channels, Path(folder), port)
     finally:
         stop_page(port)
 
 
-def _measure(arguments: argparse.Namespace, folder: Path, port: int) -> int:
+def _measure(arguments: argparse.Namespace, channels: int, folder: Path, port: int) -> int:
     scenario, bench = folder / "scenario.toml", folder / "bench.toml"
     text = re.sub(r'sample_rate = ".*"', 'sample_rate = "51200 Hz"', SCENARIO.read_text())
     scenario.write_text(re.sub(r'duration = ".*"', f'duration = "{arguments.seconds:g} s"', text))
-    bench.write_text(_beam_bench(arguments.channels))
+    bench.write_text(_beam_bench(channels))
     width, height = map(int, arguments.size.split("x"))
     command = [
         sys.executable,
@@ -83,14 +94,20 @@ def _measure(arguments: argparse.Namespace, folder: Path, port: int) -> int:
         for line in run.stdout:
             if line.startswith("recording"):
                 break
-        if arguments.picture:
-            page.wait_for_timeout(500 * arguments.seconds)
-            page.screenshot(path=arguments.picture)
+        page.wait_for_timeout(500 * arguments.seconds)
+        faults, traced = faults_of_texts(page, PLACES), page.evaluate(TRACED)
+        if arguments.pictures:
+            arguments.pictures.mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=arguments.pictures / f"{channels}.png")
         print(run.stdout.read(), end="")
         run.wait()
         looks = page.evaluate("() => looks")
         browser.close()
-    return run.returncode or _report(looks, first_s)
+    if run.returncode:
+        return run.returncode
+    print(f"texts cut or overlapping  {'; '.join(faults) or 0}")
+    print(f"channels with all traces  {traced} of {channels}")
+    return max(_report(looks, first_s), int(bool(faults) or traced != channels))
 
 
 def _report(looks: list[tuple[float, float, str]], first_s: float) -> int:

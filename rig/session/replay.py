@@ -46,15 +46,16 @@ def replay_log(
         if view is not None:
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
-            from rig.live.picture import layout_of, picture_of  # only what is shown need load Rerun
+            from rig.live.picture import Bounds, layout_of, picture_of  # only what is shown need load Rerun
 
             origins = {origin: list(log.channels(origin).values()) for origin in PLAYED}
             picture, derivable = picture_of(twin), derived_channels(origins, scenario)
             measured, predicted, beside = (origins[each] for each in ("measured", "predicted", "nominal"))
             learnt = origins[SURROGATE]
+            limits = {each.channel: Bounds(None, each.warning, each.abort) for each in scenario.limits}
             cycle_s = 1 / scenario.drive.cycle_hz
             shown = layout_of(
-                scenario.name, measured, predicted, picture, None, beside, derivable, learnt, cycle_s=cycle_s
+                scenario.name, measured, predicted, picture, None, beside, derivable, learnt, limits, cycle_s
             )
             show(view, shown, screen)
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]

@@ -21,6 +21,36 @@ FLAGS = (
 
 needs_chromium = pytest.mark.skipif(not CHROMIUM.exists(), reason="Debian's chromium is not installed")
 
+_TEXTS = """places => {
+  const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const inside = (box, other) => [Math.max(box.left, other.left), Math.max(box.top, other.top),
+    Math.min(box.right, other.right), Math.min(box.bottom, other.bottom)];
+  for (let node; (node = walker.nextNode());) {
+    const parent = node.parentElement;
+    if (!node.data.trim() || parent.closest("script, style, title") || !parent.checkVisibility()) continue;
+    const range = document.createRange(), place = parent.closest(places) ?? document.body;
+    range.selectNodeContents(node);
+    const room = inside(place.getBoundingClientRect(), document.body.getBoundingClientRect());
+    for (const box of range.getClientRects()) if (box.width && box.height)
+      found.push([node.data.trim(), [box.left, box.top, box.right, box.bottom], room]);
+  }
+  return found;
+}"""
+
+
+def faults_of_texts(page: Page, places: str) -> list[str]:
+    """Texts of a page that reach out of their place (a CSS selector), or lie on each other."""
+    found, faults = page.evaluate(_TEXTS, places), []
+    for at, (text, (left, top, right, bottom), room) in enumerate(found):
+        out = max(room[0] - left, room[1] - top, right - room[2], bottom - 0.5 - room[3])
+        if out > 0.5:
+            faults.append(f"{text}: cut by {out:.1f} px")
+        for other, box, _ in found[at + 1 :]:
+            over = min(right, box[2]) - max(left, box[0]), min(bottom, box[3]) - max(top, box[1])
+            if min(over) > 1.5:
+                faults.append(f"{text}: on {other}, {over[0]:.1f} x {over[1]:.1f} px")
+    return faults
+
 
 @contextmanager
 def browser_page() -> Iterator[Page]:

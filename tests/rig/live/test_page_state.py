@@ -15,13 +15,15 @@ from daq.channel import Channel
 from daq.log.records import Impact
 from rig.live.page_state import PERIOD_S, PageState
 from rig.live.picture import Bounds, layout_of
+from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.view import Levels, Progress
 from rig.live.view_process import _frames
-from rig.stream import Block
+from rig.stream import Block, Shape
 
 RATE, START_NS, CYCLE_S = 10_000.0, 1_790_000_000_000_000_000, 0.05
 FORCE, ANGLE = Channel("contact.force_upper", "N"), Channel("crank.angle", "rad")
+BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 PLANAR = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, 20.0)
 
 
@@ -151,6 +153,17 @@ def test_an_angle_is_shown_as_part_of_a_turn_without_a_level_and_turns_the_crank
     first, half = (dict(state["sketch"]["frames"][at]) for at in (0, 12))
     assert set(first) == {"measured", "predicted"}
     assert first != half
+
+
+def test_a_beam_that_nobody_predicts_is_not_said_to_be_drawn() -> None:
+    told = Told()
+    told.state.take(layout_of("run", [FORCE], [], BEAM, cycle_s=CYCLE_S))
+    told.state.take(Block("measured", block(np.ones(2000))))
+    sketch = told.newest()["sketch"]
+    assert sketch["caption"] == "stops, slowed; arrows: forces on them"
+    assert not sketch["frames"]
+    told.state.take(Shape(0.1, np.zeros(20)))
+    assert told.newest()["sketch"]["caption"].startswith("predicted beam, 265 x")
 
 
 def test_impacts_are_counted_by_origin(told: Told) -> None:

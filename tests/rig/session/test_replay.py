@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
 from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
+from rig.live.picture import Bounds, Layout
 from rig.session.overlay import overlay_run
 from rig.session.replay import ShapeFollower, replay_log
 from rig.session.signals import Stopped
@@ -117,9 +120,11 @@ def test_a_log_without_channels_is_refused(tmp_path: Path) -> None:
         replay_log(tmp_path / "empty.mcap", 0, False, silent_screen(), SteppedClock())
 
 
+ACQUISITION = '[acquisition]\nsample_rate = "51.2 kHz"\nduration = "1 s"\n'
+
+
 def test_the_picture_of_an_overlay_with_effects_is_moved_by_the_twin_that_has_them(tmp_path: Path) -> None:
-    scenario = f'{SCENARIO}[acquisition]\nsample_rate = "51.2 kHz"\nduration = "1 s"\n'
-    run = write_log(tmp_path / "run.mcap", seconds=0.2, origins=["measured"], scenario=scenario)
+    run = write_log(tmp_path / "run.mcap", seconds=0.2, origins=["measured"], scenario=SCENARIO + ACQUISITION)
     effects = tmp_path / "effects.json"
     effects.write_text('[{"name": "clearance", "parameters": {"scale": 1.6}}]')
     farthest: list[float] = []
@@ -137,6 +142,17 @@ def test_the_picture_of_an_overlay_with_effects_is_moved_by_the_twin_that_has_th
         farthest.append(max(abs(shape.points_m[-1]) for shape in shapes))
     # a stop of 1.5e7 N/m gives way by some micrometres
     assert farthest == pytest.approx([0.127e-3, 1.6 * 0.127e-3], abs=0.01e-3)
+
+
+def test_limits_of_the_run_stand_beside_its_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    limited = f'{SCENARIO}{ACQUISITION}[limits."contact.force_upper"]\nwarning = "30 N"\nabort = "50 N"\n'
+    run = write_log(tmp_path / "run.mcap", seconds=0.1, origins=["measured"], scenario=limited)
+    shown: list[Layout] = []
+    view = SimpleNamespace(offer=lambda record: None)
+    monkeypatch.setattr("rig.session.replay.on_page", lambda screen: nullcontext(view))
+    monkeypatch.setattr("rig.session.replay.show", lambda view, layout, screen: shown.append(layout))
+    replay_log(run, 0, True, silent_screen(), SteppedClock())
+    assert shown[0].bounds == {"contact.force_upper": Bounds(None, 30.0, 50.0)}
 
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
