@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from rig.session.at_rest import Shown
     from rig.session.monitor import Monitor
 
+_QUIET_S: Final = 1.2
+"""Hands off for so long first: a tap is known by the noise before it."""
 _WATCHES: Final = "nothing is driven: tap a sensor, turn the shaft"
 
 
@@ -102,6 +104,8 @@ def _asked(watched: Monitor, bench: Bench, screen: Screen, look: Callable[[str],
     findings, sensors = Findings(), watched.sensors
     watched.tells_of_turns = False
     screen.say("each of these goes on with Enter, done or not")
+    while sensors.end_s < _QUIET_S:
+        look("")
     for question in questions(sensors, bench):
         screen.say(question.text)
         sensors.shaft.begin()

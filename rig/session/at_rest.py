@@ -17,7 +17,7 @@ from daq.channel import Channel
 from daq.signals.at_rest import AtRest, Line, Tap, TapFinder, at_rest
 from drivers.ni_daq.channels import CardChannel
 from drivers.protocols.card import CardReading
-from rig.pages.words import as_written, estimate
+from rig.pages.words import as_written, counted, estimate
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ class Turn:
         for name, angles in self.at_marks.items():
             if len(angles):
                 where = math.degrees(angles[-1] % math.tau)
-                told.append(f"{len(angles)} marks, the last at {where:.1f}° of {name}")
+                told.append(f"{counted(len(angles), 'mark')}, the last at {where:.1f}° of {name}")
         return "; ".join(told)
 
 
@@ -143,8 +143,8 @@ class Shaft:
         self._rate, self._step = rate, max(1, round(_TRAIL_S * rate))
         self._angles = {row: each.name for row, each in enumerate(channels) if each.kind == "encoder"}
         self._marker = next((row for row, each in enumerate(channels) if each.kind == "marker"), None)
-        counted = self._marker is not None and channels[self._marker].counted
-        self._shares = self._marker is not None and not counted
+        on_counter = self._marker is not None and channels[self._marker].counted
+        self._shares = self._marker is not None and not on_counter
         self._edges = RisingEdges()
         self._trails: dict[str, list[tuple[Array, Array]]] = {name: [] for name in self._angles.values()}
         self.begin()
