@@ -23,7 +23,7 @@ from rig.files.bench import load_bench
 from tests.end_to_end.command import command
 from tests.end_to_end.files import CHANNELS, write_bench, write_scenario
 
-RATE = 51_200.0
+RATE = 6400.0
 
 
 @dataclass
@@ -74,6 +74,7 @@ WIRES = {
 
 def test_taps_set_a_bench_right_and_no_actuator_is_reached(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml")
+    scenario.write_text(scenario.read_text().replace("51.2 kHz", "6.4 kHz"))
     with (
         untouched() as generator,
         DriveLink.new() as link,

@@ -165,7 +165,7 @@ def turned(
     angle: Array, counter: CounterWire, mark: MarkStage, *channels: CardChannel
 ) -> Iterator[tuple[Sensors, Any]]:
     """A shaft on the emulated card; what is given reads on to a share of what it shows."""
-    marks = 5.0 * ((angle - MARKED_RAD) % math.tau < MARK_RAD)
+    marks = np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, 5.0, 0.0)
     wiring = CardWiring(
         {"cDAQ1Mod1/ai3": Wire("crank.marker", 1.0, 10.0, mark=mark)}, counters={"cDAQ1Mod3/ctr0": counter}
     )
@@ -272,7 +272,7 @@ def test_an_encoder_on_the_bus_tells_its_direction_and_mounting(tmp_path: Path) 
     findings, watched = Findings(), sensors(MARKER)
     times = np.arange(round(3.0 * RATE)) / RATE
     angle = math.tau * times / 1.2 + 0.1
-    marks = 5.0 * ((angle - MARKED_RAD) % math.tau < MARK_RAD)
+    marks = np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, 5.0, 0.0)
     show(watched, marks[None, :])
     watched.shaft.beside("encoder.angle", times, 50.0 - angle)
     (asked,) = questions(watched, bench)
