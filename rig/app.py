@@ -23,6 +23,7 @@ from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
 from rig.session.devices import Devices
+from rig.session.monitor import Instruments
 from rig.session.pace import Work
 from rig.session.progress import Screen
 from rig.twin.chains import chain_record
@@ -58,6 +59,22 @@ def connect(
     devices = replace(devices, loggers=loggers, latch=latch)
     check_names(devices, bench.source)
     return devices, notes
+
+
+def sensing(scenario: Scenario, bench: Bench, stack: ExitStack, screen: Screen) -> Instruments:
+    """What measures on a bench, of which what is emulated hears an actuator that nobody switches on.
+
+    The driver of the bench's own actuator is not even made.
+    """
+    emulated = NOTHING_EMULATED
+    if any(INSTRUMENTS[table].emulator for table in bench.emulated):
+        idle = {bench.actuator_table: replace(bench.actuator, emulated=True)}
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
+            beside = replace(bench, instruments={**bench.instruments, **idle})
+            emulated = stack.enter_context(emulated_bench(scenario, beside))
+    logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}
+    loggers = {name: INSTRUMENTS[name].driver_of(each)(each) for name, each in logging.items()}
+    return Instruments(card_of(scenario, bench, emulated), encoder_of(bench, emulated), loggers)
 
 
 def check_names(devices: Devices, source: str) -> None:

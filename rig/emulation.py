@@ -149,7 +149,7 @@ def wiring_of(bench: Bench) -> CardWiring:
         else:
             wires[channel.physical] = Wire(
                 "" if unit_of(channel.name) is None else channel.name,
-                channel.volts_per_unit,
+                -channel.volts_per_unit if channel.inverted else channel.volts_per_unit,
                 range_v=input_range_v(channel.full_scale_v),
                 charge=None
                 if amplifier is None

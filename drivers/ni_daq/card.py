@@ -59,6 +59,8 @@ class NiDaqCard:
         today = datetime.fromtimestamp(self._clock.unix_ns() / NS_PER_S, UTC).date()
         self._expired = tuple(_expired(settings.channels, today))
         self.warnings = self._expired
+        self.sheets: dict[str, str] = {}
+        """What each sensor says of itself, in words; once it is open."""
         self._rows = {channel.physical: row for row, channel in enumerate(settings.channels)}
         self._analog_rows = [self._rows[channel.physical] for channel in _on(settings, "ai")]
         self._grpc_channel: Any = None
@@ -220,6 +222,8 @@ class NiDaqCard:
             raise InstrumentRefused(self.name, self.address, what, check)
         self.identity = seen.identity
         sheets = {name: str(sheet.serial) for name, sheet in seen.sheets.items()}
+        units = {channel.name: channel.unit for channel in self.settings.channels}
+        self.sheets = {name: sheet.told(units[name]) for name, sheet in seen.sheets.items()}
         self.channels = tuple(
             described(replace(channel, serial=channel.serial or sheets.get(channel.name, "")))
             for channel in self.settings.channels

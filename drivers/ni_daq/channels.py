@@ -155,7 +155,8 @@ class CardChannel:
 
     `in_stinger` says of a drive's force whether a gauge between shaker and rig shows it, or it is the coil's.
     `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` the sensor's own as it is mounted; by
-    `delay_s` an input shows later than a counter what happens.
+    `delay_s` an input shows later than a counter what happens. One that is `inverted` gives below zero what
+    the rig calls positive, and is turned round where it is read.
     """
 
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]
@@ -178,6 +179,7 @@ class CardChannel:
     corner_hz: Annotated[float | None, Quantity("Hz", 0, 1000, above=True, key="corner")] = None
     resonance_hz: Annotated[float | None, Quantity("kHz", 0.1, 1000, key="resonance")] = None
     delay_s: Annotated[float | None, Quantity("ms", 0, 20, key="delay")] = None
+    inverted: Annotated[bool | None, Key()] = None
     unit: str = "V"  # this and what follows: by the rig's table of channels, no keys of a bench file
     quantity: str = ""
     location: str = ""

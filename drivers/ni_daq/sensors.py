@@ -85,7 +85,7 @@ ACCELERATION: Final = {"m/s2": Quantity("m/s2", 0, 1e6, above=True)}
 VOLTAGE: Final = {"V": Quantity("V", 0, 1e3, above=True)}
 SPEED: Final = {"rad/s": Quantity("rad/s", 0, 1e5, above=True)}
 _VOLTS_EACH: Final = ("sensitivity", "range")
-_ANY_INPUT: Final = ("resonance", "delay")
+_ANY_INPUT: Final = ("resonance", "delay", "inverted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +108,11 @@ class AnalogSensor:
     sheet: Callable[[Any, CardChannel], float] | None = None
 
     def scale(self, channel: CardChannel) -> float | None:
-        """Unit per volt; None where DAQmx delivers the unit."""
-        gain = 1.0 if channel.mark is None else channel.mark.gain
-        return gain / channel.volts_per_unit if self.in_volts else None
+        """Unit per volt, or per unit that DAQmx delivers; None where that is the unit as it is meant."""
+        gain = -1.0 if channel.inverted else 1.0 if channel.mark is None else channel.mark.gain
+        if self.in_volts:
+            return gain / channel.volts_per_unit
+        return gain if channel.inverted else None
 
     @property
     def raw_unit(self) -> str:
@@ -343,7 +345,7 @@ _OWN: Final = {
         ),
     ),
     "tachometer": SensorKind(
-        AnalogSensor(SPEED, declare_voltage, takes=("filter", "delay")),
+        AnalogSensor(SPEED, declare_voltage, takes=("filter", "delay", "inverted")),
         CounterSensor(
             SPEED,
             declare_frequency,

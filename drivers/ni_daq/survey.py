@@ -47,6 +47,11 @@ class DataSheet:
     sensitivity: float | None = None
     fault: str = ""
 
+    def told(self, unit: str) -> str:
+        """In words."""
+        scale = "" if self.sensitivity is None else f", {1e3 * self.sensitivity:.4g} mV per {unit}"
+        return f"TEDS: serial {self.serial}{scale}"
+
 
 def read_sheet(device: Any, channel: CardChannel, new_task: Callable[[], Any]) -> DataSheet | None:
     """Return the sheet of the sensor on `channel`, None where there is none. Raises nidaqmx errors."""

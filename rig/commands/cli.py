@@ -20,6 +20,9 @@ _HELP: Final = {
         "Find the drive's offset that centres the beam between its stops; writes a scenario that has it."
     ),
     "dwell:dwell": "Record a crank at several speeds in one log, without a twin; `rattle skew` reads it.",
+    "monitor:monitor": (
+        "Show all sensors live with nothing driven; a tap or a turn by hand tells what hangs where."
+    ),
     "run:emulate": (
         "Start the emulated instruments on their real wire protocols; prints where each listens."
     ),

@@ -30,7 +30,8 @@ _HELD_S, _HEARD_S, _ANSWERS_S = 10.0, 5.0, 2.0
 _STARTS_S, _LOOK_S = 10.0, 0.05
 IDLE_S: Final = 3600.0
 _LARGEST: Final = 32 << 20
-_PAGE: Final = Path(__file__).with_name("page.html")
+_PAGES: Final = {"/": "page.html", "/monitor": "monitor.html"}
+"""Each goes to the other where the state is of the other kind."""
 
 
 class PageServer(ThreadingHTTPServer):
@@ -104,8 +105,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         path, _, number = self.path.partition("?after=")
         match path:
-            case "/":
-                self._answer(_PAGE.read_bytes(), "text/html; charset=utf-8")
+            case _ if path in _PAGES:
+                page = Path(__file__).with_name(_PAGES[path]).read_bytes()
+                self._answer(page, "text/html; charset=utf-8")
             case "/about":
                 self._answer(json.dumps(_ABOUT | {"pid": os.getpid()}).encode())
             case "/state":

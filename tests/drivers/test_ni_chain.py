@@ -248,3 +248,12 @@ def test_a_sensor_rings_at_its_own_frequency() -> None:
     values = values_of(read(sine(2000.0, 10.0), wire, FORCE))[5120:]
     warped = math.tan(math.pi * 2000.0 / RATE) / math.tan(math.pi * 4000.0 / RATE)
     assert np.sqrt(2.0) * values.std() == pytest.approx(10.0 / (1 - warped**2), rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["voltage", "force_iepe"])
+def test_a_sensor_that_is_inverted_is_turned_round_where_it_is_read(kind: str) -> None:
+    channel = CardChannel("force", "cDAQ1Mod1/ai0", kind, TRUE, 200.0, unit="N")
+    force = sine(20.0, 50.0)
+    for inverted, sign in ((None, -1.0), (True, 1.0)):
+        shown = values_of(read(force, Wire("force", -TRUE), replace(channel, inverted=inverted)))
+        assert shown == pytest.approx(sign * force, abs=2 * LSB_V / TRUE)

@@ -1,0 +1,106 @@
+"""Sensors watched from the command line: no actuator is ever reached, and taps set the bench right."""
+
+from __future__ import annotations
+
+import math
+import re
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.clock import SystemClock
+from drivers.emulator_process import DriveLink
+from drivers.ni_daq.emulator.process import start_daq_card
+from drivers.ni_daq.emulator.wiring import CardWiring, Teds, Wire
+from drivers.protocols.generator import DriveSettings
+from rig.files.bench import load_bench
+from tests.end_to_end.command import command
+from tests.end_to_end.files import CHANNELS, write_bench, write_scenario
+
+RATE = 6400.0
+
+
+@dataclass
+class TappedPlant:
+    """Sensors at rest; so many volts of a drive are a tap of so much at the channel of its frequency."""
+
+    channels: tuple[str, ...] = CHANNELS
+    _next: int = 0
+    _taps: list[tuple[int, float, float]] = field(default_factory=list)
+    _noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(3))
+
+    def start(self, sample_rate: float) -> None:
+        self._next = 0
+
+    def drive(self, settings: DriveSettings, at_sample: float) -> None:
+        self._taps.append((round(settings.frequency_hz), at_sample, settings.amplitude_v))
+
+    def advance(self, count: int) -> NDArray[np.float64]:
+        at = np.arange(self._next, self._next + count)
+        self._next += count
+        rows = self._noise.normal(0.0, 0.01, (len(self.channels), count))
+        rows[3] += 0.2 * np.sin(math.tau * 50.0 * at / RATE)
+        for row, first, height in self._taps:
+            since = np.maximum(at - first, 0.0) / RATE
+            rows[row] += height * np.exp(-300.0 * since) * (at >= first)
+        return rows
+
+
+@contextmanager
+def untouched() -> Iterator[str]:
+    """The address of a generator of which nobody is to want anything: a call there fails the test."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        yield f"TCPIP::127.0.0.1::{listener.getsockname()[1]}::SOCKET"
+        listener.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            listener.accept()
+
+
+# as they hang: the two stops' cables are swapped, the yoke's sensor stands on its head
+WIRES = {
+    "cDAQ1Mod1/ai0": Wire("drive.force", 0.1),
+    "cDAQ1Mod1/ai1": Wire("contact.force_lower", 0.02),
+    "cDAQ1Mod1/ai2": Wire("contact.force_upper", 0.02),
+    "cDAQ1Mod1/ai3": Wire("yoke.force", -0.0224, teds=Teds(4711, 0.0224)),
+    "cDAQ1Mod2/ai0": Wire("base.acceleration", 0.0102),
+}
+
+
+def test_taps_set_a_bench_right_and_no_actuator_is_reached(tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml")
+    scenario.write_text(scenario.read_text().replace("51.2 kHz", "6.4 kHz"))
+    with (
+        untouched() as generator,
+        DriveLink.new() as link,
+        start_daq_card(TappedPlant, CardWiring(WIRES), link.receiver) as card,
+    ):
+        bench = write_bench(tmp_path / "bench.toml", generator, card.address)
+        before = bench.read_text().replace('serial = "EMU-104"', "# serial as its TEDS says")
+        bench.write_text(f"# room 4\n{before}")
+        with command("monitor", scenario, "--bench", bench, "--write", typed="") as running:
+            for row, name in enumerate(CHANNELS):
+                running.await_line(name)
+                link.sender.send(DriveSettings(True, float(row), 20.0, 0.0, SystemClock().monotonic_s()))
+                running.await_line("tap: ")
+                running.type("\n")
+            running.type("y\n")
+            ended = running.end()
+    assert (ended.code, ended.err) == (0, "")
+    assert re.search(r"yoke\.force .* 50 Hz 0\.(2|199|201) N", ended.out)
+    assert "TEDS: serial 4711, 22.4 mV per N" in ended.out
+    edited = load_bench(bench, "impact_beam")
+    found = {each.name: (each.physical, bool(each.inverted)) for each in edited.daq_card.channels}
+    assert found == {
+        "drive.force": ("cDAQ1Mod1/ai0", False),
+        "contact.force_upper": ("cDAQ1Mod1/ai2", False),
+        "contact.force_lower": ("cDAQ1Mod1/ai1", False),
+        "yoke.force": ("cDAQ1Mod1/ai3", True),
+        "base.acceleration": ("cDAQ1Mod2/ai0", False),
+    }
+    assert bench.read_text().startswith("# room 4\n")
