@@ -109,9 +109,7 @@ def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dic
         "recording": gap.recording,
         "by_channel": {name: _part(layout, gap, "channel", name) for name in channels},
         "by_run": [_part(layout, gap, "run", run) for run in runs],
-        "by_band": _by(
-            layout, gap, lambda cell: cell.band if cell.what == "energy" else None, "low_hz", "high_hz"
-        ),
+        "by_band": _by(layout, gap, lambda cell: None if cell.partner else cell.band, "low_hz", "high_hz"),
         "by_phase": _by(layout, gap, lambda cell: cell.phase, "from", "to"),
         "by_location": dict(by_location),
     }
