@@ -42,7 +42,7 @@ class Cell:
     `band` in Hz or `phase` in fractions of a cycle say where it lies; neither: a figure of the whole cycle,
     `what` it is. `size` numbers stand for it, each compared by itself; those of a `distribution`, its
     `SLICES`, by their mean and their spread. `tolerance`, in the numbers' unit, is what two careful programs
-    may differ by in the same motion.
+    may differ by in the same motion. `unit` is theirs, where a page is to say it.
     """
 
     run: int
@@ -54,6 +54,7 @@ class Cell:
     partner: str | None = None
     distribution: bool = False
     tolerance: float = 0.0
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if self.distribution and self.size != SLICES:
@@ -85,6 +86,11 @@ class Layout:
     def starts(self) -> NDArray[np.intp]:
         """Where each cell's numbers begin, and where the last ends; shape (cells + 1,)."""
         return np.concatenate([[0], np.cumsum([cell.size for cell in self.cells])]).astype(np.intp)
+
+    @property
+    def of_numbers(self) -> list[Cell]:
+        """The cell that each number belongs to."""
+        return [cell for cell in self.cells for _ in range(cell.size)]
 
     @property
     def size(self) -> int:
