@@ -48,7 +48,7 @@ _PARTS = 16
 
 @runtime_checkable
 class OwnRig(Protocol):
-    """What a file or an entry point (`rattle.subjects`) offers as its `SUBJECT`."""
+    """What a file is, or has as its `SUBJECT`, and what an entry point of `rattle.subjects` offers."""
 
     def measured(self, files: Sequence[Columns]) -> tuple[Subject, Blocks]:
         """The subject, and the fingerprints (blocks, numbers) of what was measured on it."""

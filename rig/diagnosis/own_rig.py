@@ -51,7 +51,7 @@ SECTIONS: Sequence[Section[Case]] = (
 
 @dataclass(frozen=True, slots=True)
 class OwnRequest:
-    """Whose diagnosis (a file that has a `SUBJECT`, or a name of `rattle.subjects`), and of which files.
+    """What is asked: `subject` is a Python file, or a name of `rattle.subjects`; `runs` are what it measured.
 
     `seeds` are as many as are asked, from `seed` on; `rigs` are simulated for each, None where the number of
     causes says how many.
@@ -191,7 +191,7 @@ def own_rig_of(name: str) -> OwnRig:
     else:
         found = _loaded(path)
     if not isinstance(found, OwnRig):
-        raise RattleError(f"{name}: SUBJECT has no function `measured`; docs/own_rig.md has what it takes")
+        raise RattleError(f"{name} has neither a SUBJECT nor a function `measured`; see docs/own_rig.md")
     return found
 
 
@@ -210,9 +210,7 @@ def _loaded(path: Path) -> object:
         ) from error
     if Path(str(module.__file__)).resolve() != path.resolve():
         raise RattleError(f"{path}: another module has its name ({module.__file__}); give it another one")
-    if not hasattr(module, "SUBJECT"):
-        raise RattleError(f"{path} has no SUBJECT; docs/own_rig.md shows one")
-    return module.SUBJECT
+    return getattr(module, "SUBJECT", module)
 
 
 def columns_of(path: Path) -> Columns:
