@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 GROUPS: Final = tuple(
-    f"rattle.{each}" for each in ("rigs", "instruments", "sensors", "effects", "formats", "report_sections")
+    f"rattle.{each}"
+    for each in ("rigs", "instruments", "sensors", "effects", "formats", "report_sections", "subjects")
 )
 UNUSED: Final[list[str]] = []
 """A sentence for each thing of another package that this process passed over; the command tells them."""

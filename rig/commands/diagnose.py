@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 from rich.table import Table
 
 from daq.errors import RattleError
-from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, print_json
+from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, print_json
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -19,27 +20,54 @@ if TYPE_CHECKING:
 
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
+_BUDGET_S, _SEEDS = 120.0, 3
 _LISTED = 4
 _WORTH_LISTING = 0.005
 
 
 def diagnose(
-    runs: RunFiles,
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN.mcap...", help="Logs of runs of one rig; of one of your own, its files."),
+    ],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the answer goes.")],
     model: Model = None,
     seed: Seed = 0,
     budget: Annotated[
-        float,
-        typer.Option("--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about."),
-    ] = 120.0,
+        float | None,
+        typer.Option(
+            "--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about; without 120."
+        ),
+    ] = None,
+    subject: Annotated[
+        str | None,
+        typer.Option(
+            "--subject", metavar="RIG.py", help="A rig of your own, or the name of an installed one."
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", min=1, help="Of one's own rig: how often it is asked; without 3.")
+    ] = None,
+    rigs: Annotated[
+        int | None, typer.Option("--rigs", min=1, help="Of one's own rig: simulated for each seed.")
+    ] = None,
     machine: Json = False,
 ) -> None:
-    from rig.diagnosis.diagnose_runs import diagnose_runs
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     screen = Screen(Terminal(stderr=machine))
-    findings, files = diagnose_runs(runs, model, out, seed, budget, screen)
+    if subject is None:
+        from rig.diagnosis.diagnose_runs import diagnose_runs
+
+        _only_with("--subject", {"--seeds": seeds, "--rigs": rigs})
+        runs = [is_log(run) for run in runs]
+        findings, files = diagnose_runs(runs, model, out, seed, budget or _BUDGET_S, screen)
+    else:
+        from rig.diagnosis.own_rig import OwnRequest, diagnose_own
+
+        _only_with("rattle's own rigs", {"--model": model, "--budget": budget})
+        findings, files = diagnose_own(OwnRequest(subject, runs, seed, seeds or _SEEDS, rigs), out, screen)
     if machine:
         typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
         return
@@ -56,8 +84,17 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
+    for one in findings.widths:
+        likeliest = f" ({one.name})" if one.verdict == "effect" else ""
+        screen.say(f"healthy    {one.width:g} times as wide: {one.verdict}{likeliest}")
     for what, file in files.items():
         screen.say(f"{what:<10} {file}")
+
+
+def _only_with(what: str, options: Mapping[str, object]) -> None:
+    for name, given in options.items():
+        if given is not None:
+            raise typer.BadParameter(f"{name} goes with {what} only")
 
 
 def gap(

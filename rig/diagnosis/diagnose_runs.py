@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from daq.errors import RattleError
-from rig.diagnosis.document import Request, document, effects_file, gap_block, write_json
+from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.diagnosis.report import before_and_after, causes, gap_map, verdict
@@ -89,9 +89,11 @@ def diagnose_runs(
     if findings.unknown >= _UNKNOWN_ENOUGH:
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
     catalogue = twin.model.effects
-    request = Request(runs, model, seed, budget_s)
+    said = {
+        **provenance(seed), "budget_s": budget_s, "model": None if model is None else str(model)
+    }  # fmt: skip
     content = document(
-        findings, catalogue, request, reach, experiment, time.monotonic() - began, remarks, forces
+        findings, catalogue, runs, said, reach, experiment, time.monotonic() - began, remarks, forces
     )
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     files = {what: out / name for what, name in names.items()}
@@ -122,10 +124,10 @@ SECTIONS: Sequence[Section[Case]] = (
 """Heading and content of each section of the report; one without content is left out."""
 
 
-def write_report(path: Path, case: Case) -> None:
+def write_report(path: Path, case: Case, sections: Sequence[Section[Case]] = SECTIONS) -> None:
     """Write the report as one HTML file; raises OSError where `path` cannot be written."""
-    sections = [(section.heading, section.parts(case)) for section in SECTIONS]
-    path.write_text(page("Diagnosis", [run.name for run in case.runs], sections), encoding="utf-8")
+    parts = [(section.heading, section.parts(case)) for section in sections]
+    path.write_text(page("Diagnosis", [run.name for run in case.runs], parts), encoding="utf-8")
 
 
 def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> RecordedCampaign:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
@@ -21,32 +21,26 @@ from sim_twin.effects import Catalogue
 SCHEMA = "rattle.diagnosis/1"
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What is to be diagnosed: the runs, the model of a calibration or None, seed and budget in s."""
-
-    runs: Sequence[Path]
-    model: Path | None
-    seed: int
-    budget_s: float
-
-    def as_json(self) -> dict[str, Any]:
-        model = None if self.model is None else str(self.model)
-        software = f"rattle {version('rattle')}"
-        return {"software": software, "seed": self.seed, "budget_s": self.budget_s, "model": model}
+def provenance(seed: int) -> dict[str, Any]:
+    """What makes the same answer again: the program's version and the seed."""
+    return {"software": f"rattle {version('rattle')}", "seed": seed}
 
 
 def document(
     findings: Findings,
     catalogue: Catalogue,
-    request: Request,
+    runs: Sequence[Path],
+    said: Mapping[str, Any],
     horizon_s: float | None,
     experiment: Experiment | None,
     seconds: float,
     remarks: Sequence[str],
     forces: Sequence[LatentForce] = (),
 ) -> dict[str, Any]:
-    """The diagnosis as JSON holds it; `catalogue` has all effects of the rig, `forces` what joints lack."""
+    """The diagnosis as JSON holds it; `catalogue` has all effects of the rig, `forces` what joints lack.
+
+    `said` is what was asked for, with the program's version.
+    """
     probabilities = {"none": findings.none, "effect": findings.effect, "unknown": findings.unknown}
     judged = {each.cause.name for each in findings.judged}
     nothing = {"probability": 0.0, "parameters": {}, "gap_after": None, "shrink": None}
@@ -58,12 +52,12 @@ def document(
     content: dict[str, Any] = _finite(
         {
             "schema": SCHEMA,
-            "runs": [str(run) for run in request.runs],
+            "runs": [str(run) for run in runs],
             "verdict": findings.verdict,
             "verdict_probability": probabilities,
             "gap": gap_block(findings.layout, findings.gap, findings.by_location),
             "effects": [*(_effect(each) for each in findings.judged), *impossible],
-            "selected": list(dict.fromkeys(cause.name for cause in findings.selected)),
+            "selected": list(findings.names),
             "separability": [
                 {"effect": one, "from": other, "told_apart": share}
                 for (one, other), share in findings.separability.items()
@@ -81,7 +75,7 @@ def document(
             "next_experiment": None if experiment is None else asdict(experiment),
             "cost": {"simulations": findings.simulations, "seconds": seconds},
             "remarks": list(remarks),
-            "provenance": request.as_json(),
+            "provenance": dict(said),
         }
     )
     return content
@@ -109,9 +103,7 @@ def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dic
         "recording": gap.recording,
         "by_channel": {name: _part(layout, gap, "channel", name) for name in channels},
         "by_run": [_part(layout, gap, "run", run) for run in runs],
-        "by_band": _by(
-            layout, gap, lambda cell: cell.band if cell.what == "energy" else None, "low_hz", "high_hz"
-        ),
+        "by_band": _by(layout, gap, lambda cell: None if cell.partner else cell.band, "low_hz", "high_hz"),
         "by_phase": _by(layout, gap, lambda cell: cell.phase, "from", "to"),
         "by_location": dict(by_location),
     }

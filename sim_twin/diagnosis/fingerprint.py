@@ -23,6 +23,16 @@ _PHASES = 16
 _COUNTS_FROM = 0.1
 _FAINT = 1e-12
 FIGURES = ("peak", "crest", "share of time", "contacts", "early or late", "first or second half")
+_TOLERANCE = {
+    "energy": 0.1,
+    "rms": 0.1,
+    "peak": 0.04,
+    "crest": 0.04,
+    "coherence": 0.02,
+    "quadrature": 0.02,
+    "swing": 2e-4,
+}
+"""Of what `Columns` make; logarithms of energies and amplitudes, rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +40,40 @@ class Cell:
     """One thing that is compared: of `channel` (of both, for a coherence), in `run`.
 
     `band` in Hz or `phase` in fractions of a cycle say where it lies; neither: a figure of the whole cycle,
-    `what` it is. `size` numbers stand for it: a distribution's `SLICES`, or 1.
+    `what` it is. `size` numbers stand for it, each compared by itself; those of a `distribution`, its
+    `SLICES`, by their mean and their spread. `tolerance`, in the numbers' unit, is what two careful programs
+    may differ by in the same motion. `unit` is theirs, where a page is to say it.
     """
 
     run: int
     channel: str
     what: str
-    size: int = SLICES
+    size: int = 1
     band: tuple[float, float] | None = None
     phase: tuple[float, float] | None = None
     partner: str | None = None
+    distribution: bool = False
+    tolerance: float = 0.0
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if self.distribution and self.size != SLICES:
+            raise ValueError(
+                f"{self.channel}, {self.what}: a distribution has {SLICES} numbers, not {self.size}"
+            )
+
+
+def of_cycles(
+    run: int,
+    channel: str,
+    what: str,
+    band: tuple[float, float] | None = None,
+    phase: tuple[float, float] | None = None,
+) -> Cell:
+    """A cell that is the distribution of what the cycles of a channel show."""
+    return Cell(
+        run, channel, what, SLICES, band, phase, distribution=True, tolerance=_TOLERANCE.get(what, 0.0)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +86,11 @@ class Layout:
     def starts(self) -> NDArray[np.intp]:
         """Where each cell's numbers begin, and where the last ends; shape (cells + 1,)."""
         return np.concatenate([[0], np.cumsum([cell.size for cell in self.cells])]).astype(np.intp)
+
+    @property
+    def of_numbers(self) -> list[Cell]:
+        """The cell that each number belongs to."""
+        return [cell for cell in self.cells for _ in range(cell.size)]
 
     @property
     def size(self) -> int:
@@ -94,13 +133,13 @@ class Columns:
         cells: list[Cell] = []
         for name in self.channels:
             if name in self.angles:
-                cells += [Cell(run, name, "swing", phase=part) for part in parts]
+                cells += [of_cycles(run, name, "swing", phase=part) for part in parts]
                 continue
-            cells += [Cell(run, name, "energy", band=band) for band in bands]
-            cells += [Cell(run, name, what, phase=part) for what in ("mean", "rms") for part in parts]
-            cells += [Cell(run, name, figure) for figure in FIGURES]
+            cells += [of_cycles(run, name, "energy", band) for band in bands]
+            cells += [of_cycles(run, name, what, phase=part) for what in ("mean", "rms") for part in parts]
+            cells += [of_cycles(run, name, figure) for figure in FIGURES]
         cells += [
-            Cell(run, one, part, 1, (float(low), float(high)), partner=other)
+            Cell(run, one, part, 1, (float(low), float(high)), partner=other, tolerance=_TOLERANCE[part])
             for one, other in combinations(self.coupled, 2)
             for part in ("coherence", "quadrature")
             for low, high in pairwise(self.octaves * self.frequency)

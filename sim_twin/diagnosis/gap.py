@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.fingerprint import Cell, Layout
-from sim_twin.diagnosis.space import TOLERANCE
 
 Array = NDArray[np.float64]
 FARTHEST = 40.0
@@ -63,7 +62,7 @@ def gap_measure(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> GapM
     blocks = np.concatenate(healthy).astype(np.float64)
     twin = blocks.mean(axis=0)
     apart = _by_cell(np.abs(blocks - twin), layout)
-    tolerance = np.array([TOLERANCE.get(cell.what, 0.0) for cell in layout.cells])
+    tolerance = np.array([cell.tolerance for cell in layout.cells])
     floor = np.hypot(apart.mean(axis=0), tolerance)
     floor[floor < 1e-9] = np.inf
     plain = GapMeasure(layout, twin, floor, 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +15,6 @@ from sim_twin.diagnosis.fingerprint import SLICES, Layout
 Array = NDArray[np.float64]
 _LINEAR_TO = 5.0
 """In healthy scatters: beyond it, distances count by their logarithm."""
-TOLERANCE = {
-    "energy": 0.1,
-    "rms": 0.1,
-    "peak": 0.04,
-    "crest": 0.04,
-    "coherence": 0.02,
-    "quadrature": 0.02,
-    "swing": 2e-4,
-}
-"""What two careful programs may differ by in the same motion; logarithms of energies and amplitudes, rad."""
 _SPREAD = np.linspace(-0.5, 0.5, SLICES)
 
 
@@ -45,9 +36,8 @@ class Moments:
     @cached_property
     def tolerance(self) -> Array:
         """Of each feature, in its unit."""
-        each = np.array([TOLERANCE.get(cell.what, 0.0) for cell in self.layout.cells])
-        spread = each[self._sizes == SLICES]
-        alone = np.repeat(each, np.where(self._sizes == SLICES, 0, self._sizes))
+        each = np.array([cell.tolerance for cell in self.layout.cells])
+        spread, alone = self._of_cells(each)
         return np.concatenate([spread, spread, alone])
 
     @cached_property
@@ -56,20 +46,27 @@ class Moments:
         names = [(cell.run, cell.channel, cell.what) for cell in self.layout.cells]
         numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
         each = np.array([numbers[name] for name in names])
-        spread = each[self._sizes == SLICES]
-        alone = np.repeat(each, np.where(self._sizes == SLICES, 0, self._sizes))
+        spread, alone = self._of_cells(each)
         return np.concatenate([spread, spread + len(numbers), alone])
+
+    def _of_cells(self, each: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """What is said of each cell, for each distribution and for each number of the others."""
+        return each[self._distributed], np.repeat(each, np.where(self._distributed, 0, self._sizes))
 
     @cached_property
     def _sizes(self) -> NDArray[np.intp]:
         return np.array([cell.size for cell in self.layout.cells], dtype=np.intp)
 
     @cached_property
+    def _distributed(self) -> NDArray[np.bool_]:
+        return np.array([cell.distribution for cell in self.layout.cells], dtype=bool)
+
+    @cached_property
     def _places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Of the numbers of each distribution, (distributions, SLICES), and of all others."""
-        starts = self.layout.starts[:-1][self._sizes == SLICES]
-        of_cell = np.repeat(self._sizes, self._sizes)
-        return np.asarray(starts[:, None] + np.arange(SLICES)), np.flatnonzero(of_cell != SLICES)
+        starts = self.layout.starts[:-1][self._distributed]
+        distributed = np.repeat(self._distributed, self._sizes)
+        return np.asarray(starts[:, None] + np.arange(SLICES)), np.flatnonzero(~distributed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,41 +1,40 @@
-"""Prints what the diagnosis makes of the measured sets.
+"""Prints what `rattle diagnose --subject` makes of the measured sets.
 
-Usage: python -m tests.own_rigs [seeds]
+Usage: python -m tests.own_rigs [seeds] [names...]
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
-from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sim_twin.diagnosis.subject import Subject
-from tests.own_rigs import MEASURED, ball_drop, friction_damper, silverbox, verdict
-
-
-def sets() -> Iterator[tuple[str, Subject, NDArray[np.float32]]]:
-    """Name, subject and measured fingerprints of each set."""
-    yield "silverbox", *silverbox.measured(MEASURED / "silverbox" / "silverbox.npz", blocks=4)
-    damper = MEASURED / "friction_damper_backlash" / "dataset-2.npz"
-    yield "friction damper", *friction_damper.measured(damper)
-    for path in sorted((MEASURED / "ball_drops").glob("*.csv")):
-        name = path.stem.removeprefix("ball_drops_").replace("_", " ").lower()
-        yield name, ball_drop.BallDrop(), ball_drop.measured(path)
+from rig.diagnosis.own_rig import OwnRequest, diagnose_own
+from rig.session.progress import Screen, Terminal
+from tests.own_rigs import sets, verdict_of
 
 
 def main() -> None:
-    """Print a line for each set and seed."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 1
-    for name, subject, fingerprints in sets():
-        for seed in range(1, seeds + 1):
-            begun = time.process_time()
-            found = verdict(subject, fingerprints, seed)
-            selected = " + ".join(found.selected) or "none"
-            seconds = time.process_time() - begun
-            print(f"{name:22}{seed:3}  {selected:36}{', '.join(found.alike):36}{seconds:5.1f} s", flush=True)
+    """Print a line for each set: what the seeds say, each and together, and how it would be otherwise."""
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 3
+    for name, subject, file in sets():
+        if sys.argv[2:] and name not in sys.argv[2:]:
+            continue
+        begun = time.monotonic()
+        with TemporaryDirectory() as folder:
+            request = OwnRequest(str(subject), [file], seed=1, seeds=seeds)
+            _, files = diagnose_own(request, Path(folder), Screen(Terminal(quiet=True)))
+            found = json.loads(files["diagnosis"].read_text(encoding="utf-8"))
+        answer = verdict_of(found)
+        said = [" + ".join(each["selected"]) or each["verdict"] for each in found["by_seed"]]
+        widths = [f"x{each['width']:g}: {each['verdict']} {each['likeliest']}" for each in found["by_width"]]
+        print(f"{name:22}{' + '.join(answer.selected) or found['verdict']:24}{', '.join(answer.alike)}")
+        print(f"    seeds {', '.join(said)}; healthy {', '.join(widths)}; {time.monotonic() - begun:.0f} s")
+        for remark in found["remarks"]:
+            print(f"    ! {remark}")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -11,20 +11,17 @@ where the response is small; 0.5 % at 0.2 V in the linearity of spring and dampe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
-from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import resample
 
-from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.fingerprint import Cell, Layout
-from sim_twin.diagnosis.subject import Draw, Observed
-from tests.own_rigs.effects import cause, number, with_effects
-from tests.own_rigs.oscillator import Circuit, filtered
+from sim_twin.own_rig import Cause, Cell, Draw, Layout, Observed, binned, cause, number, with_effects
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -33,13 +30,99 @@ _QUIET, _SMALL = 215, 6000
 """Samples: before there is an input; until when the response is small."""
 _FIRST, _NEXT, _LENGTH, _MULTISINES = 40_546, 8693, 8640, 9
 """Samples: start of the first multisine, from one start to the next, what is used of each."""
-_EDGE = 200
+_EDGE, _BLOCKS = 200, 4
 _BAND = 150.0
 _BOUNDS = np.array([-2.4, -1.8, -1.2, -0.7, -0.25, 0.25, 0.7, 1.2, 1.8, 2.4])
 _WATCHED = {"response": 0.055, "rate": 0.055, "input": 0.0225}
 """What the force is compared with, and the unit of its bounds: V, w times V, V; about root mean squares."""
 _FREQUENCY, _DAMPING, _GAIN, _SKEW, _NOISE = 0.005, 0.03, 0.01, 20e-6, 0.25e-3
 _LINEARITY, _FULL = 0.005, 0.2
+
+_OVERSAMPLING = 4
+"""An input without content above half its rate is known between its samples; steps are two of these long."""
+
+
+@dataclass(frozen=True, slots=True)
+class Circuit:
+    """Hz, share of critical damping, output over input (V/V) at rest; a linear one has none of the others.
+
+    The spring's force is w2 (x + quadratic x2 + cubic x3) of x beyond a `dead` zone (V). Damping grows by
+    `damping_2` and `damping_3` of itself, with the first and second power of the rate, until that is w times
+    0.05 V; `friction` is in V of the input. What is shown bends towards a `limit` (V), is multiplied by
+    `output` and comes late by `delay` (s).
+    """
+
+    frequency: float
+    damping: float
+    gain: float
+    quadratic: float = 0.0
+    cubic: float = 0.0
+    dead: float = 0.0
+    damping_2: float = 0.0
+    damping_3: float = 0.0
+    friction: float = 0.0
+    limit: float = np.inf
+    output: float = 1.0
+    delay: float = 0.0
+
+    def respond(self, u: Array, rate: float) -> Array:
+        """What it does from rest on an input (V), sampled at `rate` (Hz), shape (n,)."""
+        fine: Array = resample(u, _OVERSAMPLING * len(u))
+        spring = (self.quadratic, self.cubic, self.dead)
+        damper = (2 * self.damping, self.damping_2, self.damping_3, self.friction)
+        return _respond(self.gain * fine, 2 * pi * self.frequency / rate, spring, damper)
+
+    def shown(self, y: Array, rate: float) -> Array:
+        """What its output shows of it."""
+        bent: Array = self.limit * np.tanh(y / self.limit) if np.isfinite(self.limit) else y
+        return self.output * filtered(bent, rate, lambda f: np.exp(-2j * pi * f * self.delay))
+
+
+def filtered(x: Array, rate: float, response: Callable[[Array], NDArray[np.complex128]]) -> Array:
+    """A record through a filter with the given frequency response (of Hz)."""
+    frequencies = np.arange(len(x) // 2 + 1) * rate / len(x)
+    return np.asarray(np.fft.irfft(response(frequencies) * np.fft.rfft(x), len(x)))
+
+
+@njit(cache=True)
+def _respond(
+    u: Array, w: float, spring: tuple[float, float, float], damper: tuple[float, float, float, float]
+) -> Array:
+    """Runge and Kutta's classical steps, two a sample; time in samples."""
+    found = np.zeros(len(u) // 4)
+    x, v, step = 0.0, 0.0, 0.5 * w
+    for k in range(2 * len(found) - 1):
+        if k % 2 == 0:
+            found[k // 2] = x
+        a1 = _acceleration(x, v, u[2 * k], spring, damper)
+        v2 = v + 0.5 * step * a1
+        a2 = _acceleration(x + 0.5 * step * v, v2, u[2 * k + 1], spring, damper)
+        v3 = v + 0.5 * step * a2
+        a3 = _acceleration(x + 0.5 * step * v2, v3, u[2 * k + 1], spring, damper)
+        v4 = v + step * a3
+        a4 = _acceleration(x + step * v3, v4, u[2 * k + 2], spring, damper)
+        x += step * (v + 2 * v2 + 2 * v3 + v4) / 6
+        v += step * (a1 + 2 * a2 + 2 * a3 + a4) / 6
+    return found
+
+
+@njit(cache=True)
+def _acceleration(
+    x: float,
+    v: float,
+    u: float,
+    spring: tuple[float, float, float],
+    damper: tuple[float, float, float, float],
+) -> float:
+    """In units of w: the rate `v` is that of a phase."""
+    quadratic, cubic, dead = spring
+    linear, second, third, friction = damper
+    stretched = np.sign(x) * max(abs(x) - dead, 0.0)
+    fast = abs(v) / 0.05
+    force = stretched * (1 + quadratic * x + cubic * x * x)
+    return float(
+        u - force - linear * v * (1 + second * fast + third * fast * fast) - friction * np.tanh(v / 1e-3)
+    )
 
 
 CAUSES = (
@@ -66,7 +149,7 @@ class Silverbox:
     @property
     def layout(self) -> Layout:
         """Mean lacking force, in root mean squares of the input, by what it goes with."""
-        cells = [Cell(0, channel, "force", 1) for channel in _WATCHED for _ in range(len(_BOUNDS) - 1)]
+        cells = [Cell(0, channel, f"class {k + 1}") for channel in _WATCHED for k in range(len(_BOUNDS) - 1)]
         return Layout(tuple(cells))
 
     @property
@@ -100,19 +183,21 @@ class Silverbox:
         lacking = _derivative(u, 0) - explained
         inside = slice(_EDGE, -_EDGE)
         watched = zip((y, rate, u), _WATCHED.values(), strict=True)
-        means = [_means(lacking[inside], each[inside] / unit) for each, unit in watched]
+        means = [
+            np.nan_to_num(binned(lacking[inside], each[inside] / unit, _BOUNDS)) for each, unit in watched
+        ]
         return np.asarray(np.concatenate(means) / u.std())
 
 
-def measured(path: Path, blocks: int) -> tuple[Silverbox, Blocks]:
-    """The subject, its twin matched to the record's small beginning, and `blocks` measured fingerprints."""
-    with np.load(path) as table:
-        u, y = (table[f"SNLS80mV_V{k}"].astype(np.float64) for k in (1, 2))
+def measured(files: Sequence[Mapping[str, Array]]) -> tuple[Silverbox, Blocks]:
+    """The subject, its twin matched to the record's small beginning, and the first measured fingerprints."""
+    [table] = files
+    u, y = (table[f"SNLS80mV_V{k}"].astype(np.float64) for k in (1, 2))
     u, y = u - u[:_QUIET].mean(), y - y[:_QUIET].mean()
     starts = _FIRST + _NEXT * np.arange(_MULTISINES)
     inputs, outputs = (np.array([each[at : at + _LENGTH] for at in starts]) for each in (u, y))
     subject = Silverbox(_matched(u[:_SMALL], y[:_SMALL]), inputs)
-    return subject, subject.fingerprints(inputs[:blocks], outputs[:blocks])
+    return subject, subject.fingerprints(inputs[:_BLOCKS], outputs[:_BLOCKS])
 
 
 def _matched(u: Array, y: Array) -> Circuit:
@@ -151,11 +236,3 @@ def _derivative(x: Array, order: int) -> Array:
         return turned
 
     return filtered(x, RATE, response)
-
-
-def _means(force: Array, watched: Array) -> Array:
-    """Mean force where what is watched lies in each class."""
-    classes = np.digitize(watched, _BOUNDS)
-    counts = np.bincount(classes, minlength=len(_BOUNDS) + 1)
-    means = np.bincount(classes, force, len(_BOUNDS) + 1) / np.maximum(counts, 1)
-    return np.asarray(means[1:-1])

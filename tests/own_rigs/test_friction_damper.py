@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.own_rigs import MEASURED, needs_measured_sets, verdict
-from tests.own_rigs.damper import Damper
-from tests.own_rigs.friction_damper import FrictionDamper, measured
+from tests.own_rigs import needs_measured_sets
+from tests.own_rigs.conftest import Answer
+from tests.own_rigs.friction_damper import Damper, FrictionDamper
 
 pytestmark = pytest.mark.long
 
@@ -59,8 +59,7 @@ def test_fingerprint_knows_no_unit() -> None:
 
 
 @needs_measured_sets
-def test_measured_damper_has_backlash() -> None:
-    subject, fingerprints = measured(MEASURED / "friction_damper_backlash" / "dataset-2.npz")
-    answer = verdict(subject, fingerprints, seed=1)
-    assert answer.selected == ("backlash",)
-    assert set(answer.alike) <= {"backlash", "series_stiffness"}
+def test_measured_damper_has_backlash(answer: Answer) -> None:
+    found = answer("friction damper")
+    assert found.selected == ("backlash",)
+    assert set(found.alike) <= {"backlash", "series_stiffness"}

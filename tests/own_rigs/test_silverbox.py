@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.diagnosis.subject import Draw
-from tests.own_rigs import MEASURED, Verdict, needs_measured_sets, verdict
-from tests.own_rigs.oscillator import Circuit
-from tests.own_rigs.silverbox import RATE, Silverbox, measured
+from sim_twin.own_rig import Draw
+from tests.own_rigs import Verdict, needs_measured_sets
+from tests.own_rigs.conftest import Answer
+from tests.own_rigs.silverbox import RATE, Circuit, Silverbox
 
 pytestmark = pytest.mark.long
 
@@ -50,6 +50,5 @@ def test_a_spring_that_lets_go_is_a_failed_run() -> None:
 
 
 @needs_measured_sets
-def test_measured_circuit_has_a_cubic_spring() -> None:
-    subject, fingerprints = measured(MEASURED / "silverbox" / "silverbox.npz", blocks=4)
-    assert verdict(subject, fingerprints, seed=1) == Verdict(("cubic_stiffness",), ("cubic_stiffness",))
+def test_measured_circuit_has_a_cubic_spring(answer: Answer) -> None:
+    assert answer("silverbox") == Verdict(("cubic_stiffness",), ("cubic_stiffness",))

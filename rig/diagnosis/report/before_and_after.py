@@ -28,7 +28,7 @@ LINES = {
     "nominal twin": Style(ORANGE, 2.0, dash="4px,2px"),
     "repaired twin": Style(BLACK, 1.3),
 }
-_RUNNER_UP = Style(GREEN, 1.1, dash="6px,2px,1px,2px")
+RUNNER_UP = Style(GREEN, 1.1, dash="6px,2px,1px,2px")
 """Measured lies below and thick, so that it shows on both sides of a twin that meets it."""
 _TITLES = ("spectrum", "course over the cycle", "peaks")
 
@@ -87,12 +87,12 @@ def _peaks(plots: Plots, cell: int, case: Case, channel: str, run: int) -> None:
     if not at:
         return
     fifths = np.arange(SLICES, dtype=np.float64)
-    values = _lines(case, lambda numbers: _slices(case, numbers, at[0]))
+    values = lines_of(case, lambda numbers: _slices(case, numbers, at[0]))
     floor = case.findings.floor[at[0]]
     low, high = (values["nominal twin"] + sign * floor for sign in (-1, 1))
     plots.band(cell, fifths, np.exp(low), np.exp(high), "linear")
     for whose, logarithms in values.items():
-        style = replace(LINES.get(whose, _RUNNER_UP), mode="lines+markers", size=5)
+        style = replace(LINES.get(whose, RUNNER_UP), mode="lines+markers", size=5)
         plots.line(cell, whose, fifths, np.exp(logarithms), style)
 
 
@@ -102,16 +102,17 @@ def _draw(
     """Steps over `edges`, of cells' means as `shown`."""
     if not at:
         return
-    values = _lines(case, lambda numbers: _means(case, numbers, at))
+    values = lines_of(case, lambda numbers: _means(case, numbers, at))
     floor = case.findings.floor[at]
     low, high = (shown(values["nominal twin"] + sign * floor) for sign in (-1, 1))
     plots.band(cell, edges, _to_the_end(low), _to_the_end(high), "hv")
     for whose, means in values.items():
-        style = LINES.get(whose, _RUNNER_UP)
+        style = LINES.get(whose, RUNNER_UP)
         plots.line(cell, whose, edges, _to_the_end(shown(means)), style, shape="hv")
 
 
-def _lines(case: Case, of: Callable[[Array], Array]) -> dict[str, Array]:
+def lines_of(case: Case, of: Callable[[Array], Array]) -> dict[str, Array]:
+    """What is shown of the mean fingerprints (numbers,): measured, of the twins, and of the runner-up's."""
     found = case.findings
     lines = {"measured": of(found.measured), "nominal twin": of(found.nominal)}
     if found.repaired is not None:

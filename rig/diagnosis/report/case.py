@@ -122,6 +122,11 @@ class Case:
     folder: Path = Path()
 
     @property
+    def subject(self) -> str:
+        """Whose rig it is, as --subject names it; empty for one of rattle's own."""
+        return str(self.diagnosis.get("provenance", {}).get("subject", ""))
+
+    @property
     def judged(self) -> list[Judged]:
         """Every effect, most probable first."""
         return sorted(self.findings.judged, key=lambda each: -each.probability)

@@ -148,10 +148,18 @@ def basis(case: Case) -> list[Part]:
     model = case.diagnosis.get("provenance", {}).get("model")
     given = f"--effects {quote(str(case.folder / 'effects.json'))}"
     given += f" --model {quote(model)}" if model else ""
+    with_these = "To repeat it with these effects, or with others of your own:"
+    again = f"rattle gap {' '.join(runs)} {given}\nrattle overlay {runs[0]} {given}"
+    if case.subject:
+        asked = case.diagnosis["provenance"]
+        with_these = "To repeat it:"
+        again = f"rattle diagnose --subject {quote(case.subject)} {' '.join(runs)}"
+        again += f" --out {quote(str(case.folder))}"
+        again += "".join(f" --{name} {asked[name]}" for name in ("seed", "seeds", "rigs"))
     return [
         Table(("run", "scenario"), rows, "Runs", words=True),
         Sentence(
-            f"The recordings' own blocks of cycles lie {floors(found.gap.recording)} from their mean, in the "
+            f"The recordings' own blocks lie {floors(found.gap.recording)} from their mean, in the "
             "same measure. What is missing may scatter the motion more than a healthy rig does; a rig that "
             "changed while it was recorded would show here too."
         ),
@@ -165,6 +173,6 @@ def basis(case: Case) -> list[Part]:
             f"{len(case.cells)} cells of {found.layout.size} numbers were compared with "
             f"{cost.get('simulations', found.simulations)} simulated recordings{seconds}."
         ),
-        Sentence("To repeat it with these effects, or with others of your own:"),
-        Listing(f"rattle gap {' '.join(runs)} {given}\nrattle overlay {runs[0]} {given}"),
+        Sentence(with_these),
+        Listing(again),
     ]

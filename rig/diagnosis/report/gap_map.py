@@ -23,7 +23,7 @@ _VIEWS: dict[str, tuple[str, _Column]] = {
     "spectrum": ("Hz", lambda cell: None if cell.partner else cell.band),
     "course over the cycle": ("part of the cycle", lambda cell: cell.phase),
     "coherence with others": ("Hz", lambda cell: cell.band if cell.partner else None),
-    "whole cycles": ("", lambda cell: None if cell.band or cell.phase else cell.what),
+    "figures": ("", lambda cell: None if cell.band or cell.phase else cell.what),
 }
 
 

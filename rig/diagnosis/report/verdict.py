@@ -15,6 +15,10 @@ from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence
 from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Gap, Judged
 
+_OWN_UNIT = (
+    "A gap of 1.0 is as far as a healthy rig lies from the twin, as the subject draws healthy rigs, with the "
+    "same amount of data."
+)
 _UNIT = (
     "A gap of 1.0 is as far as a healthy rig of the same scenario lies from the twin, with its tolerances, "
     "its noise and the same amount of data. It compares distributions over the cycles, never waveforms."
@@ -25,7 +29,7 @@ _LEFT_OPEN = 1.5
 
 _LEFT = (
     "What is left is more than a healthy rig's: the parameters are those of the nearest twin that was found "
-    "(their intervals are wider by as much); more --budget may find a nearer one."
+    "(their intervals are wider by as much); a longer search may find a nearer one."
 )
 
 
@@ -48,7 +52,7 @@ def parts(case: Case) -> list[Part]:
     horizon = case.diagnosis.get("horizon_s")
     if horizon is not None:
         numbers.append(BigNumber("Horizon", estimate(horizon, "s"), "no waveform holds longer"))
-    return [Lead(sentences(case)), *lost, BigNumbers(numbers), Sentence(_UNIT)]
+    return [Lead(sentences(case)), *lost, BigNumbers(numbers), Sentence(_OWN_UNIT if case.subject else _UNIT)]
 
 
 def sentences(case: Case) -> tuple[str, str]:

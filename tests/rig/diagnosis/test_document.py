@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.diagnosis.document import Request, document, effects_file, gap_block, write_json
+from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment
 from rig.files.effects_file import load_effects
 from sim_twin.diagnosis.belief import Unexplained
@@ -67,8 +67,8 @@ def findings() -> Findings:
 def told(
     found: Findings, experiment: Experiment | None = None, horizon: float | None = 0.4
 ) -> dict[str, Any]:
-    request = Request([Path("a.mcap"), Path("b.mcap")], None, seed=7, budget_s=60.0)
-    return document(found, MODEL.effects, request, horizon, experiment, 12.5, ["odd"])
+    runs = [Path("a.mcap"), Path("b.mcap")]
+    return document(found, MODEL.effects, runs, provenance(7), horizon, experiment, 12.5, ["odd"])
 
 
 def test_a_diagnosis_has_every_key_of_the_interface() -> None:

@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm, wasserstein_distance
 
-from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Layout, of_cycles
 from sim_twin.diagnosis.gap import gap_measure, shrink_of
 from sim_twin.diagnosis.space import Moments
 
 Array = NDArray[np.float64]
 CELLS = 40
-LAYOUT = Layout(tuple(Cell(0, "a" if k < 20 else "b", "mean") for k in range(CELLS)))
+LAYOUT = Layout(tuple(of_cycles(0, "a" if k < 20 else "b", "mean") for k in range(CELLS)))
 
 
 def rigs(count: int, seed: int, moved: float = 0.0) -> list[Array]:
@@ -45,7 +45,7 @@ def test_the_gap_grows_with_the_distance() -> None:
 def test_a_cell_is_the_wasserstein_distance_of_its_distributions() -> None:
     middles = (np.arange(SLICES) + 0.5) / SLICES
     one, other = norm.ppf(middles), 3 + 2 * norm.ppf(middles)
-    measure = gap_measure([one[None] + 1, one[None] - 1], Layout((Cell(0, "a", "mean"),)))
+    measure = gap_measure([one[None] + 1, one[None] - 1], Layout((of_cycles(0, "a", "mean"),)))
     # the healthy rigs lie 1 to either side of the twin, so that is the floor
     assert measure.cells(other[None])[0] == pytest.approx(wasserstein_distance(one, other))
 
@@ -73,7 +73,7 @@ def test_a_part_of_the_cells_has_a_gap_of_its_own() -> None:
 
 
 def test_a_tolerance_of_other_programs_is_in_the_floor() -> None:
-    layout = Layout((Cell(0, "a", "energy"), Cell(0, "a", "mean")))
+    layout = Layout((of_cycles(0, "a", "energy"), of_cycles(0, "a", "mean")))
     quiet = [np.tile(1e-3 * sign, (1, 2 * SLICES)) for sign in (-1.0, 1.0)]
     measure = gap_measure(quiet, layout)
     allowed = Moments(layout).tolerance[0]  # the space of the search allows the same

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Layout, of_cycles
 from sim_twin.diagnosis.healthy_band import HealthyBand, healthy_band
 
 CHANNELS = ("left", "right")
 LAYOUT = Layout(
     tuple(
-        Cell(0, channel, "energy", band=(100.0 * k, 100.0 * (k + 1)))
+        of_cycles(0, channel, "energy", band=(100.0 * k, 100.0 * (k + 1)))
         for channel in CHANNELS
         for k in range(20)
     )

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout, of_cycles
 from sim_twin.diagnosis.space import Moments, Space, space_of
 
 LAYOUT = Layout(
     (
-        Cell(0, "a", "energy"),
-        Cell(0, "a", "coherence", 1, partner="b"),
-        Cell(0, "b", "mean"),
+        of_cycles(0, "a", "energy"),
+        Cell(0, "a", "coherence", partner="b", tolerance=0.02),
+        of_cycles(0, "b", "mean"),
         Cell(0, "b", "height", 2),
     )
 )
@@ -28,9 +28,22 @@ def test_moments_are_means_then_spreads_then_what_is_no_distribution() -> None:
     assert list(Moments(LAYOUT).tolerance > 0) == [True, False, True, False, True, False, False]
 
 
+@pytest.mark.parametrize("name", ["energy", "rms", "peak", "crest", "coherence", "quadrature", "swing"])
+def test_what_a_cell_is_called_and_how_many_numbers_it_has_mean_nothing(name: str) -> None:
+    curve = Moments(Layout((Cell(0, "torque", name, SLICES),)))
+    numbers = np.array([3.0, 1.0, 4.0, 1.0, 5.0])
+    assert curve(numbers) == pytest.approx(numbers)
+    assert not curve.tolerance.any()
+
+
+def test_a_distribution_of_other_than_five_numbers_is_refused() -> None:
+    with pytest.raises(ValueError, match="a distribution has 5 numbers, not 4"):
+        Cell(0, "torque", "peak", 4, distribution=True)
+
+
 def test_a_spread_of_five_fifths_of_a_bell_is_in_proportion_to_its_deviation() -> None:
     one = np.array([-1.4, -0.53, 0.0, 0.53, 1.4])
-    single = Moments(Layout((Cell(0, "a", "mean"),)))
+    single = Moments(Layout((of_cycles(0, "a", "mean"),)))
     assert single(4 * one + 3)[0] == pytest.approx(3.0)
     assert single(4 * one + 3)[1] == pytest.approx(4 * single(one)[1])
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout
+from sim_twin.diagnosis.fingerprint import SLICES, Layout, of_cycles
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.effects import Parameter
 
@@ -78,7 +78,7 @@ class Toy:
 
     @property
     def layout(self) -> Layout:
-        return Layout(tuple(Cell(0, CHANNELS[k % len(CHANNELS)], "height") for k in range(CELLS)))
+        return Layout(tuple(of_cycles(0, CHANNELS[k % len(CHANNELS)], "height") for k in range(CELLS)))
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         return [

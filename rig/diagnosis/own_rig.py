@@ -1,0 +1,248 @@
+"""Diagnoses a rig of somebody's own (`rattle diagnose --subject`): its file, what it measured, one answer."""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyarrow import csv
+from threadpoolctl import threadpool_limits
+
+from daq.errors import DAMAGED, LogError, RattleError
+from daq.log.reader import LogReader, begins_as_log
+from daq.plugins import plugins
+from rig.diagnosis.diagnose_runs import write_report
+from rig.diagnosis.document import document, effects_file, provenance, write_json
+from rig.diagnosis.report import causes, gap_map, own_rig, verdict
+from rig.diagnosis.report.case import Case, RunFacts
+from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.out_folder import check_out
+from rig.pages.content import Section
+from rig.session.pace import Work
+from rig.session.progress import Screen
+from sim_twin.diagnosis.findings import Findings
+from sim_twin.own_rig import Check, Effort, OwnRig, Subject, check, diagnose, pooled
+
+Blocks = NDArray[np.float32]
+Columns = Mapping[str, NDArray[np.floating]]
+_LEAST, _EACH, _JUDGING = 400, 40, 60
+"""Rigs that are simulated to search with, or as many for each cause; and to judge with."""
+_WIDTHS = (0.5, 2.0)
+_NO_DEADLINE = 1e8
+SECTIONS: Sequence[Section[Case]] = (
+    Section("Verdict", verdict.parts),
+    Section("How far to believe it", own_rig.trust),
+    Section("Causes", causes.ranking),
+    Section("Measured, nominal and repaired", own_rig.curves),
+    Section("Gap map", gap_map.parts),
+    Section("Parameters", causes.parameters),
+    Section("Not told apart", causes.not_told_apart),
+    Section("Basis", causes.basis),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnRequest:
+    """What is asked: `subject` is a Python file, or a name of `rattle.subjects`; `runs` are what it measured.
+
+    `seeds` are as many as are asked, from `seed` on; `rigs` are simulated for each, None where the number of
+    causes says how many.
+    """
+
+    subject: str
+    runs: Sequence[Path]
+    seed: int = 0
+    seeds: int = 3
+    rigs: int | None = None
+
+
+def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findings, dict[str, Path]]:
+    """Check a subject, then diagnose what was measured; returns what was found, and the files that say so.
+
+    Raises RattleError for a subject or files that cannot be used.
+    """
+    began = time.monotonic()
+    subject, measured = _read(request)
+    check_out(out)
+    rigs = request.rigs or max(_LEAST, _EACH * len(subject.causes))
+    effort, name = Effort(rigs, _JUDGING), Path(request.subject).stem
+    seeds = range(request.seed, request.seed + request.seeds)
+    try:
+        with worker_processes(cores()) as workers, threadpool_limits(1, user_api="blas"):
+            with screen.busy("checking the subject", Work(f"check {name} on {cores()}", rigs)):
+                look = Simulated(subject, workers.executor, began + _NO_DEADLINE, lambda _: None)
+                checked = check(subject, measured, look, request.seed, rigs)
+            _tell(request.subject, checked, screen)
+            total = len(seeds) * effort.motions
+            with screen.bar("simulating", total, "rigs", Work(f"{name} on {cores()}", total)) as bar:
+                simulated = Simulated(subject, workers.executor, began + _NO_DEADLINE, bar)
+                each = [diagnose(subject, measured, effort, simulated, seed, _WIDTHS) for seed in seeds]
+    except RattleError:
+        raise
+    except Exception as error:  # whatever a simulator raises
+        raise _failed(request.subject, error) from error
+    findings = pooled(each)
+    remarks = [*checked.remarks, *_seeds(each, findings)]
+    for remark in remarks[len(checked.remarks) :]:
+        screen.warn(remark)
+    asked = {"subject": request.subject, "seeds": len(seeds), "rigs": rigs}
+    said = {**provenance(request.seed), **asked}
+    content = document(findings, {}, request.runs, said, None, None, time.monotonic() - began, remarks)
+    content["by_seed"] = [
+        {"seed": seed, "verdict": one.verdict, "selected": list(one.names), **_shares(one)}
+        for seed, one in zip(seeds, each, strict=True)
+    ]
+    content["by_width"] = [
+        {"width": one.width, "verdict": one.verdict, "likeliest": one.name, **_shares(one)}
+        for one in findings.widths
+    ]
+    content["found_again"] = [
+        {"cause": cause or None, "found": right, "of": of, "else": wrong or None}
+        for cause, (right, of, wrong) in checked.found_again.items()
+    ]
+    out.mkdir(parents=True, exist_ok=True)
+    names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
+    files = {what: out / name for what, name in names.items()}
+    write_json(files["diagnosis"], content)
+    write_json(files["effects"], effects_file(findings))
+    parts = sorted({cell.run for cell in subject.layout.cells})
+    facts = [
+        RunFacts(f"run {k + 1}" if parts != [0] else " ".join(p.name for p in request.runs), "")
+        for k in parts
+    ]
+    write_report(files["report"], Case(findings, content, facts, remarks, folder=out), SECTIONS)
+    return findings, files
+
+
+def _tell(name: str, checked: Check, screen: Screen) -> None:
+    """What the check found; raises RattleError where no answer could be believed."""
+    if checked.faults:
+        raise RattleError(
+            "\n".join(
+                [
+                    f"{name} cannot be believed, nothing was diagnosed:",
+                    *(f"  {each}" for each in checked.faults),
+                ]
+            )
+        )
+    for remark in checked.remarks:
+        screen.warn(remark)
+    if not any(wrong for *_, wrong in checked.found_again.values()):
+        screen.say(
+            "each cause, hidden in simulated rigs, was found again, and nothing where nothing was hidden"
+        )
+
+
+def _seeds(each: Sequence[Findings], findings: Findings) -> list[str]:
+    """A remark where other rigs say otherwise."""
+    said = [" and ".join(one.names) or one.verdict for one in each]
+    usual = " and ".join(findings.names) or findings.verdict
+    others = [one for one in said if one != usual]
+    if not others:
+        return []
+    agree, other = f"{len(said) - len(others)} of {len(said)} seeds", ", ".join(dict.fromkeys(others))
+    return [f"{agree} say {usual}, the others {other}: not sure; more --rigs or other measurements may tell"]
+
+
+def _shares(one: Any) -> dict[str, dict[str, float]]:
+    return {"probability": {"none": one.none, "effect": one.effect, "unknown": one.unknown}}
+
+
+def _read(request: OwnRequest) -> tuple[Subject, Blocks]:
+    own = own_rig_of(request.subject)
+    tables = [columns_of(path) for path in request.runs]
+    try:
+        return own.measured(tables)
+    except Exception as error:  # a user's code may raise anything
+        raise _failed(request.subject, error) from error
+
+
+def _failed(name: str, error: Exception) -> RattleError:
+    """In words, with the last place in the user's own file where there is one."""
+    frames = [
+        each
+        for each in traceback.extract_tb(error.__traceback__)
+        if Path(each.filename).name == Path(name).name
+    ]
+    place = f", line {frames[-1].lineno}" if frames else ""
+    return RattleError(f"{name}{place}: {type(error).__name__}: {error}")
+
+
+def own_rig_of(name: str) -> OwnRig:
+    """What a Python file has as its `SUBJECT`, or an installed package offers under that name.
+
+    Raises RattleError, in words, where there is none.
+    """
+    path = Path(name)
+    if path.suffix != ".py":
+        offered = plugins("rattle.subjects", object)
+        found = offered.found.get(name)
+        if found is None:
+            known = ", ".join(offered.found) or "none"
+            raise RattleError(f"{name} is no Python file, and of installed subjects there is {known}")
+    else:
+        found = _loaded(path)
+    if not isinstance(found, OwnRig):
+        raise RattleError(f"{name} has neither a SUBJECT nor a function `measured`; see docs/own_rig.md")
+    return found
+
+
+def _loaded(path: Path) -> object:
+    """The file as a module of its name, so that other processes find what is in it."""
+    if not path.is_file():
+        raise RattleError(f"{path}: no such file")
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        module = import_module(path.stem)
+    except (Exception, SystemExit) as error:  # it may do anything as it is imported
+        raise _failed(
+            str(path), error if isinstance(error, Exception) else RuntimeError("it ends")
+        ) from error
+    if Path(str(module.__file__)).resolve() != path.resolve():
+        raise RattleError(f"{path}: another module has its name ({module.__file__}); give it another one")
+    return getattr(module, "SUBJECT", module)
+
+
+def columns_of(path: Path) -> Columns:
+    """What a file holds, by the names of its columns: CSV with a line of names, .npz, or a log of one rate.
+
+    Raises RattleError where it is none of these.
+    """
+    try:
+        if begins_as_log(path):
+            return _of_log(path)
+        if path.suffix == ".npz":
+            with np.load(path) as arrays:
+                return dict(arrays)
+        table = csv.read_csv(path)
+        return {name: table[name].cast("float64").to_numpy() for name in table.column_names}
+    except RattleError:
+        raise
+    except DAMAGED as error:
+        raise LogError(f"{path}: cannot be read as a table of numbers ({error})") from error
+
+
+def _of_log(path: Path) -> Columns:
+    with LogReader(path) as log:
+        table = log.table("measured")
+    first, *others = table.values()
+    if any(
+        (each.sample_rate, each.first_sample, len(each.values))
+        != (first.sample_rate, first.first_sample, len(first.values))
+        for each in others
+    ):
+        raise LogError(
+            f"{path}: its channels are not side by side; rattle export --to csv makes tables of them"
+        )
+    times = (first.first_sample + np.arange(len(first.values))) / first.sample_rate
+    return {"time": times, **{name: np.asarray(each.values, np.float64) for name, each in table.items()}}

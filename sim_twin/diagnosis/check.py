@@ -1,0 +1,332 @@
+"""Whether the answer of a subject could be believed: looked at before anything is diagnosed with it."""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.cause import Cause, Hypothesis, drawn, named
+from sim_twin.diagnosis.library import FEWEST, Library
+from sim_twin.diagnosis.search import Search, believed
+from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
+
+Array = NDArray[np.float64]
+Blocks = NDArray[np.float32]
+_PROBED = (0.02, 0.5, 0.98)
+"""Places of each parameter at which it is tried, the others in the middle."""
+_FELT = 0.3
+"""Healthy scatters in the number that a parameter moves most, below which nobody can tell its value."""
+_HEALTHY = 32
+_MOST_BLOCKS = 6
+_WIDER = 1.7
+"""Times what any simulated rig's blocks scatter, from which on measured ones scatter otherwise."""
+_OTHER_UNIT = 8.0
+_EMPTY = 1e-9
+_SAME = 1e-6
+_HIDDEN = 3
+"""Rigs with each cause hidden."""
+_NAMED = 4
+_RANDOM = "the same draw gives other numbers: everything random has to come from draw.seed"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """`faults` make every answer worthless; `remarks` are to be known before one is believed.
+
+    `found_again`: of so many simulated rigs with each cause in (and with none, ""), how many were taken for
+    that, and what most of the others were taken for.
+    """
+
+    faults: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    found_again: Mapping[str, tuple[int, int, str]] = field(default_factory=dict)
+
+
+class _Stop(Exception):
+    """What was found makes the rest of the check pointless."""
+
+
+def check(subject: Subject, measured: Blocks, execute: Execute, seed: int = 0, motions: int = 240) -> Check:
+    """Try a subject and its `measured` fingerprints (blocks, numbers), by so many simulated rigs at least.
+
+    `execute` has it observe draws, as a diagnosis would: other processes must see what this one does.
+    """
+    faults: list[str] = []
+    remarks: list[str] = []
+    found: dict[str, tuple[int, int, str]] = {}
+    try:
+        for look in (_said, _same_draws, _same_elsewhere):
+            faults += look(subject, measured, execute, seed)
+            if faults:
+                raise _Stop
+        healthy = _observed([Draw((), seed + k, blocks=_blocks(measured)) for k in range(_HEALTHY)], execute)
+        if len(healthy) < _HEALTHY // 2:
+            faults.append(
+                f"{_HEALTHY - len(healthy)} of {_HEALTHY} healthy rigs failed: no number came of them"
+            )
+            raise _Stop
+        told, effects = _parameters(subject, healthy, execute, seed)
+        faults += told.faults
+        remarks += [
+            *told.remarks,
+            *_scatter(subject, healthy, measured),
+            *_units(subject, healthy, effects, measured),
+        ]
+        if not faults:
+            found = _found_again(subject, measured, execute, seed, motions)
+    except _Stop:
+        pass
+    return Check(tuple(faults), tuple(remarks), found)
+
+
+def _said(subject: Subject, measured: Blocks, _: Execute, __: int) -> Iterator[str]:
+    """What can be seen without simulating anything."""
+    layout, causes = subject.layout, subject.causes
+    numbers = np.asarray(measured)
+    if numbers.ndim != 2 or not len(numbers) or numbers.shape[1] != layout.size:
+        yield f"what was measured has the shape {numbers.shape}, wanted is (blocks, {layout.size})"
+    elif not np.isfinite(numbers).all():
+        block, at = np.argwhere(~np.isfinite(numbers))[0]
+        cell = layout.of_numbers[at]
+        yield f"measured, block {block + 1}: {cell.channel}, {cell.what} is no number"
+    if not causes:
+        yield "no cause is named, so nothing could be found"
+    names = [(cause.name, cause.channel) for cause in causes]
+    for name, channel in dict.fromkeys(each for each in names if names.count(each) > 1):
+        yield f"{name} is there twice{f' on {channel}' if channel else ''}; one would hide the other"
+    for cause in causes:
+        if not cause.parameters:
+            yield f"{cause.name} has no parameter, not even its size"
+        for one in cause.parameters:
+            ends = [end for interval in one.intervals for end in interval]
+            if not ends or not np.isfinite(ends).all() or any(low >= high for low, high in one.intervals):
+                yield f"{cause.name}.{one.name} lies within {one.intervals}; wanted are (low, high), ..."
+    try:
+        pickle.dumps(subject)
+    except Exception as error:  # whatever a user's class does as it is written
+        yield f"it cannot be sent to other processes ({error}); its functions have to stand by themselves"
+
+
+def _same_draws(subject: Subject, measured: Blocks, _: Execute, seed: int) -> Iterator[str]:
+    """In this process, so that what fails is told with its place."""
+    cause = subject.causes[0]
+    [values] = drawn((cause,), 1, np.random.default_rng(seed))
+    effects = named((cause,), values)
+    draws = [
+        Draw((), seed, blocks=2), Draw((), seed + 1, blocks=2), Draw((), seed),
+        Draw(() if cause.sensing else effects, seed, ((), effects) if cause.sensing else ((), ())),
+    ]  # fmt: skip
+    try:
+        first, again = subject.observe(draws), subject.observe(draws[::-1])[::-1]
+    except Exception as error:
+        yield f"observe failed: {type(error).__name__}: {error}{_where(error)}"
+        return
+    if len(first) != len(draws) or any(
+        len(got) != len(draw.sensing) for got, draw in zip(first, draws, strict=False)
+    ):
+        yield "observe has to return one entry a draw, each with one fingerprint for each of draw.sensing"
+        return
+    for got, draw in zip(first, draws, strict=True):
+        for one in got:
+            if one is not None and np.shape(one) != (draw.blocks, subject.layout.size):
+                wanted = f"({draw.blocks}, {subject.layout.size}), (draw.blocks, numbers)"
+                yield f"observe gives a fingerprint of shape {np.shape(one)}, wanted is {wanted}"
+                return
+            if one is not None and not np.isfinite(one).all():
+                yield "observe gives numbers that are not finite; a run that failed is None"
+                return
+    if not all(_alike(one, other) for one, other in zip(first, again, strict=True)):
+        yield _RANDOM
+    elif first[0][0] is not None and _alike(first[0], first[1]):
+        yield "every healthy rig is the same: draw.seed is not used"
+    elif (
+        first[0][0] is not None and first[2][0] is not None and not np.allclose(first[0][0][:1], first[2][0])
+    ):
+        yield "the first block of a rig hangs on how many are asked for: draw block after block"
+
+
+def _same_elsewhere(subject: Subject, measured: Blocks, execute: Execute, seed: int) -> Iterator[str]:
+    draws = [Draw((), seed + k) for k in range(3)]
+    here, there = subject.observe(draws), execute(draws)
+    if not all(_alike(one, other) for one, other in zip(here, there, strict=True)):
+        yield f"in another process {_RANDOM}"
+
+
+def _parameters(
+    subject: Subject, healthy: Sequence[Blocks], execute: Execute, seed: int
+) -> tuple[Check, Array]:
+    """Whether each parameter moves something, and the fingerprints (n, numbers) of all that was tried."""
+    tried = [(cause, k, values) for cause in subject.causes for k, values in _probes(cause)]
+    effects = [(cause, (cause.named(values),)) for cause, _, values in tried]
+    draws = [Draw((), seed, (each,)) if cause.sensing else Draw(each, seed) for cause, each in effects]
+    plain, *shown = execute([Draw((), seed), *draws])
+    of: dict[tuple[Cause, int], list[Array]] = {}
+    for (cause, k, _), got in zip(tried, shown, strict=True):
+        if got and got[0] is not None:
+            of.setdefault((cause, k), []).append(got[0][0].astype(np.float64))
+    scatter = np.std([blocks[0] for blocks in healthy], axis=0, dtype=np.float64)
+    scatter[scatter < _EMPTY] = np.inf
+    faults, remarks = [], []
+    for cause in subject.causes:
+        names = [f"{cause.name}.{parameter.name}" for parameter in cause.parameters]
+        places = [of.get((cause, k), []) for k in range(len(names))]
+        if not any(places):
+            remarks.append(f"every rig with {cause.name} failed: it can neither be found nor ruled out")
+            continue
+        moved = [np.ptp(each, axis=0) if len(each) > 1 else None for each in places]
+        if (
+            plain
+            and plain[0] is not None
+            and all(np.array_equal(x, plain[0][0]) for each in places for x in each)
+        ):
+            wanted = " and ".join(parameter.name for parameter in cause.parameters)
+            faults.append(f"{cause.name} changes nothing: does observe look for {wanted}?")
+            continue
+        faults += [
+            f"{name} moves nothing: does observe take it by that name?"
+            for name, each in zip(names, moved, strict=True)
+            if each is not None and not each.any()
+        ]
+        remarks += [
+            f"{name} moves no number by more than {np.max(each / scatter):.2g} of what healthy rigs scatter: "
+            "its value cannot be told"
+            for name, each in zip(names, moved, strict=True)
+            if each is not None and each.any() and np.max(each / scatter) < _FELT
+        ]
+    return Check(tuple(faults), tuple(remarks)), np.array([one for each in of.values() for one in each])
+
+
+def _probes(cause: Cause) -> Iterator[tuple[int, Array]]:
+    """Each parameter of a cause at some places, the others in the middle: its number, and all values."""
+    for k in range(len(cause.parameters)):
+        for place in _PROBED:
+            u = np.full((1, len(cause.parameters)), 0.5)
+            u[0, k] = place
+            values = cause.values(u)
+            if cause.allowed(values)[0]:
+                yield k, values[0]
+
+
+def _scatter(subject: Subject, healthy: Sequence[Blocks], measured: Blocks) -> Iterator[str]:
+    """How wide healthy rigs are, beside what was measured: that decides every verdict."""
+    first = np.array([blocks[0] for blocks in healthy], np.float64)
+    whole = first.std(axis=0)
+    empty = whole < _EMPTY
+    if empty.any():
+        cells = [cell for cell, alone in zip(subject.layout.of_numbers, empty, strict=True) if alone]
+        names = list(dict.fromkeys(f"{cell.channel}, {cell.what}" for cell in cells))
+        told = "; ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+        off = not np.allclose(measured.mean(axis=0)[empty], first.mean(axis=0)[empty], rtol=1e-6, atol=_EMPTY)
+        lost = f"left out{', though what was measured lies elsewhere' if off else ''}"
+        yield f"{len(cells)} of {len(empty)} numbers are the same in all healthy rigs and are {lost}: {told}"
+    if empty.all():
+        return
+    if len(measured) < 2:
+        yield (
+            "one measured block only: how much this rig scatters by itself cannot be seen, "
+            "and the gap is judged on what was fitted; cut the record, or bring more"
+        )
+        return
+    kept = ~empty
+    own = _within(measured[:, kept], whole[kept])
+    of_healthy = np.array([_within(blocks[:, kept], whole[kept]) for blocks in healthy if len(blocks) > 1])
+    low, high, usual = of_healthy.min(), of_healthy.max(), float(np.median(of_healthy))
+    compared = f"(in what healthy rigs differ by: {own:.2g}, simulated ones {low:.2g} to {high:.2g})"
+    times = (
+        f"the measured blocks scatter {own / max(usual, 1e-12):.2g} times as much as those of a healthy rig"
+    )
+    if high < _SAME:
+        yield f"blocks of a simulated rig are all alike, measured ones are not {compared}: noise is missing"
+    elif own > _WIDER * high:
+        yield (
+            f"{times} {compared}: healthy rigs are too narrow, and then every rig has a fault, "
+            "or what is missing scatters"
+        )
+    elif own < low / _WIDER:
+        yield f"{times} {compared}: too wide from block to block, and small effects hide there"
+
+
+def _units(subject: Subject, healthy: Sequence[Blocks], effects: Array, measured: Blocks) -> Iterator[str]:
+    """Whether what was measured is of the size of anything that was simulated."""
+    simulated = np.concatenate([np.array([blocks[0] for blocks in healthy], np.float64), effects])
+    of = np.array([cell.channel for cell in subject.layout.of_numbers])
+    for channel in dict.fromkeys(of.tolist()):
+        sizes = np.sqrt(np.mean(simulated[:, of == channel] ** 2, axis=1))
+        own = float(np.sqrt(np.mean(measured[:, of == channel].astype(np.float64) ** 2)))
+        low, high = float(sizes.min()), float(sizes.max())
+        if own > _OTHER_UNIT * high or own < low / _OTHER_UNIT:
+            yield (
+                f"{channel}: measured numbers are about {own:.3g}, those of all that was simulated "
+                f"{low:.3g} to {high:.3g}: is that the same unit?"
+            )
+
+
+def _found_again(
+    subject: Subject, measured: Blocks, execute: Execute, seed: int, motions: int
+) -> dict[str, tuple[int, int, str]]:
+    """Hide each cause in some rigs, and see what they are taken for."""
+    rng = np.random.default_rng([seed, 1])
+    library = Library()
+    search = Search(subject, measured, execute, rng, library, motions)
+    order = search.first_order()
+    library.add(order, execute(order.draws))
+    if library.count(()) < FEWEST:
+        return {}
+    attribution = search.learn()
+    hypotheses: list[Hypothesis] = [(), *((cause,) for cause in subject.causes)]
+    draws = []
+    for hypothesis in hypotheses:
+        for row in drawn(hypothesis, _HIDDEN, rng) if hypothesis else np.zeros((_HIDDEN, 0)):
+            effects = named(hypothesis, row)
+            sensing = bool(hypothesis) and hypothesis[0].sensing
+            hidden = ((), (effects,)) if sensing else (effects, ((),))
+            draws.append(Draw(hidden[0], int(rng.integers(2**62)), hidden[1], len(measured[:_MOST_BLOCKS])))
+    shown = iter(execute(draws))
+    found = {}
+    for hypothesis in hypotheses:
+        taken = []
+        for got in (next(shown) for _ in range(_HIDDEN)):
+            if got and got[0] is not None:
+                weighed = Search(subject, got[0], execute, rng, library, motions).weigh(
+                    attribution, search.singles()
+                )
+                best = believed(weighed)[0].hypothesis
+                taken.append(best[0].name if best else "")
+        name = hypothesis[0].name if hypothesis else ""
+        wrong = [each or "nothing" for each in taken if each != name]
+        found[name] = (len(taken) - len(wrong), len(taken), max(wrong, key=wrong.count) if wrong else "")
+    return found
+
+
+def _observed(draws: Sequence[Draw], execute: Execute) -> list[Blocks]:
+    return [got[0] for got in execute(draws) if got and got[0] is not None]
+
+
+def _blocks(measured: Blocks) -> int:
+    return max(2, min(len(measured), _MOST_BLOCKS))
+
+
+def _within(blocks: NDArray[np.floating], unit: Array) -> float:
+    """Root mean square of what blocks (n, numbers) scatter about their mean by, in a unit for each number."""
+    return float(np.sqrt(np.mean(np.var(blocks.astype(np.float64) / unit, axis=0, ddof=1))))
+
+
+def _alike(one: Observed, other: Observed) -> bool:
+    return len(one) == len(other) and all(
+        (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+def _names(cause: Cause) -> str:
+    return " and ".join(parameter.name for parameter in cause.parameters)
+
+
+def _where(error: BaseException) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f" ({place.filename.rpartition('/')[2]}, line {place.lineno})"

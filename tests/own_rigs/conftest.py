@@ -1,0 +1,27 @@
+"""`rattle diagnose --subject` on a measured set."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.own_rigs import Verdict, sets, verdict_of
+from tests.rig.commands.cli import caller
+
+Answer = Callable[[str], Verdict]
+
+
+@pytest.fixture
+def answer(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Answer:
+    call = caller(monkeypatch, capfd)
+
+    def given(name: str) -> Verdict:
+        [(subject, file)] = [(subject, file) for each, subject, file in sets() if each == name]
+        said = call("diagnose", "--subject", subject, file, "--out", tmp_path, "--seed", 1, "--seeds", 1)
+        assert said.code == 0, said.err
+        return verdict_of(json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8")))
+
+    return given
