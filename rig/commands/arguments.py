@@ -21,20 +21,20 @@ _Wanted = TypeVar("_Wanted", "Scenario", "Sweep")
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO.toml", help="What to run.")]
 
 
-def _is_log(path: Path) -> Path:
+def is_log(path: Path) -> Path:
     from rig.files.file_kind import refuse_other_than_log
 
     refuse_other_than_log(path)
     return path
 
 
-RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.", callback=_is_log)]
+RunFile = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.", callback=is_log)]
 RunFiles = Annotated[
     list[Path],
     typer.Argument(
         metavar="RUN.mcap...",
         help="Logs of runs of one rig.",
-        callback=lambda paths: [_is_log(path) for path in paths],
+        callback=lambda paths: [is_log(path) for path in paths],
     ),
 ]
 BenchFile = Annotated[

@@ -17,6 +17,8 @@ _LINEAR_TO = 5.0
 TOLERANCE = {
     "energy": 0.1,
     "rms": 0.1,
+    "spectrum": 0.1,
+    "response": 0.1,
     "peak": 0.04,
     "crest": 0.04,
     "coherence": 0.02,
