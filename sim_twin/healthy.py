@@ -166,7 +166,7 @@ def moved(twin: AnyTwin, tolerances: Sequence[Tolerance], matched: Matched) -> A
     known = matched.only([each.name for each in tolerances if not each.each_run])
     for tolerance in tolerances:
         twin = tolerance.off(twin, known.mean_of(tolerance.name))
-    return MatchedTwin(twin.rig, twin.drive, twin.sensors, known.centred())
+    return MatchedTwin(twin.rig, twin.drive, twin.sensors, twin.widths, known.centred())
 
 
 def _place(place: str | Place) -> Place:

@@ -32,11 +32,15 @@ DriveT = TypeVar("DriveT")
 
 @dataclass(frozen=True, slots=True)
 class Twin(Generic[RigT, DriveT]):
-    """What is simulated; channels without an entry in `sensors` have the ideal analog chain."""
+    """What is simulated; channels without an entry in `sensors` have the ideal analog chain.
+
+    `widths` say, by name, how many times wider than elsewhere a tolerance of this lab's healthy rigs is.
+    """
 
     rig: RigT
     drive: DriveT
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    widths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:

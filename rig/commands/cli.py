@@ -35,6 +35,10 @@ _HELP: Final = {
     "diagnose:calibrate": (
         "Fit what a healthy rig may differ by to reference runs; --model MODEL.toml then uses it."
     ),
+    "identify:identify": (
+        "Find values of a rig that nobody knows in recordings of a healthy rig; --model MODEL.toml then "
+        "uses them."
+    ),
     "predict:ensemble": (
         "Draw healthy rigs of a scenario, run each from rest, and show how their figures spread."
     ),

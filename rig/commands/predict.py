@@ -38,7 +38,7 @@ def predict(
     twin = twin_of(scenario)
     fitted = None if model is None else load_model(model, scenario.rig)
     if fitted is not None:
-        twin = with_model(twin, fitted, screen.warn)
+        twin = with_model(twin, fitted, scenario, screen.warn)
     if effects is not None:
         twin = with_effects(twin, effects)
     work = Work(

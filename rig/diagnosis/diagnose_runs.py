@@ -136,7 +136,8 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     known = _model_of(model, data)
     if known is None:
         return data
-    return replace(data, campaign=campaign_with_model(data.campaign, known, screen.warn))
+    scenarios = [parse_scenario(text) for text in data.scenarios]
+    return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
 
 
 def _model_of(path: Path | None, data: RecordedCampaign) -> ModelFile | None:
@@ -160,7 +161,8 @@ def _next_experiment(
     for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains):
         campaign = option.campaign
         if known is not None:
-            campaign = campaign_with_model(campaign, known, lambda _: None)
+            scenario = parse_scenario(option.scenario)
+            campaign = campaign_with_model(campaign, known, [scenario], lambda _: None)
         share = told_apart(campaign, effects, simulate(campaign), np.random.default_rng([seed, 0]))
         if share is not None:
             found.append((share, Option(option.scenario, campaign)))

@@ -61,7 +61,7 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
             model = reader.metadata.get("twin", {}).get("model", "")
         if model:
             fitted = parse_model(model, f"model in {log}", run.scenario.rig)
-            campaign = campaign_with_model(run.campaign, fitted, lambda _: None)
+            campaign = campaign_with_model(run.campaign, fitted, [run.scenario], lambda _: None)
             run = replace(run, campaign=campaign)
         band = band_of(run, model, rigs, screen)
     except RattleError as error:
@@ -153,11 +153,12 @@ def _key(run: AloneRun, model: str, rigs: int) -> str:
     """A digest of all that the band follows from."""
     (setting,) = run.campaign.runs
     told = (
-        _sources(sim_twin.__file__),
-        _sources(inspect.getfile(type(setting.twin.rig))),
+        sources_digest(sim_twin.__file__),
+        sources_digest(inspect.getfile(type(setting.twin.rig))),
         repr(setting.twin.rig),
         repr(setting.twin.drive),
         repr(sorted(setting.twin.sensors.items())),
+        repr(sorted(setting.twin.widths.items())),
         repr(setting.columns),
         setting.oversampling,
         setting.cycles,
@@ -170,7 +171,7 @@ def _key(run: AloneRun, model: str, rigs: int) -> str:
 
 
 @cache
-def _sources(module: str) -> str:
+def sources_digest(module: str) -> str:
     """A digest of a module's file and of all that is in its package."""
     digest, root = hashlib.sha256(), Path(module)
     while (root.parent / "__init__.py").exists():

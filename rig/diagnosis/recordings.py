@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Columns
 from sim_twin.rigs.cycles import Cycles
 from sim_twin.sensors import Encoder, anti_alias_taps
-from sim_twin.twin import AnyTwin, Twin
+from sim_twin.twin import AnyTwin
 
 _SPOILT = {Flag.OVERLOAD: "overloaded", Flag.OPEN_SENSOR: "open", Flag.NOT_FINITE: "not finite"}
 _MISSING = "missing"
@@ -153,8 +153,13 @@ class _Run:
     record: Mapping[str, str]
 
 
-def recorded(paths: Sequence[Path]) -> RecordedCampaign:
-    """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used."""
+def recorded(
+    paths: Sequence[Path], looked_at: Callable[[int, RunSetting], RunSetting] = lambda _, setting: setting
+) -> RecordedCampaign:
+    """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used.
+
+    `looked_at` gives the setting of a run, by its number, as it is to be looked at.
+    """
     twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
     if twice:
         raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
@@ -173,7 +178,8 @@ def recorded(paths: Sequence[Path]) -> RecordedCampaign:
     if problems:
         raise ConfigurationError("campaign", problems)
     common = [name for name in runs[0].twin.channels if all(name in run.records for run in runs)]
-    settings = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
+    plain = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
+    settings = [looked_at(number, setting) for number, setting in enumerate(plain)]
     if not settings[0].columns.coupled:
         raise LogError(f"{paths[0]}: nothing but {', '.join(common)}; there is no response to compare")
     campaign = Campaign(tuple(settings))
@@ -227,7 +233,7 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
     """The first seconds of a run; ConfigurationError or LogError for what cannot be used."""
     run = _read(path, longest_s)
     hertz = run.scenario.drive.cycle_hz
-    twin = Twin(run.twin.rig, run.twin.drive.at_cycle_hz(hertz), run.twin.sensors)
+    twin = replace(run.twin, drive=run.twin.drive.at_cycle_hz(hertz))
     # wherever in its first cycle a run begins
     whole = min(
         run.cycles, max(int(min(run.scenario.acquisition.duration, longest_s) * hertz) - 3, _FEWEST_CYCLES)
@@ -285,7 +291,7 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
         raise _too_few(path, whole)
     remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
     left_out = tuple(name for name in wanted if name not in table)
-    followed = Twin(twin.rig, drive, twin.sensors)
+    followed = replace(twin, drive=drive)
     return _Run(path, followed, records, kept, rate, step, whole, remarks, left_out, scenario, record)
 
 

@@ -1,11 +1,15 @@
-"""The model file: where calibration found the tolerances of a rig to lie, so that its twin is matched."""
+"""The model file: what was found of a rig, so that its twin is matched.
+
+Its values, as identification found them: [model], read like a scenario's. Where calibration found its
+tolerances to lie: [[tolerances]]; or how wide those of its lab are: [tolerances], read like a scenario's.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -13,14 +17,16 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import Strict
 
-from daq.quantity import Quantity, Text
+from daq.quantity import Key, Quantity, Text
 from rig.files.faults import Faults, dotted, read_toml
 from rig.files.file_kind import read_file
-from rig.files.table import read_table, unknown_keys
+from rig.files.quantity import si_factor
+from rig.files.scenario import MOST_TIMES
+from rig.files.table import NOTHING, read_table, read_values, unknown_keys
 from rig.rigs import RIGS
 from sim_twin.healthy import Matched
 
-_KEYS = ("rig", "runs", "scenarios", "tolerances")
+_KEYS = ("rig", "runs", "scenarios", "model", "identified", "tolerances")
 _MOST = 400
 
 _CORRELATIONS: Final = "a list of numbers from -1 to 1, one for each tolerance before this one"
@@ -34,13 +40,30 @@ class _ToleranceSection:
     mean: Annotated[float, Quantity("", -4, 4)]
     deviation: Annotated[float, Quantity("", 0, 1)]
     correlations: Annotated[tuple[Correlation, ...], Text(_CORRELATIONS)]
+    width: Annotated[float, Quantity("", 0, MOST_TIMES)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """What [[identified]] says of a `key` of [model], in SI: 95 % interval, what the scenarios had before.
+
+    `told`: whether the runs tell it by itself.
+    """
+
+    key: Annotated[str, Text("a key of [model]")]
+    low: Annotated[float, Quantity("", -1e18, 1e18)]
+    high: Annotated[float, Quantity("", -1e18, 1e18)]
+    was: Annotated[float | None, Quantity("", -1e18, 1e18)] = None
+    told: Annotated[bool, Key()] = True
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ModelFile:
-    """What a calibration found on a `rig`, from which `runs`; `text` is the file as written.
+    """What was found of a `rig`, from which `runs`; `text` is the file as written.
 
-    `nominals` are the values, by tolerance, of the twin that was matched; SI.
+    `nominals` are the values, by tolerance, of the twin that was matched; SI. `model` holds values of keys of
+    [model], and `identified` says of them, by key, how they were found. `widths` are those that its
+    tolerances had, `lab` is a table [tolerances].
     """
 
     rig: str
@@ -49,6 +72,10 @@ class ModelFile:
     nominals: Mapping[str, float]
     matched: Matched
     text: str
+    model: Mapping[str, Any] = field(default_factory=dict)
+    identified: Mapping[str, Identified] = field(default_factory=dict)
+    widths: Mapping[str, float] = field(default_factory=dict)
+    lab: Mapping[str, Any] = field(default_factory=dict)
 
 
 def load_model(path: str | Path, rig: str) -> ModelFile:
@@ -70,7 +97,16 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
             faults.add(key, given, "a list of texts")
         else:
             texts[key] = tuple(given)
-    sections = _sections(table.get("tolerances", []), faults)
+    model: Any = None
+    if rig in RIGS:
+        model = read_values(RIGS[rig].model, table.get("model", {}), "model", faults)
+    identified = dict(_identified(table.get("identified", []), model or {}, faults))
+    for key in model or {}:
+        if key not in identified:
+            faults.missing(f"model.{key}", "a table [[identified]] that says how it was found")
+    tables = table.get("tolerances", [])
+    lab = tables if isinstance(tables, dict) else {}
+    sections = [] if lab or ("tolerances" not in table and model) else _sections(tables, faults)
     faults.raise_if_any()
     count = len(sections)
     correlation = np.eye(count)
@@ -86,7 +122,22 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     )
     faults.raise_if_any()
     nominals = {each.name: each.nominal for each in sections}
-    return ModelFile(rig, texts["runs"], texts["scenarios"], nominals, matched, text)
+    widths = {each.name: each.width for each in sections if each.width != 1}
+    found = ModelFile(rig, texts["runs"], texts["scenarios"], nominals, matched, text)
+    return dataclasses.replace(found, model=model or {}, identified=identified, widths=widths, lab=lab)
+
+
+def _identified(tables: object, model: Mapping[str, Any], faults: Faults) -> Iterator[tuple[str, Identified]]:
+    if not isinstance(tables, list) or len(tables) > _MOST:
+        faults.add("identified", tables, f"tables [[identified]], up to {_MOST}")
+        return
+    for index, table in enumerate(tables):
+        key = f"identified[{index + 1}]"
+        section = read_table(Identified, table, key, faults)
+        if section is not None and section.key not in model:
+            faults.unknown(f"{key}.key", section.key, section.key, model, "key of its [model]")
+        elif section is not None:
+            yield section.key, section
 
 
 def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:
@@ -108,6 +159,29 @@ def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:
     return read
 
 
+def head_text(rig: str, runs: Sequence[str], scenarios: Sequence[str]) -> list[str]:
+    """The lines that a model file begins with, after its remarks."""
+    head: dict[str, Any] = {"rig": rig, "runs": list(runs), "scenarios": list(scenarios)}
+    return [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in head.items()]
+
+
+def identified_text(
+    rig: str, values: Mapping[str, float], identified: Mapping[str, Identified], remarks: Mapping[str, str]
+) -> list[str]:
+    """The lines of a model file that say which values (SI) were found; `remarks` of them are for people."""
+    known = RIGS[rig].model
+    lines = ["", "[model]"]
+    for key, value in values.items():
+        unit = getattr(known[key].meaning, "unit", "")
+        text = f"{value / si_factor(unit):.6g} {unit}".strip()
+        lines.append(f"{key} = {json.dumps(text) if unit else text}  # {remarks[key]}")
+    for each in identified.values():
+        lines += ["", "[[identified]]", f'key = "{each.key}"', f"low = {each.low!r}", f"high = {each.high!r}"]
+        lines += [] if each.was is None else [f"was = {each.was!r}"]
+        lines += [] if each.told else ["told = false"]
+    return lines
+
+
 def model_text(
     rig: str,
     runs: Sequence[str],
@@ -115,15 +189,20 @@ def model_text(
     nominals: Mapping[str, float],
     matched: Matched,
     remarks: Mapping[str, str],
+    widths: Mapping[str, float] = NOTHING,
+    before: Sequence[str] = (),
 ) -> str:
-    """The text of a model file; `remarks` say of each tolerance in physical terms what was found."""
-    head: dict[str, Any] = {"rig": rig, "runs": list(runs), "scenarios": list(scenarios)}
+    """The text of a model file; `remarks` say of each tolerance in physical terms what was found.
+
+    `before` are lines of what was known of the rig before.
+    """
     deviation = np.maximum(matched.deviation, 1e-12)
     correlation = np.asarray(matched.covariance / np.outer(deviation, deviation))
     lines = [
         "# What a healthy rig may differ by, as rattle calibrate found it; for --model.",
         "# mean and deviation in standard deviations of healthy rigs (0 and 1: the runs do not tell).",
-        *(f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in head.items()),
+        *head_text(rig, runs, scenarios),
+        *before,
     ]
     for row, name in enumerate(matched.names):
         lines += [
@@ -131,6 +210,7 @@ def model_text(
             "[[tolerances]]",
             f'name = "{name}"' + (f"  # {remarks[name]}" if name in remarks else ""),
             f"nominal = {nominals[name]!r}",
+            *([f"width = {widths[name]!r}"] if name in widths else []),
             f"mean = {matched.mean[row]:.4f}",
             f"deviation = {min(matched.deviation[row], 1.0):.4f}",
             f"correlations = [{', '.join(f'{each:.3f}' for each in correlation[row, :row])}]",

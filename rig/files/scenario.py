@@ -10,15 +10,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+from daq.errors import UnphysicalParameter
 from daq.quantity import REQUIRED, Depending, Quantity, Setting, Text, settings_of
 from rig.files.faults import Faults, as_written, dotted, read_toml, toml_of
 from rig.files.file_kind import read_file
-from rig.files.table import FieldError, field_of, read_table, read_values, sound_values, unknown_keys
+from rig.files.table import (
+    FieldError,
+    field_of,
+    quantity_field,
+    read_table,
+    read_values,
+    sound_values,
+    unknown_keys,
+)
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
 # Nyquist with the usual margin for the anti-alias filter of a vibration analyser
 SAMPLES_PER_PERIOD: Final = 2.56
+MOST_TIMES: Final = 50.0
+"""As wide as elsewhere, of a lab's own tolerance."""
 LEVEL_UP_TO: Final = 1e6
 """Of a limit or a level, in the channel's unit."""
 
@@ -52,7 +63,7 @@ class Scenario:
 
     `model` holds what the operator says of the rig, by key of [model]: what is not there is nominal. `drive`
     is what the rig's physics calls its drive. `notes` say what a run was (operator, specimen, whatever a lab
-    calls it), by keys of its own; nothing depends on them.
+    calls it), by keys of its own; nothing depends on them. `widths` are those of its twin, of [tolerances].
     """
 
     name: str
@@ -63,13 +74,14 @@ class Scenario:
     limits: tuple[Limit, ...]
     text: str
     notes: Mapping[str, str] = field(default_factory=dict)
+    widths: Mapping[str, float] = field(default_factory=dict)
 
 
 _ONE_LINE: Final = Text("a text of one line, up to 200 characters")
 _NAME: Final = field_of(Setting("name", "name", str, REQUIRED, _ONE_LINE))
 _NOTE: Final = field_of(Setting("note", "note", str, REQUIRED, Text("a text of one line", longest=500)))
 _NOTE_KEY: Final = re.compile(r"[\w-]{1,60}")
-_KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits", "notes")
+_KEYS: Final = ("name", "rig", "model", "drive", "acquisition", "limits", "notes", "tolerances")
 
 
 def load_scenario(path: str | Path, settings: Mapping[str, object] | None = None) -> Scenario:
@@ -113,6 +125,7 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
         raise faults.error()
     limits = tuple(_limits(table.get("limits", {}), kind, faults))
     notes = dict(_notes(table.get("notes", {}), faults))
+    widths = {} if model is None else widths_of(kind, model, table.get("tolerances", {}), faults)
     given = table.get("acquisition")
     rate = sound_values(settings_of(AcquisitionSection), given).get("sample_rate")
     frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
@@ -123,7 +136,7 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
             faults.add_from(given, "sample_rate", "acquisition", allowed)
     if faults or name is None or acquisition is None:
         raise faults.error()
-    return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table), notes)
+    return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table), notes, widths)
 
 
 def edited(scenario: Scenario, settings: Mapping[str, object], source: str) -> Scenario:
@@ -144,6 +157,32 @@ def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dic
         if isinstance(held, dict):
             held[name] = value
     return changed
+
+
+def widths_of(kind: RigKind, model: Mapping[str, Any], table: object, faults: Faults) -> dict[str, float]:
+    """How many times wider than elsewhere [tolerances] says that a lab's rigs of a [model] are, by name."""
+    if not isinstance(table, dict):
+        faults.add("tolerances", table, 'a table such as contact_stiffness = "8 %"')
+        return {}
+    widths = dict[str, float]()
+    try:
+        known = kind.tolerances(model) if table else {}
+    except UnphysicalParameter:  # which whoever makes a twin of it tells
+        return {}
+    for name, given in table.items():
+        key = dotted("tolerances", name)
+        if name not in known:
+            faults.unknown(key, given, name, known, "tolerance")
+            continue
+        usual = known[name]
+        most = MOST_TIMES * usual.deviation
+        try:
+            deviation = quantity_field(Quantity("" if usual.relative else usual.unit, 0, most)).read(given)
+        except FieldError as error:
+            faults.add(key, given, f"a standard deviation, {error}")
+        else:
+            widths[name] = deviation / usual.deviation
+    return widths
 
 
 def _notes(table: object, faults: Faults) -> Iterator[tuple[str, str]]:

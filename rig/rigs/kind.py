@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
 from inspect import signature
 from typing import Any
 
 from daq.quantity import REQUIRED, Check, Setting, settings_of
+from sim_twin.healthy import Tolerance
 from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.twin import AnyTwin, Place, Twin, part_of
 
@@ -79,11 +80,34 @@ class RigKind:
         }
         return {**settings_of(self.nominal), **of_fields}
 
+    def tolerances(self, given: Mapping[str, Any]) -> dict[str, Tolerance]:
+        """What healthy rigs of a table [model] may differ by, by name, with every sensor that one may have.
+
+        Raises like `built`.
+        """
+        rig = self.equipped(self.built(given), self.channels.told)
+        twin = Twin(rig, None, rig.model.nominal_sensors(rig, None))
+        return {each.name: each for each in rig.model.tolerances(twin)}
+
     def built(self, given: Mapping[str, Any]) -> Any:
         """The nominal rig with what [model] gives; raises UnphysicalParameter for what no rig can have."""
         chosen = given.keys() & signature(self.nominal).parameters.keys()
         rig = self.nominal(**{key: given[key] for key in chosen})
         return _with(rig, {self.model[key].place: given[key] for key in given.keys() - chosen})
+
+    def value(self, key: str, given: Mapping[str, Any]) -> Any:
+        """What the rig of a table [model] has under a key; None of a part that is not there."""
+        setting = self.model[key]
+        if key in signature(self.nominal).parameters:
+            return given.get(key, setting.default)
+        return at(self.built(given), setting.place)
+
+    def changed(self, rig: Any, given: Mapping[str, Any], values: Mapping[str, Any]) -> Any:
+        """A `rig` of what [model] gives with other `values` of some keys; raises like `built`."""
+        before, after = self.built(given), self.built({**given, **values})
+        names = [each.name for each in fields(after)]
+        new = {name: getattr(after, name) for name in names if getattr(after, name) != getattr(before, name)}
+        return replace(rig, **new)
 
     def twin(self, given: Mapping[str, Any], drive: Any, channels: tuple[str, ...]) -> AnyTwin:
         """The nominal twin of a rig that is measured in `channels`; raises like `built`."""

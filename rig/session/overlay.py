@@ -59,7 +59,7 @@ def overlay_run(
         twin = logged_twin(log, scenario)
         fitted = None if model is None else load_model(model, scenario.rig)
         if fitted is not None:
-            twin = with_model(twin, fitted, warn)
+            twin = with_model(twin, fitted, scenario, warn)
         learnt = None
         if surrogate is not None:
             from rig.files.surrogate_file import load_surrogate  # with scikit-learn

@@ -215,7 +215,7 @@ class _Run:
         if model is not None:
             from rig.twin.logged import with_model
 
-            twin = with_model(twin, model, rig.screen.warn)
+            twin = with_model(twin, model, self._scenario, rig.screen.warn)
         rig.launch(stack)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"

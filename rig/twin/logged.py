@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import isclose
 
-from daq.errors import LogError
+from daq.errors import ConfigurationError, LogError, Problem, UnphysicalParameter
 from daq.log.reader import LogReader
-from rig.files.model_file import ModelFile, model_text, parse_model
-from rig.files.scenario import Scenario, parse_scenario
+from rig.files.faults import Faults
+from rig.files.model_file import Identified, ModelFile, model_text, parse_model
+from rig.files.scenario import Scenario, parse_scenario, widths_of
 from rig.files.table import NOTHING
+from rig.rigs import RIGS
 from rig.twin.alignment import Alignment, reference_among, untouched
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.diagnosis.campaign import Campaign
@@ -20,14 +23,58 @@ from sim_twin.twin import AnyTwin
 _ALIKE = 1e-6
 
 
-def with_model(twin: AnyTwin, model: ModelFile, warn: Callable[[str], None]) -> AnyTwin:
-    """Return `twin` as `model` says that its rig is; `warn` is told what of it does not hold here."""
+def with_model(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Callable[[str], None]) -> AnyTwin:
+    """Return the `twin` of a scenario as `model` says that its rig is.
+
+    `warn` is told what of it does not hold here. Raises ConfigurationError for what cannot hold at all.
+    """
+    twin = with_values(twin, model, scenario, warn)
     return twin.model.matched(twin, carried(model, [twin], warn))
 
 
-def campaign_with_model(campaign: Campaign, model: ModelFile, warn: Callable[[str], None]) -> Campaign:
-    """The same runs of a rig that `model` was fitted to."""
-    return matched_campaign(campaign, carried(model, [run.twin for run in campaign.runs], warn))
+def campaign_with_model(
+    campaign: Campaign, model: ModelFile, scenarios: Sequence[Scenario], warn: Callable[[str], None]
+) -> Campaign:
+    """The same runs, each of its scenario, of a rig that `model` was fitted to."""
+    told: dict[str, None] = {}
+    twins = [
+        with_values(run.twin, model, scenario, lambda text: told.update({text: None}))
+        for run, scenario in zip(campaign.runs, scenarios, strict=True)
+    ]
+    for text in told:
+        warn(text)
+    runs = [replace(run, twin=twin) for run, twin in zip(campaign.runs, twins, strict=True)]
+    return matched_campaign(replace(campaign, runs=tuple(runs)), carried(model, twins, warn))
+
+
+def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Callable[[str], None]) -> AnyTwin:
+    """Return the `twin` of a scenario with the values of a model in, and as wide as its lab's rigs are.
+
+    A value of which the scenario says something else than those of the model's runs did is another by now.
+    """
+    kind, given = RIGS[scenario.rig], scenario.model
+    held = {
+        key: value
+        for key, value in model.model.items()
+        if _same(kind.value(key, given), model.identified[key])
+    }
+    if other := [key for key in model.model if key not in held]:
+        warn(f"not as the runs of the model had it, so the scenario's value holds: {', '.join(other)}")
+    try:
+        rig = kind.changed(twin.rig, given, held)
+    except UnphysicalParameter as error:
+        fault = Problem(f"model.{error.name}", f"{error.value:g}", error.allowed)
+        raise ConfigurationError(f"model in {scenario.name}", [fault]) from error
+    faults = Faults("model")
+    widths = widths_of(kind, given, model.lab, faults)
+    faults.raise_if_any()
+    return replace(twin, rig=rig, widths={**twin.widths, **model.widths, **widths})
+
+
+def _same(value: float | None, found: Identified) -> bool:
+    if value is None or found.was is None:
+        return value is found.was
+    return isclose(value, found.was, rel_tol=_ALIKE)
 
 
 def carried(model: ModelFile, twins: Sequence[AnyTwin], warn: Callable[[str], None]) -> Matched:
@@ -92,7 +139,9 @@ def predicting_twin(log: LogReader, scenario: Scenario) -> AnyTwin:
     twin, record = logged_twin(log, scenario), log.metadata.get("twin", {})
     if "model" in record:
         fitted = parse_model(record["model"], f"model in {log.path}", scenario.rig)
-        twin = with_model(twin, fitted, lambda _: None)  # it was told when the prediction was made
+        twin = with_model(
+            twin, fitted, scenario_of(log), lambda _: None
+        )  # it was told when the prediction was made
     return with_effects(twin, f"effects in {log.path}", record.get("effects", "[]"))
 
 

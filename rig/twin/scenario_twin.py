@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from daq.channel import Channel
@@ -26,6 +27,7 @@ def twin_of(scenario: Scenario, channels: Iterable[str] = (), chains: Mapping[st
     """
     try:
         twin = RIGS[scenario.rig].twin(scenario.model, scenario.drive, tuple(channels))
+        twin = replace(twin, widths=scenario.widths) if scenario.widths else twin
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
     return with_chains(twin, chains)

@@ -154,6 +154,12 @@ class Campaign:
             for k, setting in enumerate(self.runs)
         ]
 
+    def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
+        """The twin of a run with the effects of a draw in."""
+        twin = self.runs[number].twin
+        changed: AnyTwin = twin.model.with_effects(twin, effects)
+        return changed
+
     def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[Showing | None]:
         """Each of some draws; None for one that failed."""
         variants, model = [], setting.twin.model
@@ -161,7 +167,7 @@ class Campaign:
             # the same rig in every run, set up anew in each
             rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
             run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
-            twin = model.draw_healthy(model.with_effects(setting.twin, draw.effects), rig_rng, run_rng)
+            twin = model.draw_healthy(self.changed(number, draw.effects), rig_rng, run_rng)
             variants.append(Variant(twin, float(run_rng.uniform(0, 2 * pi))))
         count = setting.samples(max(draw.blocks for draw in draws))
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)

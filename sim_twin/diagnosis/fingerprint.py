@@ -18,7 +18,7 @@ SLICES = 5
 Array = NDArray[np.float32]
 _HIGHEST = 0.4
 """Of the sample rate: above it anti-alias filters differ."""
-_BANDS_PER_OCTAVE = 3
+_BANDS_PER_OCTAVE, _NARROW_PER_OCTAVE = 3, 24
 _PHASES = 16
 _COUNTS_FROM = 0.1
 _FAINT = 1e-12
@@ -26,6 +26,8 @@ FIGURES = ("peak", "crest", "share of time", "contacts", "early or late", "first
 _TOLERANCE = {
     "energy": 0.1,
     "rms": 0.1,
+    "spectrum": 0.1,
+    "response": 0.1,
     "peak": 0.04,
     "crest": 0.04,
     "coherence": 0.02,
@@ -175,6 +177,54 @@ class Columns:
         return np.add.reduceat(density[:, :, : self.octaves[-1]].sum(axis=0), self.octaves[:-1], axis=1)
 
 
+@dataclass(frozen=True)
+class NarrowColumns(Columns):
+    """The same, with what resonances show: autospectra of the coupled channels in narrow bands.
+
+    `alone`: these and the frequency responses between each two of them are all there is, not how a motion
+    chatters.
+    """
+
+    alone: bool = False
+
+    @cached_property
+    def narrow(self) -> NDArray[np.intp]:
+        """Edges of the narrow bands as multiples of the frequency."""
+        top = int(_HIGHEST * self.rate / self.frequency)
+        steps = int(np.log2(top) * _NARROW_PER_OCTAVE)
+        return np.unique(np.round(np.geomspace(2, top, steps + 1)).astype(np.intp))
+
+    def cells(self, run: int) -> tuple[Cell, ...]:
+        bands = [
+            (low * self.frequency, high * self.frequency) for low, high in pairwise(self.narrow.tolist())
+        ]
+        spectra = [
+            Cell(run, name, "spectrum", 1, band, tolerance=_TOLERANCE["spectrum"])
+            for name in self.coupled
+            for band in bands
+        ]
+        if not self.alone:
+            return (*Columns.cells(self, run), *spectra)
+        pairs = combinations(self.coupled, 2)
+        responses = [
+            Cell(run, one, "response", 1, band, partner=other, tolerance=_TOLERANCE["response"])
+            for one, other in pairs
+            for band in bands
+        ]
+        return (*spectra, *responses)
+
+    def numbers(self, records: Sequence[Array], starts: NDArray[np.intp], length: int) -> CycleTable:
+        table = Columns.numbers(self, records, starts, length)
+        at, window = starts[:, None] + np.arange(length), np.hanning(length).astype(np.float32)
+        shown = dict(zip(self.channels, records, strict=True))
+        lines = np.array([fft.rfft(shown[name][at] * window, axis=1) for name in self.coupled])
+        pairs = np.array(list(combinations(range(len(lines)), 2)) if self.alone else [], dtype=np.intp)
+        one, other = pairs.reshape(-1, 2).T
+        products = np.concatenate([np.abs(lines) ** 2, lines[other] * np.conj(lines[one])])
+        inside = np.add.reduceat(products[:, :, : self.narrow[-1]], self.narrow[:-1], axis=2)
+        return NarrowTable(table.values, table.cross, table.power, inside, one, self.alone)
+
+
 def _course(cycles: Array) -> tuple[Array, Array, Array]:
     """Mean and logarithm of the mean square in each part of the cycle, and the figures of whole cycles."""
     length = cycles.shape[1] // _PHASES * _PHASES
@@ -225,3 +275,22 @@ class CycleTable:
         coherence = cross / np.sqrt(power[one] * power[other] + _FAINT)
         parts = np.stack([coherence.real, coherence.imag], axis=1).ravel()
         return np.concatenate([fifths, parts.astype(np.float32)])
+
+
+@dataclass(frozen=True, slots=True)
+class NarrowTable(CycleTable):
+    """Also sums of products of lines in narrow bands, (channels and pairs, cycles, bands).
+
+    First of each channel with itself, then of each pair, whose first channels are `inputs`.
+    """
+
+    narrow: NDArray[np.complex64]
+    inputs: NDArray[np.intp]
+    alone: bool
+
+    def fingerprint(self, cycles: slice = slice(None)) -> Array:
+        sums = np.log(np.abs(self.narrow[:, cycles].mean(axis=1)) + _FAINT)
+        channels = len(sums) - len(self.inputs)
+        sums[channels:] -= sums[self.inputs]
+        own = sums.astype(np.float32).ravel()
+        return own if self.alone else np.concatenate([CycleTable.fingerprint(self, cycles), own])

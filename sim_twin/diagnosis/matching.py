@@ -96,7 +96,7 @@ def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence
         if shown and shown[0] is not None:
             # where the rig lies: the campaign draws it from the same seed
             rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
-            kept.append((drawn_places(twin, twin.model.tolerances(twin), rng), moments(shown[0])))
+            kept.append((drawn_places(twin, twin.model.healthy_spread(twin), rng), moments(shown[0])))
     twin = campaign.runs[0].twin
     names = tuple(each.name for each in twin.model.lasting_tolerances(twin))
     if len(kept) < 2 * len(names):
@@ -110,9 +110,8 @@ def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence
 
 def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:
     """The same runs of a twin that was matched: nominal at the means, healthy rigs by what was left open."""
-    return Campaign(
-        tuple(replace(run, twin=run.twin.model.matched(run.twin, matched)) for run in campaign.runs)
-    )
+    runs = tuple(replace(run, twin=run.twin.model.matched(run.twin, matched)) for run in campaign.runs)
+    return replace(campaign, runs=runs)
 
 
 def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Match:
@@ -120,8 +119,8 @@ def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) ->
     space = space_of(rigs.features[:, 0], rigs.features[:0, 0], moments.tolerance, _DIRECTIONS)
     shown = space.scaled(rigs.features)
     seen = space.scaled(moments(measured))
-    regression = _regressed(shown.mean(axis=1), rigs.places)
-    response = _response(rigs.places, regression, shown, len(seen))
+    regression = regressed(shown.mean(axis=1), rigs.places)
+    response = response_of(rigs.places, regression, shown, len(seen))
     place = regression(seen.mean(axis=0)) - response.centre
     told = response.misfit(place[None])[0] / np.quantile(response.misfit(response.of_rigs), _RARE)
     # how far the fingerprint lies from healthy rigs' in the directions in which these differ most
@@ -135,7 +134,7 @@ def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) ->
 
 
 @dataclass(frozen=True, slots=True)
-class _Regression:
+class Regression:
     """From scaled features to where the tolerances lie that they tell.
 
     `left_out` (n, told tolerances) is what the others make of each rig.
@@ -150,7 +149,7 @@ class _Regression:
         return np.asarray((features - self.centre) @ self.weights + self.mean)
 
 
-def _regressed(features: Array, places: Array) -> _Regression:
+def regressed(features: Array, places: Array) -> Regression:
     """Ridge regression, by the penalty that tells most of rigs that were left out."""
     centre, mean = features.mean(axis=0), places.mean(axis=0)
     x, z = features - centre, places - mean
@@ -169,11 +168,11 @@ def _regressed(features: Array, places: Array) -> _Regression:
     weights = x.T @ (vectors / (values + penalty)) @ turned / x.shape[1]
     # Where nothing tells, the guess is the mean of the others, which gives away the one left out.
     told = correlation >= min(_TOLD / np.sqrt(len(z)), correlation.max())
-    return _Regression(centre, mean[told], weights[:, told], (left_out + mean)[:, told])
+    return Regression(centre, mean[told], weights[:, told], (left_out + mean)[:, told])
 
 
 @dataclass(frozen=True, slots=True)
-class _Response:
+class Response:
     """Summaries are `centre` + `slope` @ places + scatter; `precision` is the inverse of its covariance."""
 
     centre: Array
@@ -193,7 +192,7 @@ class _Response:
         return np.asarray(np.mean(places * np.linalg.solve(spread, places.T).T, axis=1))
 
 
-def _response(places: Array, regression: _Regression, shown: Array, blocks: int) -> _Response:
+def response_of(places: Array, regression: Regression, shown: Array, blocks: int) -> Response:
     """How summaries of so many measured `blocks` follow the places."""
     count, size = regression.left_out.shape
     given = np.column_stack([np.ones(count), places])
@@ -211,4 +210,4 @@ def _response(places: Array, regression: _Regression, shown: Array, blocks: int)
     # James and Stein: what no more than chance explains, is nothing.
     strength = count * np.sum(slope * (precision @ slope), axis=0)
     slope = slope * np.maximum(0.0, 1 - size / np.maximum(strength, 1e-12))
-    return _Response(fit[0], slope, precision, regression.left_out - fit[0])
+    return Response(fit[0], slope, precision, regression.left_out - fit[0])

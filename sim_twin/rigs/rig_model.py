@@ -165,9 +165,16 @@ class RigModel:
             twin = self.effects[name].apply(twin, values)
         return twin
 
+    def healthy_spread(self, twin: AnyTwin) -> tuple[Tolerance, ...]:
+        """The tolerances of `twin`, as wide as its lab's rigs have them."""
+        return tuple(
+            replace(each, deviation=twin.widths.get(each.name, 1.0) * each.deviation)
+            for each in self.tolerances(twin)
+        )
+
     def lasting_tolerances(self, twin: AnyTwin) -> tuple[Tolerance, ...]:
         """Those that belong to the rig of `twin`, not to one run."""
-        return tuple(each for each in self.tolerances(twin) if not each.each_run)
+        return tuple(each for each in self.healthy_spread(twin) if not each.each_run)
 
     def draw_healthy(
         self, twin: AnyTwin, rng: np.random.Generator, run_rng: np.random.Generator | None = None
@@ -177,7 +184,7 @@ class RigModel:
         `rng` draws what belongs to the rig, `run_rng` (default: the same) what is set anew for each run.
         """
         noisy = self._with_sensors(twin)
-        return drawn(noisy, self.tolerances(noisy), rng, run_rng)
+        return drawn(noisy, self.healthy_spread(noisy), rng, run_rng)
 
     def matched(self, twin: AnyTwin, matched: Matched) -> AnyTwin:
         """Return the nominal `twin` as a calibration found its rig.
@@ -185,7 +192,7 @@ class RigModel:
         It has the means of what was found; `draw_healthy` about it differs by what was left open.
         """
         full = self._with_sensors(twin)
-        return moved(full, self.tolerances(full), matched)
+        return moved(full, self.healthy_spread(full), matched)
 
     def _with_sensors(self, twin: AnyTwin) -> AnyTwin:
         return replace(twin, sensors={**self.nominal_sensors(twin.rig, twin.drive), **twin.sensors})

@@ -28,12 +28,14 @@ _FULL_SCALE = 2000.0
 _HEAD_DAMPING = 0.03
 
 
-def chains(effects: Sequence[Mapping[str, Any]], rng: np.random.Generator) -> dict[str, Chain]:
-    """The rig's measuring chains with its tolerances and with what is wrong with them."""
+def chains(
+    effects: Sequence[Mapping[str, Any]], rng: np.random.Generator, wider: float = 1.0
+) -> dict[str, Chain]:
+    """The rig's measuring chains with what is wrong with them, tolerances so many times `wider`."""
     found = {}
     for name in UNITS:
         spread = 0.01 if name == "yoke.force" else 0.005
-        chain = healthy(rng, _NOISE.get(name, _FORCE_NOISE), _FULL_SCALE, spread)
+        chain = healthy(rng, _NOISE.get(name, _FORCE_NOISE), _FULL_SCALE, wider * spread)
         faults = tuple(
             FAULTS[effect["name"]](effect["parameters"])
             for effect in effects

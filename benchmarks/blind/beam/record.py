@@ -6,7 +6,7 @@ Usage: python -m benchmarks.blind.beam.record    (prints the speed)
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,18 +29,24 @@ _AFTER = 0.01
 
 
 def record(
-    scenario: Mapping[str, Any], effects: Sequence[Mapping[str, Any]], rig_seed: int, run_seed: int
+    scenario: Mapping[str, Any],
+    effects: Sequence[Mapping[str, Any]],
+    rig_seed: int,
+    run_seed: int,
+    built: Callable[[Rig], Rig] = lambda rig: rig,
+    wider: float = 1.0,
 ) -> Recording:
     """Record one run on the rig `rig_seed`; all that it may differ by is drawn, and `effects` are in it.
 
     `scenario`: beam (steel, aluminium), clearance in m, frequency in Hz, amplitude in N, sample_rate in Hz,
     settle and duration in s. `effects`: name and parameters of each, as in an effects file, or drawn from
-    `OUTSIDE`. Raises ValueError for an effect that it does not know, for one of the pivot on the clamped
-    beam, and for a sample rate that is no whole part of 204.8 kHz.
+    `OUTSIDE`. `built` has the last word on the rig, whose tolerances are so many times `wider`. Raises
+    ValueError for an effect that it does not know, for one of the pivot on the clamped beam, and for a sample
+    rate that is no whole part of 204.8 kHz.
     """
     rig_rng, run_rng = np.random.default_rng([rig_seed, 0]), np.random.default_rng([rig_seed, 1, run_seed])
-    rig = _with(set_up(jittered(nominal(scenario), rig_rng), run_rng), effects)
-    instruments = chains(effects, rig_rng)
+    rig = _with(set_up(built(jittered(nominal(scenario), rig_rng, wider)), run_rng), effects)
+    instruments = chains(effects, rig_rng, wider)
     rate = float(scenario["sample_rate"])
     factor = round(1 / (EVERY * STEP * rate))
     if factor < 2 or abs(factor * rate * EVERY * STEP - 1) > 1e-9:

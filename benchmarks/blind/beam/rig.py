@@ -92,24 +92,29 @@ def nominal(scenario: Mapping[str, Any]) -> Rig:
     return Rig(beam, stop, stop, (drive,), start=0.0, leak=0.0, head=700.0)
 
 
-def jittered(rig: Rig, rng: np.random.Generator) -> Rig:
-    """`rig` as a healthy one may be."""
+def jittered(rig: Rig, rng: np.random.Generator, wider: float = 1.0) -> Rig:
+    """`rig` as a healthy one may be, of tolerances so many times `wider`."""
     beam = rig.beam
-    ratios = 0.01 * _spread(rng, 0.12) * np.array([_spread(rng, 0.09) for _ in range(MODES)])
+    ratios = 0.01 * _spread(rng, 0.12 * wider) * np.array([_spread(rng, 0.09 * wider) for _ in range(MODES)])
     beam = replace(
         beam,
-        modulus=beam.modulus * _spread(rng, 0.01),
-        density=beam.density * _spread(rng, 0.005),
-        length=beam.length * _spread(rng, 0.003),
-        width=beam.width * _spread(rng, 0.003),
-        thickness=beam.thickness * _spread(rng, 0.003),
+        modulus=beam.modulus * _spread(rng, 0.01 * wider),
+        density=beam.density * _spread(rng, 0.005 * wider),
+        length=beam.length * _spread(rng, 0.003 * wider),
+        width=beam.width * _spread(rng, 0.003 * wider),
+        thickness=beam.thickness * _spread(rng, 0.003 * wider),
         damping=tuple(ratios.tolist()),
     )
-    stiffness = rig.upper.stiffness * _spread(rng, 0.05)
-    damping = rig.upper.damping * _spread(rng, 0.2)
+    stiffness = rig.upper.stiffness * _spread(rng, 0.05 * wider)
+    damping = rig.upper.damping * _spread(rng, 0.2 * wider)
     stop = replace(rig.upper, stiffness=stiffness, damping=damping)
     return replace(
-        rig, beam=beam, upper=stop, lower=stop, leak=rng.uniform(0, 1e-3), head=rig.head * _spread(rng, 0.02)
+        rig,
+        beam=beam,
+        upper=stop,
+        lower=stop,
+        leak=rng.uniform(0, 1e-3),
+        head=rig.head * _spread(rng, 0.02 * wider),
     )
 
 

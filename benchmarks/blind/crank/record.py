@@ -7,9 +7,9 @@ prints the speed of some recordings, in simulated seconds for each of the proces
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from benchmarks.blind.recording import Recording
 from benchmarks.blind.sensing import Chain, altered, healthy, sensed
 
 __all__ = ["OUTSIDE", "record"]
+Built: TypeAlias = Callable[[Crank], Crank]
 ANGLE, MARKER = "crank.angle", "crank.marker"
 UNITS = {**dict.fromkeys(ACCELERATIONS, "m/s2"), ANGLE: "rad", MARKER: "V"}
 _STEP = 6.6e-6
@@ -30,21 +31,30 @@ _STEP = 6.6e-6
 _STIFFNESS = 5.03e10  # N/m^1.5, of the nominal rig
 _MARGIN = 0.02  # s, before sample 0 and after the last: filters and skews reach there
 _COUNTS = 4096
+_GAIN = 0.005
 _NOISE, _RANGE = 0.05, 2000.0  # m/s2
 _MARKER_NOISE, _MARKER_RANGE = 0.02, 10.0  # V
 
 
-def record(scenario: Mapping[str, Any], effects: Effects, rig_seed: int, run_seed: int) -> Recording:
+def record(
+    scenario: Mapping[str, Any],
+    effects: Effects,
+    rig_seed: int,
+    run_seed: int,
+    built: Built = lambda crank: crank,
+    wider: float = 1.0,
+) -> Recording:
     """Return one run.
 
     `scenario`: speed in rad/s, clearance_1 and clearance_2 in m, sample_rate in Hz, settle and duration in s.
     `effects` as in an effects file, of the catalogue or of OUTSIDE. `rig_seed` draws what belongs to the rig,
-    both seeds together what is set anew for each run. An effect that nobody knows: ValueError.
+    both seeds together what is set anew for each run. `built` has the last word on the rig, whose tolerances
+    are so many times `wider`. An effect that nobody knows: ValueError.
     """
     _refuse_unknown(effects)
     rig, run = np.random.default_rng([rig_seed, 1]), np.random.default_rng([rig_seed, run_seed, 2])
-    crank = real_rig(scenario, effects, rig, run)
-    chains = _chains(effects, rig)
+    crank = real_rig(scenario, effects, rig, run, built, wider)
+    chains = _chains(effects, rig, wider)
     rate = float(scenario["sample_rate"])
     factor = oversampling(crank, rate)
     lead, count = round(_MARGIN * rate), round(scenario["duration"] * rate)
@@ -65,12 +75,17 @@ def record(scenario: Mapping[str, Any], effects: Effects, rig_seed: int, run_see
 
 
 def real_rig(
-    scenario: Mapping[str, Any], effects: Effects, rig: np.random.Generator, run: np.random.Generator
+    scenario: Mapping[str, Any],
+    effects: Effects,
+    rig: np.random.Generator,
+    run: np.random.Generator,
+    built: Built = lambda crank: crank,
+    wider: float = 1.0,
 ) -> Crank:
     """The scenario's rig with `effects`, as built (`rig`) and as set for this run (`run`)."""
     crank = Crank(scenario["speed"], (scenario["clearance_1"], scenario["clearance_2"]))
     crank = changed(crank, effects, {**CATALOGUE, **MECHANICAL})
-    return set_anew(toleranced(crank, rig), run)
+    return set_anew(built(toleranced(crank, rig, wider)), run)
 
 
 def oversampling(crank: Crank, sample_rate: float) -> int:
@@ -86,9 +101,9 @@ def encoded(angle: Array) -> Array:
     return np.asarray((whole - _COUNTS * np.floor(whole[0] / _COUNTS)) * count)
 
 
-def _chains(effects: Effects, rng: np.random.Generator) -> dict[str, Chain]:
-    chains = {name: healthy(rng, _NOISE, _RANGE) for name in ACCELERATIONS}
-    chains[MARKER] = healthy(rng, _MARKER_NOISE, _MARKER_RANGE)
+def _chains(effects: Effects, rng: np.random.Generator, wider: float) -> dict[str, Chain]:
+    chains = {name: healthy(rng, _NOISE, _RANGE, wider * _GAIN) for name in ACCELERATIONS}
+    chains[MARKER] = healthy(rng, _MARKER_NOISE, _MARKER_RANGE, wider * _GAIN)
     return {
         name: replace(
             altered(chain, name, effects),

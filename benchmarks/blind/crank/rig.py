@@ -91,22 +91,28 @@ def hertz_stiffness(clearance: float) -> float:
     return float(4 * np.sqrt(relative) / (6 * (1 - POISSON**2) / YOUNG))
 
 
-def toleranced(crank: Crank, rng: np.random.Generator) -> Crank:
-    """The same rig as somebody built it; always takes the same number of draws."""
-    e, mu = crank.restitution + 0.02 * rng.standard_normal(), crank.friction + 0.003 * rng.standard_normal()
+def toleranced(crank: Crank, rng: np.random.Generator, wider: float = 1.0) -> Crank:
+    """The same rig as somebody built it, with tolerances so many times `wider`; always as many draws."""
+    e, mu = (
+        crank.restitution + 0.02 * wider * rng.standard_normal(),
+        crank.friction + 0.003 * wider * rng.standard_normal(),
+    )
     return replace(
         crank,
-        crank_length=crank.crank_length * _about_one(rng, 0.003),
-        crank_mass=crank.crank_mass * _about_one(rng, 0.003),
-        rod_length=crank.rod_length * _about_one(rng, 0.003),
-        rod_mass=crank.rod_mass * _about_one(rng, 0.003),
-        piston_mass=crank.piston_mass * _about_one(rng, 0.003),
-        clearances=_jittered(crank.clearances, rng, 0.02),
-        stiffness_scales=_jittered(crank.stiffness_scales, rng, 0.05),
+        crank_length=crank.crank_length * _about_one(rng, 0.003 * wider),
+        crank_mass=crank.crank_mass * _about_one(rng, 0.003 * wider),
+        rod_length=crank.rod_length * _about_one(rng, 0.003 * wider),
+        rod_mass=crank.rod_mass * _about_one(rng, 0.003 * wider),
+        piston_mass=crank.piston_mass * _about_one(rng, 0.003 * wider),
+        clearances=_jittered(crank.clearances, rng, 0.02 * wider),
+        stiffness_scales=_jittered(crank.stiffness_scales, rng, 0.05 * wider),
         restitution=float(np.clip(e, 0.05, 0.99)),
         friction=max(float(mu), 0.0),
         frames={
-            name: Mode(mode.frequency * _about_one(rng, 0.01), mode.damping_ratio * _about_one(rng, 0.15))
+            name: Mode(
+                mode.frequency * _about_one(rng, 0.01 * wider),
+                mode.damping_ratio * _about_one(rng, 0.15 * wider),
+            )
             for name, mode in crank.frames.items()
         },
     )

@@ -148,7 +148,9 @@ class BeamSketch:
         room = (-0.04 * length, -reach, 1.12 * length, reach)
         caption = "stops, slowed; arrows: forces on them"
         if frames:
-            caption = f"{whose} beam, {self._picture.magnification:.0f} x, slowed; arrows: forces on the stops"
+            caption = (
+                f"{whose} beam, {self._picture.magnification:.0f} x, slowed; arrows: forces on the stops"
+            )
         ends = [
             (side, (length, stop), sign)
             for side, stop, sign in zip(_SIDES, stops, (1.0, -1.0), strict=True)

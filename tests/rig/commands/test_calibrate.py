@@ -82,7 +82,7 @@ def test_a_reference_run_gives_a_model_that_predictions_use(
     assert "yoke_frequency" in answer.out
     model = load_model(model_path, "impact_beam")
     assert (model.runs, model.scenarios) == (("reference.mcap",), ("reference",))
-    matched = with_model(nominal(), model, pytest.fail)
+    matched = with_model(nominal(), model, parse_scenario(SCENARIO), pytest.fail)
     assert matched.rig.yoke_frequency == pytest.approx(
         700 * (1 + 0.02 * model.matched.mean_of("yoke_frequency"))
     )
@@ -139,7 +139,7 @@ def test_a_part_that_was_changed_since_is_open_again(tmp_path: Path) -> None:
     path.write_text(MODEL)
     model, told = load_model(path, "impact_beam"), list[str]()
     other = parse_scenario(SCENARIO + '\n[model]\ncontact_stiffness = "2e7 N/m"\n')
-    twin = with_model(twin_of(other), model, told.append)
+    twin = with_model(twin_of(other), model, other, told.append)
     assert twin.rig.contact_stiffness == 2e7
     yoke = twin.sensors["yoke.force"]
     assert isinstance(yoke, SensorChain)
@@ -152,7 +152,10 @@ def test_a_campaign_is_matched_as_a_whole(reference: Path, tmp_path: Path) -> No
     path = tmp_path / "model.toml"
     path.write_text(MODEL)
     campaign = campaign_with_model(
-        recorded([reference]).campaign, load_model(path, "impact_beam"), pytest.fail
+        recorded([reference]).campaign,
+        load_model(path, "impact_beam"),
+        [parse_scenario(SCENARIO)],
+        pytest.fail,
     )
     assert campaign.runs[0].twin.rig.contact_stiffness == pytest.approx(1.5e7 * 1.1)
 

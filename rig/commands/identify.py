@@ -1,0 +1,88 @@
+"""`rattle identify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from daq.errors import RattleError
+from rig.commands.arguments import RunFiles, is_log
+from rig.session.progress import Screen, Terminal
+
+if TYPE_CHECKING:
+    from rig.diagnosis.identify import Identification
+
+
+def identify(
+    runs: RunFiles,
+    free: Annotated[
+        list[str],
+        typer.Option(
+            "--free",
+            metavar="KEYS",
+            help="Keys of the model to be found, with commas; KEY=LOW..HIGH says where it may lie.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="MODEL.toml", help="The model to write.")],
+    responses: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--frf",
+            metavar="RUN.mcap",
+            help="A run that is looked at by its frequency responses alone; it need not chatter.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
+    budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 1200,
+) -> None:
+    from rig.diagnosis import identify as work
+    from rig.files.scenario import parse_scenario
+
+    if out.exists():
+        raise RattleError(f"{out} is there already; remove it or name another, nothing was identified")
+    if not out.resolve().parent.is_dir():
+        raise RattleError(f"{out.parent}: no such folder; nothing was identified")
+    keys: dict[str, str] = {}
+    for text in ",".join(free).split(","):
+        key, _, between = (part.strip() for part in text.partition("="))
+        if key in keys:
+            raise typer.BadParameter(f"--free {key} comes twice; name it once")
+        if key:
+            keys[key] = between
+    others = [is_log(path) for path in responses or []]
+    screen = Screen(Terminal())
+    data, wides, campaign = work.read_for(runs, others, keys, screen)
+    folder = out.with_name(f".{out.name}.rigs")
+    try:
+        found = work.identify(data, wides, campaign, folder, seed, budget, screen)
+    except KeyboardInterrupt:
+        screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
+        raise
+    names = [run.name for run in (*runs, *others)]
+    scenarios = list(dict.fromkeys(parse_scenario(text).name for text in data.scenarios))
+    text = work.model_text_of(found, campaign.rig, names, scenarios)
+    _show(found, campaign.rig, screen)
+    out.write_text(text, encoding="utf-8")
+    if found.next_run is not None:
+        more = out.with_name(f"{out.stem}_next.toml")
+        more.write_text(found.next_run, encoding="utf-8")
+        screen.say(f"next run   {more}, which would tell most of what is not told")
+    work.discard(folder)
+    screen.say(f"model      {out}")
+
+
+def _show(found: Identification, rig: str, screen: Screen) -> None:
+    from rig.diagnosis.identify import rows
+
+    table = Table("key", "found", "95 % interval", "was", "", box=None, pad_edge=False)
+    for row in rows(found, rig):
+        table.add_row(*row)
+    screen.console.print(table)
+    for one, other in found.known.together():
+        screen.warn(f"{one} and {other} are told together only: fix one of them, if you know it")
+    if not found.converged:
+        screen.warn("the values still moved a little in the last round: see the last lines above")
+    screen.say(f"gap        {found.gap:.2f} with these values in the twin   (1 = as far as a healthy rig)")

@@ -1,0 +1,491 @@
+"""From recordings of a healthy rig to values of its [model] (`rattle identify`)."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import signal
+from threadpoolctl import threadpool_limits
+
+import sim_twin
+from daq.errors import (
+    ConfigurationError,
+    LogError,
+    Problem,
+    RattleError,
+    SimulationFailed,
+    UnphysicalParameter,
+)
+from daq.log.writer import write_whole
+from daq.quantity import Quantity, Setting
+from rig.diagnosis.experiments import options
+from rig.diagnosis.health import sources_digest
+from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
+from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.faults import Faults
+from rig.files.model_file import Identified, head_text, identified_text, parse_model
+from rig.files.quantity import si_factor
+from rig.files.scenario import Scenario, parse_scenario
+from rig.files.table import FieldError, field_of
+from rig.pages.words import listed
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind
+from rig.session.progress import Screen
+from sim_twin.diagnosis.campaign import Campaign, RunSetting
+from sim_twin.diagnosis.fingerprint import NarrowColumns
+from sim_twin.diagnosis.gap import gap_measure
+from sim_twin.diagnosis.identification import (
+    MOST_ROUNDS,
+    Known,
+    Wide,
+    after_one_more,
+    draws_of,
+    fitted_rounds,
+    nothing_known,
+    rigs_of_a_round,
+)
+from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
+from sim_twin.healthy import Matched, MatchedTwin, Tolerance
+from sim_twin.twin import AnyTwin
+
+_TIMES = 10.0
+"""A value that healthy rigs differ by may lie that many of their deviations off."""
+_HALF = 0.5
+"""Deviation, as a share, of a value in which healthy rigs do not differ."""
+_ENDS = 2.0
+"""Deviations from the middle of a range that was asked for to its ends."""
+_WIDE_RANGE = 3.0
+"""Ratio of a range's ends from which on it is one of ratios."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identifying(Campaign):
+    """Runs of a rig of which some values are not known: those of a draw, instead of effects.
+
+    `given` is what [model] gives of each run.
+    """
+
+    rig: str
+    given: tuple[Mapping[str, Any], ...]
+
+    def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
+        twin = self.runs[number].twin
+        for _, values in effects:  # they are called VALUES
+            twin = replace(twin, rig=RIGS[self.rig].changed(twin.rig, self.given[number], values))
+        return twin
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        """Those that no rig can be are not simulated."""
+        can = [self._can_be(draw) for draw in draws]
+        observed = iter(Campaign.observe(self, [draw for draw, kept in zip(draws, can, strict=True) if kept]))
+        return [next(observed) if kept else (None,) for kept in can]
+
+    def _can_be(self, draw: Draw) -> bool:
+        try:
+            for number in range(len(self.runs)):
+                self.changed(number, draw.effects)
+        except UnphysicalParameter:
+            return False
+        return True
+
+
+def identifying(
+    runs: Sequence[RunSetting], scenarios: Sequence[Scenario], free: Sequence[str]
+) -> Identifying:
+    """Runs of their scenarios, in which the values of `free` keys are those of a draw, exactly."""
+    kind, opened = RIGS[scenarios[0].rig], list[RunSetting]()
+    for run in runs:
+        closed = tuple(each.name for key in free if (each := tolerance_of(kind, key, run.twin)) is not None)
+        known = Matched(closed, np.zeros(len(closed)), np.zeros((len(closed), len(closed))))
+        twin = MatchedTwin(run.twin.rig, run.twin.drive, run.twin.sensors, run.twin.widths, known)
+        opened.append(replace(run, twin=twin))
+    return Identifying(tuple(opened), kind.name, tuple(each.model for each in scenarios))
+
+
+def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
+    """What healthy rigs differ by in the value of a key; None where they do not."""
+    place = ("rig", *kind.model[key].place)
+    found = (each for each in twin.model.healthy_spread(twin) if each.place == place or each.name == key)
+    return next(found, None)
+
+
+def wide_of(kind: RigKind, key: str, given: Mapping[str, Any], twin: AnyTwin, between: str = "") -> Wide:
+    """A key's value as it is looked for, `between` LOW..HIGH where that is asked for.
+
+    Raises FieldError, which says what may be asked for.
+    """
+    setting = kind.model[key]
+    if not isinstance(setting.meaning, Quantity) or setting.type not in (float, float | None):
+        raise FieldError("a key of one number that is no count")
+    meaning = setting.meaning
+    low, high = (end * si_factor(meaning.unit) for end in (meaning.low, meaning.high))
+    if between:
+        return _asked(setting, between)
+    centre = kind.value(key, given)
+    if centre is None:
+        raise FieldError(f"what the rig has, or a range, such as {key}=LOW..HIGH: it has none as it stands")
+    tolerance = tolerance_of(kind, key, twin)
+    if tolerance is not None and not tolerance.relative:
+        return Wide(key, centre, _TIMES * tolerance.deviation, low, high, by_ratio=False)
+    if not centre > 0:
+        raise FieldError(f"a range, such as {key}=LOW..HIGH: it is {centre:g}, of which there is no share")
+    return Wide(key, centre, _HALF if tolerance is None else _TIMES * tolerance.deviation, low, high)
+
+
+def _asked(setting: Setting, between: str) -> Wide:
+    first, mark, last = between.partition("..")
+    if not mark:
+        raise FieldError(f"a range, such as {setting.key}=LOW..HIGH")
+    low, high = (float(field_of(setting).read(_plain(end))) for end in (first, last))
+    if not low < high:
+        raise FieldError("a range from its lower end to its higher")
+    if low > 0 and high / low > _WIDE_RANGE:
+        return Wide(setting.key, (low * high) ** 0.5, float(np.log(high / low)) / 2 / _ENDS, low, high)
+    return Wide(setting.key, (low + high) / 2, (high - low) / 2 / _ENDS, low, high, by_ratio=False)
+
+
+def _plain(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
+
+
+def wides_of(data: RecordedCampaign, free: Mapping[str, str]) -> tuple[Wide, ...]:
+    """The values of `free` keys (each with its range, or nothing); ConfigurationError with every fault."""
+    faults = Faults("--free")
+    scenarios, twin = [parse_scenario(text) for text in data.scenarios], data.campaign.runs[0].twin
+    kind, found = RIGS[scenarios[0].rig], list[Wide]()
+    for key, between in free.items():
+        if key not in kind.model:
+            faults.unknown(key, between, key, kind.model)
+            continue
+        values = {kind.value(key, each.model) for each in scenarios}
+        try:
+            if len(values) > 1:
+                raise FieldError("the same in all runs: what a lab sets between runs is no value of the rig")
+            found.append(wide_of(kind, key, scenarios[0].model, twin, between))
+        except FieldError as error:
+            faults.add(key, between, str(error))
+    if not found and not faults:
+        faults.add("KEYS", "", "keys of [model], such as contact_stiffness; rattle scenario RIG lists them")
+    faults.raise_if_any()
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What was found: `gap` of the rig from its twin with the values, as a healthy rig's is 1.
+
+    `was` are the values that the scenarios have, SI; `next_run` a scenario that would tell more.
+    """
+
+    known: Known
+    was: Mapping[str, float | None]
+    gap: float
+    converged: bool
+    next_run: str | None = None
+
+
+class Kept:
+    """Has draws simulated and keeps what they showed in `folder`, so that an interrupted search goes on.
+
+    `report` hears how many draws have come in all.
+    """
+
+    def __init__(self, folder: Path, about: str, simulate: Execute, size: int) -> None:
+        self._folder, self._about, self._simulate, self._size = folder, about, simulate, size
+        self.found = 0
+        self.cut_short = False
+
+    def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
+        observed: list[Observed] = []
+        for first in range(0, len(draws), self._size):
+            observed += self._piece(draws[first : first + self._size])
+        return observed
+
+    def _piece(self, draws: Sequence[Draw]) -> Sequence[Observed]:
+        told = hashlib.sha256(f"{self._about}\n{draws!r}".encode()).hexdigest()[:32]
+        file = self._folder / f"{told}.npz"
+        with suppress(Exception), np.load(file) as kept:  # whatever damage raises: it is simulated again
+            there, shown = kept["there"], iter(kept["shown"])
+            self.found += len(draws)
+            return [(next(shown) if each else None,) for each in there]
+        observed = self._simulate(draws)
+        self.cut_short |= not all(observed)
+        if all(observed):
+            shown = [each[0] for each in observed if each[0] is not None]
+            content = BytesIO()
+            np.savez(content, there=[each[0] is not None for each in observed], shown=np.array(shown))
+            self._folder.mkdir(exist_ok=True)
+            write_whole(file, content.getvalue())
+        return observed
+
+
+_HEALTHY = 48
+_FEWEST = 8
+_NOT_THIS_RIG = 2.0
+"""Gap from which on the values explain nothing."""
+_CHATTERS_FROM = 25.0
+"""Multiples of a cycle's frequency, beyond which only impacts reach."""
+_OVER_NOISE, _MOST_CYCLES = 5.0, 0.5
+SPECIMEN = "specimen"
+
+
+def read_for(
+    runs: Sequence[Path], responses: Sequence[Path], free: Mapping[str, str], screen: Screen
+) -> tuple[RecordedCampaign, tuple[Wide, ...], Identifying]:
+    """Runs, and others that are looked at by their frequency responses alone, and the values to be found.
+
+    Raises ConfigurationError or LogError for what cannot be used.
+    """
+    with screen.busy("reading"):
+        data = recorded([*runs, *responses], partial(_narrow, len(runs)))
+    for remark in data.remarks:
+        screen.warn(remark)
+    scenarios = [parse_scenario(text) for text in data.scenarios]
+    wides = wides_of(data, free)
+    specimens = list(dict.fromkeys(each.notes.get(SPECIMEN) for each in scenarios))
+    if len(specimens) > 1:
+        told = ", ".join(str(each or "(none)") for each in specimens)
+        raise ConfigurationError("runs", [Problem(f"notes.{SPECIMEN}", told, "runs of one rig")])
+    for path, run, records in zip(runs, data.campaign.runs, data.records, strict=False):
+        _require_chatter(path, run, records)
+    return data, wides, identifying(data.campaign.runs, scenarios, list(free))
+
+
+def _narrow(runs: int, number: int, setting: RunSetting) -> RunSetting:
+    columns = setting.columns
+    named = {each.name: getattr(columns, each.name) for each in fields(columns)}
+    return replace(setting, columns=NarrowColumns(**named, alone=number >= runs))
+
+
+def _require_chatter(path: Path, run: RunSetting, records: Mapping[str, Any]) -> None:
+    """A rig that hardly strikes tells nothing of what it strikes."""
+    rate, corner = run.columns.rate, _CHATTERS_FROM * run.columns.frequency
+    passed = signal.butter(4, min(corner, 0.2 * rate), "highpass", fs=rate, output="sos")
+    cycles = run.cycles_in(records)
+    at = cycles.starts(len(records[run.twin.model.reference]))[:, None] + np.arange(cycles.length)
+    struck = np.zeros(len(at), dtype=bool)
+    for name in run.columns.coupled:
+        noise = max(getattr(run.twin.sensors.get(name), "noise", 0.0), 1e-9)
+        over = np.sqrt(np.mean(signal.sosfiltfilt(passed, records[name])[at] ** 2, axis=1))
+        struck |= over > _OVER_NOISE * noise
+    if struck.mean() < _MOST_CYCLES:
+        raise LogError(
+            f"{path}: it chatters in {struck.mean():.0%} of its cycles only, which tells too little; "
+            "drive it harder (or name it by --frf, if its frequency responses are meant)"
+        )
+
+
+def require_moves(wides: Sequence[Wide], campaign: Identifying, simulate: Execute) -> None:
+    """Refuse values of which nothing that the runs show depends; before any long work."""
+    known = nothing_known(wides)
+    places = np.concatenate([np.zeros((1, len(wides))), np.eye(len(wides))])
+    draws = [replace(each, seed=1) for each in draws_of(known, places, np.random.default_rng(0), blocks=1)]
+    base, *moved = (each[0] if each else None for each in simulate(draws))
+    faults = Faults("--free")
+    for wide, shown in zip(wides, moved, strict=True):
+        if base is not None and shown is not None and np.array_equal(base, shown):
+            faults.add(wide.name, f"{wide.centre:g}", "left out: nothing that these runs show depends on it")
+    faults.raise_if_any()
+
+
+def identify(
+    data: RecordedCampaign,
+    wides: Sequence[Wide],
+    campaign: Identifying,
+    folder: Path,
+    seed: int,
+    budget_s: float,
+    screen: Screen,
+) -> Identification:
+    """Find the values; what is simulated is kept in `folder` until it is done.
+
+    Raises RattleError where time ran out, nothing is told, or the runs are of no such rig.
+    """
+    rigs = rigs_of_a_round(len(wides))
+    total = MOST_ROUNDS * rigs + len(wides) + 1
+    work = work_of("identify", campaign, total)
+    deadline = time.monotonic() + budget_s
+    with screen.bar("simulating", total, "rigs at most", work) as bar, worker_processes(cores()) as workers:
+
+        def kept(of: Campaign, report: bool = True) -> Kept:
+            tell = (lambda done: bar(min(found.found + done, total))) if report else lambda _: None
+            simulated = Simulated(of, workers.executor, deadline, tell)
+            found = Kept(folder, _digest(of), simulated, 16 * cores())
+            return found
+
+        simulate = kept(campaign)
+        require_moves(wides, campaign, simulate)
+        known, converged = nothing_known(wides), False
+        with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
+            rounds = fitted_rounds(campaign, wides, data.measured, simulate, np.random.default_rng(seed))
+            for number, each in enumerate(rounds, 1):
+                known, converged = each.known, each.converged
+                far = int(np.argmax(each.moved))
+                screen.say(
+                    f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
+                    f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
+                )
+        if simulate.cut_short:
+            raise RattleError(
+                "time ran out before the values stood still: nothing was written. What was simulated is kept "
+                f"in {folder}; the same command with a larger --budget goes on there"
+            )
+        if not any(known.told()):
+            raise RattleError(
+                f"these runs tell none of {listed([wide.name for wide in wides])}: nothing was written. Free "
+                "fewer at once, give narrower ranges, or add runs at other settings"
+            )
+        best = {wide.name: float(v) for wide, v in zip(wides, known.values(known.mean), strict=True)}
+        kind = RIGS[campaign.rig]
+        scenarios = [parse_scenario(text) for text in data.scenarios]
+        was = {name: kind.value(name, scenarios[0].model) for name in best}
+        repaired = _with_best(data, scenarios, best, was)
+        healthy = [
+            each[0]
+            for each in kept(repaired, report=False)([Draw((), seed + k, blocks=2) for k in range(_HEALTHY)])
+            if each and each[0] is not None
+        ]
+        if len(healthy) < _FEWEST:
+            raise RattleError("too few rigs with the values found could be simulated; nothing was written")
+        measure = gap_measure(healthy, repaired.layout)
+        gap = measure.total(measure.cells(data.measured))
+        if gap > _NOT_THIS_RIG:
+            raise RattleError(
+                f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
+                "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
+            )
+        more = _next_run(data, scenarios, known, kept, np.random.default_rng([seed, 1]))
+    return Identification(known, was, gap, converged, more)
+
+
+def _with_best(
+    data: RecordedCampaign, scenarios: Sequence[Scenario], best: Mapping[str, float], was: Mapping[str, Any]
+) -> Campaign:
+    """The same runs as a model file with the best values has them."""
+    kind = RIGS[scenarios[0].rig]
+    runs = [
+        replace(run, twin=replace(run.twin, rig=kind.changed(run.twin.rig, scenario.model, best)))
+        for run, scenario in zip(data.campaign.runs, scenarios, strict=True)
+    ]
+    return replace(data.campaign, runs=tuple(runs))
+
+
+def _next_run(
+    data: RecordedCampaign,
+    scenarios: Sequence[Scenario],
+    known: Known,
+    kept: Callable[[Campaign, bool], Kept],
+    rng: np.random.Generator,
+) -> str | None:
+    """The scenario of one more run that would tell most of what is not told yet; None where all is."""
+    open_ones = ~np.array(known.told())
+    if not open_ones.any():
+        return None
+    columns, quiet = data.campaign.runs[0].columns, data.campaign.runs[0].quiet
+    names = [wide.name for wide in known.wides]
+    best, least = None, float(np.sum(np.log(known.deviation[open_ones])))
+    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains):
+        scenario = parse_scenario(option.scenario)
+        if any(scenario.model.get(name) != scenarios[0].model.get(name) for name in names):
+            continue  # what is looked for is not set anew
+        more = identifying(option.campaign.runs, [scenario], names)
+        with suppress(SimulationFailed):
+            deviations = after_one_more(more, known, kept(more, False), rng)
+            left = float(np.sum(np.log(deviations[open_ones])))
+            if left < least - _WORTH_IT:
+                best, least = option.scenario, left
+    return best
+
+
+_WORTH_IT = 0.2
+"""By so much of its logarithm at least one more run has to narrow all that is open."""
+
+
+def _digest(campaign: Campaign) -> str:
+    """Of all that what its draws show follows from."""
+    runs = [
+        (run.twin.rig, run.twin.drive, sorted(run.twin.sensors.items()), run.twin.widths, run.columns)
+        for run in campaign.runs
+    ]
+    rest = [(run.oversampling, run.cycles, run.quiet) for run in campaign.runs]
+    known = [getattr(run.twin, "known", None) for run in campaign.runs]
+    given = campaign.given if isinstance(campaign, Identifying) else ()
+    sources = (
+        sources_digest(sim_twin.__file__),
+        sources_digest(inspect.getfile(type(campaign.runs[0].twin.rig))),
+    )
+    names = [each.names for each in known if each is not None]
+    return hashlib.sha256(repr((runs, rest, names, given, sources)).encode()).hexdigest()
+
+
+def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenarios: Sequence[str]) -> str:
+    """The model file; it can be read."""
+    identified = _identified(found)
+    middles = zip(found.known.wides, found.known.estimates(), strict=True)
+    lines = [
+        "# Values of one rig, as rattle identify found them in recordings of it; for --model or a scenario.",
+        "# Behind each its 95 % interval, in the same unit, and what the scenarios had.",
+        *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
+        f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",
+        *head_text(rig, runs, scenarios),
+        *identified_text(
+            rig,
+            {wide.name: each.value for wide, each in middles},
+            identified,
+            {each.key: "; ".join(filter(None, _said(each, rig))) for each in identified.values()},
+        ),
+        "",
+    ]
+    text = "\n".join(lines)
+    parse_model(text, "model", rig)
+    return text
+
+
+def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
+    """Of each value in words: key, value, interval, what it was, whether it is told."""
+    told = []
+    for each, middle in zip(_identified(found).values(), found.known.estimates(), strict=True):
+        unit = _unit(rig, each.key)
+        told.append((each.key, f"{middle.value / si_factor(unit):.5g} {unit}".strip(), *_said(each, rig)))
+    return told
+
+
+def _identified(found: Identification) -> dict[str, Identified]:
+    """Intervals are as much wider as the rig lies farther from its twin than a healthy one."""
+    known = found.known
+    estimates = zip(known.wides, known.estimates(max(1.0, found.gap)), known.told(), strict=True)
+    return {
+        wide.name: Identified(wide.name, each.low, each.high, found.was[wide.name], told)
+        for wide, each, told in estimates
+    }
+
+
+def _said(found: Identified, rig: str) -> tuple[str, str, str]:
+    factor = si_factor(_unit(rig, found.key))
+    was = "was none" if found.was is None else f"was {found.was / factor:.5g}"
+    untold = "" if found.told else "NOT TOLD by these runs: it only goes with the others"
+    return f"{found.low / factor:.4g} to {found.high / factor:.4g}", was, untold
+
+
+def _unit(rig: str, key: str) -> str:
+    meaning = RIGS[rig].model[key].meaning
+    return meaning.unit if isinstance(meaning, Quantity) else ""
+
+
+def discard(folder: Path) -> None:
+    """Remove what was kept of a search that is done."""
+    shutil.rmtree(folder, ignore_errors=True)

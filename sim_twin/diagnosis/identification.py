@@ -1,0 +1,267 @@
+"""Fits values of a rig that may lie far from what its scenario says to recordings of it, healthy as it is.
+
+Rigs are simulated with values from the prior, then from ever nearer about what explains the recordings. In
+each round the values are regressed on fingerprints, as a calibration does with tolerances, and how that
+summary follows the values is fitted where they are likely by now: a chain of linear and normal steps, each
+held against the same wide prior (regression: Fearnhead and Prangle 2012, as in `matching`; proposals that
+narrow: Beaumont, Cornuet, Marin and Robert 2009, doi:10.1093/biomet/asp052).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import inf, log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+from scipy.stats import chi2
+
+from daq.errors import SimulationFailed
+from sim_twin.diagnosis.matching import Regression, Response, regressed, response_of
+from sim_twin.diagnosis.posterior import Estimate
+from sim_twin.diagnosis.space import Moments, Space, space_of
+from sim_twin.diagnosis.subject import Draw, Execute, Subject
+
+Array = NDArray[np.float64]
+VALUES = "values of the model"
+"""The one effect of a draw: its parameters are the values."""
+_BLOCKS = 2
+_DIRECTIONS = 40
+_FARTHEST = 5.0
+"""Deviations of the prior."""
+_WIDER = 1.5
+"""Proposals over the posterior so far: it may be off."""
+_NEAR = 0.995
+"""Share of a proposal within which earlier rigs are looked at again."""
+_FEWEST_OF_ALL, _EACH = 120, 16
+"""Rigs of a round: so many, and so many more for each value."""
+FEWEST_ROUNDS, MOST_ROUNDS = 3, 7
+_MOVED, _NARROWED = 0.3, 0.8
+_TOLD = 0.5
+"""Of its deviation before, which one that is told has at most."""
+_TOGETHER = 0.9
+"""Correlation from which on two values are told together only."""
+_OF_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class Wide:
+    """A value that is looked for, by `name`: before, normal with `deviation` about `centre`, low to high.
+
+    `by_ratio`: its logarithm is, and `deviation` one of ratios. `z`, its place, is standard normal before.
+    """
+
+    name: str
+    centre: float
+    deviation: float
+    low: float = -inf
+    high: float = inf
+    by_ratio: bool = True
+
+    def value(self, z: Array) -> Array:
+        """Values at places, the same shape."""
+        centre, first, last = self._normal
+        inside = first + (last - first) * ndtr(np.clip(z, -_FARTHEST, _FARTHEST))
+        found = centre + self.deviation * ndtri(inside)
+        return np.asarray(np.clip(np.exp(found) if self.by_ratio else found, self.low, self.high))
+
+    @property
+    def _normal(self) -> tuple[float, float, float]:
+        """Centre of what is normal, and the shares of it that lie below `low` and `high`."""
+
+        def taken(value: float) -> float:
+            return value if not self.by_ratio else log(value) if value > 0 else -inf
+
+        centre = taken(self.centre)
+        first, last = (float(ndtr((taken(end) - centre) / self.deviation)) for end in (self.low, self.high))
+        return centre, first, last
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """Where the values lie: normal in their places, `mean` (n,) and `covariance` (n, n)."""
+
+    wides: tuple[Wide, ...]
+    mean: Array
+    covariance: Array
+
+    @property
+    def deviation(self) -> Array:
+        return np.sqrt(np.diag(self.covariance))
+
+    def told(self) -> tuple[bool, ...]:
+        """Of each value, whether the runs tell it."""
+        return tuple(bool(each) for each in self.deviation <= _TOLD)
+
+    def estimates(self, wider: float = 1.0) -> tuple[Estimate, ...]:
+        """Medians and 95 % intervals; those of a model that leaves something open are `wider`."""
+        ends = (self.mean + side * wider * _OF_95 * self.deviation for side in (0.0, -1.0, 1.0))
+        middle, low, high = (self.values(end) for end in ends)
+        return tuple(Estimate(*map(float, each)) for each in zip(middle, low, high, strict=True))
+
+    def values(self, places: Array) -> Array:
+        """Values at places (..., n)."""
+        columns = [wide.value(places[..., k]) for k, wide in enumerate(self.wides)]
+        return np.stack(columns, axis=-1)
+
+    def together(self) -> list[tuple[str, str]]:
+        """Pairs that are not told each by itself, but together."""
+        spread = np.outer(self.deviation, self.deviation)
+        strong = np.abs(self.covariance) > _TOGETHER * spread
+        return [
+            (self.wides[one].name, self.wides[other].name)
+            for one in range(len(self.wides))
+            for other in range(one)
+            if strong[one, other]
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """What is known after a round of so many rigs, and how far that moved, in deviations."""
+
+    rigs: int
+    known: Known
+    moved: Array
+    converged: bool
+
+
+def nothing_known(wides: Sequence[Wide]) -> Known:
+    """What is known of the values before any run."""
+    return Known(tuple(wides), np.zeros(len(wides)), np.eye(len(wides)))
+
+
+def fitted_rounds(
+    subject: Subject,
+    wides: Sequence[Wide],
+    measured: NDArray[np.float32],
+    simulate: Execute,
+    rng: np.random.Generator,
+) -> Iterator[Round]:
+    """Round by round what `measured` fingerprints (blocks, numbers) say of the values.
+
+    `subject` takes a draw's values as its one effect, `VALUES`. Ends where nothing moves any more, or after
+    the last round; () from `simulate` (no more time) ends it as well. Raises SimulationFailed where too few
+    rigs came out.
+    """
+    moments = Moments(subject.layout)
+    known, library = nothing_known(wides), _Library(moments)
+    for number in range(MOST_ROUNDS):
+        places = _proposed(known, rng)
+        observed = simulate(draws_of(known, places, rng))
+        library.add(places, [each[0] if each else None for each in observed])
+        cut_short = any(not each for each in observed)
+        if len(library) < 2 * len(wides) + 20:
+            raise SimulationFailed(
+                f"only {len(library)} of {len(places)} rigs could be simulated",
+                "are the ranges of the values such as a rig can have?",
+            )
+        found = _posterior(known, library, moments, measured, rng)
+        moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
+        still = bool(np.all(moved < _MOVED) and np.all(found.deviation > _NARROWED * known.deviation))
+        converged = number + 1 >= FEWEST_ROUNDS and still
+        known = found
+        yield Round(len(library), known, moved, converged)
+        if converged or cut_short:
+            return
+
+
+def rigs_of_a_round(count: int) -> int:
+    """How many rigs a round of `count` values simulates."""
+    return _FEWEST_OF_ALL + _EACH * count
+
+
+def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int = _BLOCKS) -> list[Draw]:
+    """Rigs with the values at `places` (rigs, n), otherwise healthy."""
+    names = [wide.name for wide in known.wides]
+    return [
+        Draw(
+            ((VALUES, dict(zip(names, map(float, row), strict=True))),),
+            int(rng.integers(2**62)),
+            blocks=blocks,
+        )
+        for row in known.values(places)
+    ]
+
+
+def _proposed(known: Known, rng: np.random.Generator) -> Array:
+    count = len(known.wides)
+    normals = rng.standard_normal((rigs_of_a_round(count), count))
+    wider = 1.0 if np.array_equal(known.covariance, np.eye(count)) else _WIDER
+    moved = known.mean + wider * normals @ np.linalg.cholesky(known.covariance).T
+    return np.asarray(np.clip(moved, -_FARTHEST, _FARTHEST))
+
+
+class _Library:
+    """Rigs so far: places (n,) of their values, features (blocks, features)."""
+
+    def __init__(self, moments: Moments) -> None:
+        self._moments = moments
+        self.places: list[Array] = []
+        self.features: list[Array] = []
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def add(self, places: Array, shown: Sequence[NDArray[np.float32] | None]) -> None:
+        for place, blocks in zip(places, shown, strict=True):
+            if blocks is not None:
+                self.places.append(place)
+                self.features.append(self._moments(blocks))
+
+
+def _posterior(
+    about: Known, library: _Library, moments: Moments, measured: NDArray[np.float32], rng: np.random.Generator
+) -> Known:
+    """What the rigs near `about` make of the measurement, for the prior of all values."""
+    places, features = np.array(library.places), np.array(library.features)
+    root = np.linalg.cholesky(about.covariance) * _WIDER
+    local = np.linalg.solve(root, (places - about.mean).T).T
+    near = np.sum(local**2, axis=1) <= chi2.ppf(_NEAR, len(about.wides))
+    space, regression, response = _followed(local[near], features[near], moments, len(measured), rng)
+    place = regression(space.scaled(moments(measured)).mean(axis=0)) - response.centre
+    # the prior, standard normal in the places, in the local coordinates
+    pull = response.slope.T @ response.precision
+    covariance = np.linalg.inv(pull @ response.slope + root.T @ root)
+    mean = covariance @ (pull @ place - root.T @ about.mean)
+    found = root @ covariance @ root.T
+    centre = np.clip(about.mean + root @ mean, -_FARTHEST, _FARTHEST)
+    return Known(about.wides, centre, np.asarray((found + found.T) / 2))
+
+
+def _followed(
+    local: Array, features: Array, moments: Moments, blocks: int, rng: np.random.Generator
+) -> tuple[Space, Regression, Response]:
+    """How rigs' features (n, blocks, features) follow their local places (n, values)."""
+    space = space_of(features[:, 0], features[:0, 0], moments.tolerance, _DIRECTIONS)
+    shown = space.scaled(features) + _between_programs(moments, space.scale, len(features), rng)[:, None]
+    regression = regressed(shown.mean(axis=1), local)
+    return space, regression, response_of(local, regression, shown, blocks)
+
+
+def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.random.Generator) -> Array:
+    """Deviations (n,) that the values are expected to have after one more run, which `subject` simulates.
+
+    Raises SimulationFailed where too few rigs came out.
+    """
+    root = np.linalg.cholesky(known.covariance)
+    local = rng.standard_normal((_FEWEST_OF_ALL, len(root)))
+    places = np.clip(known.mean + local @ root.T, -_FARTHEST, _FARTHEST)
+    library = _Library(Moments(subject.layout))
+    library.add(local, [each[0] if each else None for each in simulate(draws_of(known, places, rng))])
+    if len(library) < _FEWEST_OF_ALL / 2:
+        raise SimulationFailed("hardly any rig could be simulated at that setting", "try another")
+    moments = Moments(subject.layout)
+    response = _followed(np.array(library.places), np.array(library.features), moments, _BLOCKS, rng)[2]
+    covariance = np.linalg.inv(response.slope.T @ response.precision @ response.slope + np.eye(len(root)))
+    return np.asarray(np.sqrt(np.diag(root @ covariance @ root.T)))
+
+
+def _between_programs(moments: Moments, scale: Array, count: int, rng: np.random.Generator) -> Array:
+    """What two careful programs may differ by, drawn for each rig; half of it is common to a kind."""
+    share = np.sqrt(0.5) * moments.tolerance / scale
+    alone = rng.standard_normal((count, len(share)))
+    common = rng.standard_normal((count, int(moments.kinds.max()) + 1))[:, moments.kinds]
+    return np.asarray(share * (alone + common))
