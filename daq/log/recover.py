@@ -220,6 +220,7 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                     if topic.startswith(_SAMPLE_TOPICS) and topic not in lasts and log.may_hold(topic)
                 ]
                 writer.add_metadata(_RECOVERED, _origin(log, lost, untold if cause == LOST else []))
+                writer.close()
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
                 raise

@@ -76,7 +76,7 @@ class Orders:
 class Errand:
     """An order while it is given: meanwhile, what the drive does is not yet what it was told.
 
-    `still_wanted` is asked before each message; a stop does not ask.
+    `still_wanted` is asked before each message and where one is not obeyed; a stop does not ask.
     """
 
     def __init__(self, orders: Orders, is_stop: bool = False) -> None:
@@ -207,7 +207,8 @@ class Motor:
             except InstrumentSilent:
                 pass  # its answer alone may be lost; what it reads back tells
             self._expect_ramp()
-            await self._see(fr.SET_BLOCK, lambda kept: kept == raw, f"{fr.RUNNING_FREQUENCY} = {hz:g} Hz")
+            order = f"{fr.RUNNING_FREQUENCY} = {hz:g} Hz"
+            await self._see(errand, fr.SET_BLOCK, lambda kept: kept == raw, order)
         self._notices.note("info", "inverter.set", f"set to {self._target}")
         return self.orders.target_hz
 
@@ -228,7 +229,7 @@ class Motor:
                 both = Status.RUNNING | Status.FORWARD
                 within_s = OBEYED_S + self.parameters.ramp_s(0.0, RUNS_ABOVE_HZ)
                 await self._see(
-                    fr.STATUS_BLOCK, lambda status: status & both == both, "run forward", within_s
+                    errand, fr.STATUS_BLOCK, lambda status: status & both == both, "run forward", within_s
                 )
         self._notices.note("info", "inverter.run", f"runs, set to {self._target}")
 
@@ -295,11 +296,17 @@ class Motor:
         self.orders.taken = True
 
     async def _see(
-        self, block: fr.Block, obeyed: Callable[[int], bool], order: str, within_s: float = OBEYED_S
+        self,
+        errand: Errand,
+        block: fr.Block,
+        obeyed: Callable[[int], bool],
+        order: str,
+        within_s: float = OBEYED_S,
     ) -> None:
-        """Read back until the first register shows that an order is obeyed."""
+        """Read back until the first register shows that an order is obeyed, or a stop has overtaken it."""
         deadline_s = self._clock.monotonic_s() + within_s
         while not obeyed(raw := (await self._talk.read(block, self._soon()))[0]):
+            errand.still_wanted(self._clock.monotonic_s(), math.inf)
             if self._clock.monotonic_s() > deadline_s:
                 raise self.refused(f"not obeyed: {order}; it reads {raw}", "", NOT_OBEYED)
             await asyncio.sleep(LOOK_AGAIN_S)

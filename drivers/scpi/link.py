@@ -100,10 +100,10 @@ class ScpiLink:
             self._answer_pending = True
             visa.write(command)
             answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
-        self._answer_pending = not answer.endswith(b"\n")
-        if self._answer_pending:
-            what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"
-            raise InstrumentRefused(self.instrument, self.resource, what, "that it is a SCPI instrument")
+            self._answer_pending = not answer.endswith(b"\n")
+            if self._answer_pending:
+                what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"
+                raise InstrumentRefused(self.instrument, self.resource, what, "that it is a SCPI instrument")
         return answer.decode("ascii", errors="replace").strip()
 
     def _drain(self, visa: MessageBasedResource) -> None:

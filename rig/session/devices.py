@@ -108,7 +108,9 @@ def connected(
 
     Whatever is raised from then on, the drive is off after it.
     """
-    devices, notes = connect(scenario, bench, stack, screen)
+    stop.check()
+    with stop.at_once():
+        devices, notes = connect(scenario, bench, stack, screen)
     stack.callback(devices.close)
     stop.check()
     with screen.busy("connecting"):

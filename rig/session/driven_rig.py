@@ -428,6 +428,7 @@ class DrivenRig:
             for name in self.names:
                 lost = acquisition.error is not None
                 recorder.due("measured", name, due, why(acquisition.name, lost))
+            for name in (*self.names, ENCODER_CHANNEL):  # which may be predicted at the card's samples
                 recorder.due("predicted", name, came, "not predicted")
             if (encoder := self.encoder) is not None:
                 because = why("encoder", encoder.error is not None)

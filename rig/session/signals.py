@@ -6,6 +6,8 @@ import math
 import signal
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from daq.errors import RattleError
@@ -25,6 +27,7 @@ class StopRequest:
     def __init__(self) -> None:
         self._before: dict[signal.Signals, object] = {}  # handlers to put back; an outer request among them
         self.asked, self._asked_s = 0, -math.inf
+        self._at_once = False
 
     def __enter__(self) -> StopRequest:
         if threading.current_thread() is threading.main_thread():
@@ -44,6 +47,15 @@ class StopRequest:
         if self.wanted:
             raise Stopped("stopped by a person")
 
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Meanwhile the first signal raises Stopped: for what waits where nobody looks, while nothing moves."""
+        self._at_once = True
+        try:
+            yield
+        finally:
+            self._at_once = False
+
     def _note(self, number: int, frame: FrameType | None) -> None:
         if time.monotonic() - self._asked_s < _AGAIN_S:
             return
@@ -52,3 +64,6 @@ class StopRequest:
         outer = getattr(self._before.get(signal.Signals(number)), "__self__", None)
         if isinstance(outer, StopRequest):
             outer.asked += 1  # a series of runs is to end with the run
+        if self._at_once:
+            self._at_once = False  # whoever asks again leaves nothing half ended
+            self.check()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -457,6 +459,40 @@ def test_a_stop_overtakes_an_order_under_way() -> None:
         return bench.line.writes()
 
     assert FORWARD not in on_bench(work)
+
+
+@pytest.mark.parametrize("order", ["set", "run"])
+@pytest.mark.parametrize("parameters", [{}, COASTS])
+@pytest.mark.parametrize("cut", [False, True])
+def test_whenever_a_stop_overtakes_an_order_it_is_that_and_no_fault_of_the_drive(
+    order: str, parameters: dict[int, int], cut: bool
+) -> None:
+    """Before it is sent, and while it is read back."""
+
+    async def work(bench: Bench, after_s: float) -> None:
+        motor, poller = bench.motor, bench.poller
+        await poller.check_in()
+        await motor.set_frequency(HZ, bench.loop.time() + 3.0)
+        if order == "set":
+            await motor.run_forward(bench.loop.time() + 3.0)
+            await bench.wait(motor.parameters.ramp_s(0.0, HZ) + 0.3)
+        told = (
+            motor.run_forward(bench.loop.time() + 3.0)
+            if order == "run"
+            else motor.set_frequency(HZ / 2, bench.loop.time() + 3.0)
+        )
+        ordering = asyncio.create_task(poller.order(told))
+        await asyncio.sleep(after_s)
+        await (poller.cut() if cut else poller.stop())
+        with suppress(OvertakenOrder):
+            await ordering
+        assert poller.error is None, after_s
+        await bench.wait(1.5)
+        assert poller.error is None, after_s
+        assert bench.load.at(bench.loop.time()) == 0.0, after_s
+
+    for after_s in (0.0071 * step for step in range(1, 16)):
+        on_bench(partial(work, after_s=after_s), parameters=parameters)
 
 
 def test_the_very_first_order_can_be_overtaken_too() -> None:

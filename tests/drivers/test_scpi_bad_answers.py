@@ -6,6 +6,7 @@ import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
+from drivers.scpi.link import ScpiLink
 from tests.drivers.scripted import Answer, ScriptedInstrument, healthy
 
 HUNG_UP = r"it closed the connection|the connection is lost \(.*reset"
@@ -157,6 +158,38 @@ def test_a_late_answer_is_not_taken_for_the_next() -> None:
             driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
         driver.off()
         driver.close()
+
+
+def test_a_late_answer_is_not_taken_for_the_next_whoever_asks_between() -> None:
+    """Sequence and guard share a link: what one found says nothing of the other's question."""
+    answers = {"A?": b"a\n", "B?": b"", "X": b"late\n", "C?": b"c\n"}
+
+    with ScriptedInstrument(lambda line: answers.get(line, b"")) as instrument:
+        link = ScpiLink("generator", instrument.resource, timeout_s=0.2)
+        link.open()
+
+        class Turn:
+            """As soon as the first has let go, the guard has its turn."""
+
+            lock, asked = link._turn, False
+
+            def acquire(self) -> bool:
+                return self.lock.acquire()
+
+            def release(self) -> None:
+                self.lock.release()
+                if not self.asked:
+                    self.asked = True
+                    with pytest.raises(InstrumentSilent, match=r"B\?"):
+                        link.query("B?")
+
+        link._turn = Turn()  # type: ignore[assignment]
+        try:
+            assert link.query("A?") == "a"
+            link.write("X")
+            assert link.query("C?") == "c"
+        finally:
+            link.close()
 
 
 def test_an_output_that_does_not_keep_off_is_told() -> None:

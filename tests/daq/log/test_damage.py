@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import random
+import resource
+import signal
 import tracemalloc
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -50,6 +53,18 @@ def heads_of(content: bytes) -> Iterator[int]:
     while position < len(content):
         yield from range(position, position + 9)
         position += 9 + int.from_bytes(content[position + 1 : position + 9], "little")
+
+
+@contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """No file of this process gets longer meanwhile."""
+    before, heard = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, heard)
 
 
 def chunks_of(path: Path) -> list[tuple[int, int]]:
@@ -285,6 +300,17 @@ def test_a_recovery_that_is_broken_off_leaves_nothing_that_looks_whole(
     with pytest.raises(KeyboardInterrupt):
         recover_log(ramp, tmp_path / "recovered.mcap")
     assert not (tmp_path / "recovered.mcap").exists()
+
+
+@pytest.mark.parametrize("short", [100, 3000])
+def test_a_recovery_for_which_the_disk_has_no_room_leaves_nothing_either(
+    ramp: Path, tmp_path: Path, short: int
+) -> None:
+    """It would be one that was only cut, and nobody would know of the rest."""
+    recovered = tmp_path / "recovered.mcap"
+    with room_for(ramp.stat().st_size - short), pytest.raises(LogError, match="File too large"):
+        recover_log(ramp, recovered)
+    assert not recovered.exists()
 
 
 @pytest.mark.parametrize("origin", ["measured", ""], ids=["with an origin", "as before"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 import time
 from contextlib import ExitStack
@@ -17,9 +19,9 @@ from drivers import lock as locks
 from rig.files.bench import Bench, embedded_bench
 from rig.files.scenario import Scenario, edited, parse_scenario
 from rig.session import devices
-from rig.session.devices import Devices, Standing
+from rig.session.devices import Devices, Standing, connected
 from rig.session.progress import Screen
-from rig.session.signals import StopRequest
+from rig.session.signals import Stopped, StopRequest
 from tests.rig.session.fakes import FAKE, RecordingGenerator, silent_screen
 from tests.rig.session.test_driven_rig import SCENARIO
 
@@ -128,6 +130,22 @@ def test_an_emulated_rig_that_cannot_hear_the_drive_is_started_with_each() -> No
         for scenario in (BEAM, BEAM, edited(BEAM, {"drive.frequency": "31 Hz"}, "beam")):
             connect_for(standing, scenario, deaf)
     assert len(connecting.generators) == 2
+
+
+def test_a_signal_ends_the_wait_for_what_is_started_at_once() -> None:
+    """An emulated rig is compiled first, for up to a minute in which nobody looks."""
+
+    def connect(*_: object) -> tuple[Devices, dict[str, str]]:
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("went on")
+
+    with (
+        ExitStack() as stack,
+        StopRequest() as stop,
+        pytest.raises(Stopped, match="stopped by a person"),
+    ):
+        connected(stack, connect, BEAM, BENCH, silent_screen(), stop)
+    assert stop.asked == 1
 
 
 def test_why_a_run_ended_is_not_hidden_by_a_drive_that_does_not_go_off() -> None:

@@ -35,3 +35,19 @@ def test_who_keeps_asking_is_heard_again_however_fast() -> None:
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.1)
         assert 2 <= stop.asked <= 4
+
+
+def test_what_waits_where_nobody_looks_ends_at_once_and_its_end_is_left_alone() -> None:
+    told: list[str] = []
+    with StopRequest() as stop:
+        with pytest.raises(Stopped, match="stopped by a person"), stop.at_once():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                raise AssertionError("went on")
+            finally:
+                time.sleep(0.35)  # as soon as a person may ask again
+                os.kill(os.getpid(), signal.SIGTERM)
+                told.append("ended")
+        time.sleep(0.35)
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert (told, stop.asked) == (["ended"], 3)

@@ -98,6 +98,13 @@ def test_what_is_asked_before_it_is_closed_is_due_and_nothing_after(rig: DrivenR
     assert (readings < 10 / Thermometer.period_s, cause) == (True, "stopped before its time")
 
 
+def test_whatever_is_predicted_at_the_cards_samples_is_due_as_they_are(rig: DrivenRig) -> None:
+    """An encoder of known mounting among them; the log leaves out what was not declared."""
+    due = recorded(rig, None, False, 2**62)
+    assert due["predicted/encoder.angle"] == due["predicted/drive.force"]
+    assert due["predicted/encoder.angle"][1] == "not predicted"
+
+
 def test_a_lost_card_is_why_and_a_logger_beside_it_was_stopped(rig: DrivenRig) -> None:
     due = recorded(rig, LOST, False, 2**62)
     assert due["measured/drive.force"][1] == "the card was lost"
