@@ -65,13 +65,18 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         yield file
 
 
+def exists_already(path: Path) -> RattleError:
+    """What to raise rather than write over a file."""
+    return RattleError(f"{path} exists already; name another file")
+
+
 @contextmanager
 def new_file(path: Path) -> Iterator[IO[bytes]]:
     """Create a file, never over another, and remove it again if it is not completed; raises RattleError."""
     try:
         file = path.open("xb")
     except FileExistsError as error:
-        raise RattleError(f"{path} exists already; name another file") from error
+        raise exists_already(path) from error
     except OSError as error:
         raise RattleError(f"cannot create {path}: {error.strerror}") from error
     try:

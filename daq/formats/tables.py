@@ -11,7 +11,7 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import IO, Any, get_args, get_type_hints
 
@@ -131,11 +131,10 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
     return sorted(tables, key=lambda table: (table.first - table.end, -table.base.sample_rate))
 
 
-def main_table(recording: Recording) -> tuple[Recording, list[Track]]:
-    """Of a recording what fits into one table, and which tracks with samples do not: those at other rates."""
-    wanted = tables_of(recording, lambda _: None)[0].tracks
-    left = [track for track in recording.tracks if track.stretches and track not in wanted]
-    return replace(recording, tracks=wanted, impacts=()), left
+def other_rates(recording: Recording) -> list[Track]:
+    """Tracks with samples that do not fit into the first table of a recording."""
+    first = tables_of(recording, lambda _: None)[0].tracks
+    return [track for track in recording.tracks if track.stretches and track not in first]
 
 
 def table_paths(path: Path, tables: Sequence[TrackTable]) -> tuple[Path, ...]:

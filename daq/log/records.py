@@ -10,8 +10,8 @@ LEAST_FREE_BYTES = 1 << 30
 RECORD_END, STOPPING = "record.end", "drive.stopping"
 """Codes of events: a record has come to its end; the rig is brought to rest before its time."""
 
-CALIBRATED, SENSITIVITY = "calibrated.", "sensitivity."
-"""Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit."""
+CALIBRATED, SENSITIVITY, RANGE = "calibrated.", "sensitivity.", "range."
+"""Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit, full scale."""
 
 CHECKSUM_OPCODE = 0x80
 """A record of our own after the head, each metadata record and each chunk: CRC-32 of all before it.

@@ -56,9 +56,10 @@ def export(
     ] = False,
 ) -> None:
     from daq.formats import all_formats
+    from daq.formats.contents import exists_already
     from daq.formats.recording import read_log, within
     from daq.formats.samples import Scratch
-    from daq.formats.tables import main_table
+    from daq.formats.tables import other_rates
     from daq.log.reader import LogReader
 
     screen, formats = Screen(Terminal()), all_formats()
@@ -67,6 +68,8 @@ def export(
         known = ", ".join(name for name, each in formats.items() if each.write is not None)
         raise typer.BadParameter(f"--to {to}: one of {known}")
     target = out or run.with_suffix(chosen.suffixes[0])
+    if target.exists():  # before minutes of reading
+        raise exists_already(target)
     start_s, end_s = seconds(start, "--from"), math.inf if end is None else seconds(end, "--to-time")
     with LogReader(run) as log, Scratch(target.parent) as scratch:
         size = run.stat().st_size / 1e6
@@ -81,9 +84,11 @@ def export(
         if not log.complete:
             screen.warn(f"{run} is cut short: exported as far as it goes")
         if chosen.one_rate and not all_rates:
-            table, left = main_table(recording)
-            recording = table if channels is None else dataclasses.replace(recording, impacts=())
-            if left and channels is None:
+            asked = set() if channels is None else {*map(str.strip, channels.split(","))}
+            left = [each for each in other_rates(recording) if each.channel.name not in asked]
+            kept = tuple(each for each in recording.tracks if each not in left)
+            recording = dataclasses.replace(recording, tracks=kept, impacts=())
+            if left:
                 more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
                 named = ", ".join(each.name for each in left[:_NAMED])
                 screen.say(f"left out   {named}{more}: other rates (--all-rates)")

@@ -8,6 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rig.files.scenario import load_scenario
 from rig.library.log import Folder, Log
 from rig.twin.prediction_file import write_prediction
@@ -26,18 +28,21 @@ def predicted(
     """See `rattle.predict`."""
     scenario = load_scenario(Path(scenario_file), settings)
     folder = Folder()
-    file = None if effects is None else _effects_file(effects, folder.path)
-    twin = twin_of(scenario)
-    if file is not None:
+    twin, file = twin_of(scenario), None
+    if isinstance(effects, str | PathLike):
+        file = Path(effects)
         twin = with_effects(twin, file)
+    elif effects is not None:
+        file, text = folder.path / "effects.json", json.dumps(effects, default=_plain)
+        twin = with_effects(twin, "effects", text)
+        file.write_text(text, encoding="utf-8")
     path = folder.path / "prediction.mcap" if out is None else Path(out)
     write_prediction(scenario, twin, seed, path, file)
     return Log(path, folder)
 
 
-def _effects_file(effects: _File | Sequence[Mapping[str, Any]], folder: Path) -> Path:
-    if isinstance(effects, str | PathLike):
-        return Path(effects)
-    file = folder / "effects.json"
-    file.write_text(json.dumps([dict(each) for each in effects]), encoding="utf-8")
-    return file
+def _plain(value: object) -> object:
+    """A mapping or a number as JSON knows it; of anything else how it calls itself, to be refused."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    return value.item() if isinstance(value, np.generic) else repr(value)

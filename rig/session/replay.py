@@ -12,7 +12,7 @@ from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
 from daq.errors import LogError
 from daq.log.reader import SURROGATE, LogReader, Origin
-from daq.log.records import Impact
+from daq.log.records import RANGE, Impact
 from rig.derived.derivation import ORIGINS, derivation_of, derived_channels
 from rig.files.scenario import AcquisitionSection
 from rig.session.on_page import VIEW_STAYS, on_page, show
@@ -20,6 +20,7 @@ from rig.session.pace import Work
 from rig.session.progress import LOG_S, Screen
 from rig.session.signals import StopRequest
 from rig.stream import Block, Consumer, Record, Shape, Stream
+from rig.twin.chains import scale_of
 from rig.twin.logged import align_to, predicting_twin, scenario_of
 from rig.twin.prediction import AlignedTwin
 from sim_twin.twin import AnyTwin
@@ -52,10 +53,15 @@ def replay_log(
             picture, derivable = picture_of(twin), derived_channels(origins, scenario)
             measured, predicted, beside = (origins[each] for each in ("measured", "predicted", "nominal"))
             learnt = origins[SURROGATE]
-            limits = {each.channel: Bounds(None, each.warning, each.abort) for each in scenario.limits}
+            limits = {each.channel: (each.warning, each.abort) for each in scenario.limits}
+            noted = log.metadata.get("run", {})
+            bounds = {
+                each.name: Bounds(scale_of(noted, RANGE, each.name), *limits.get(each.name, (None, None)))
+                for each in measured
+            }
             cycle_s = 1 / scenario.drive.cycle_hz
             shown = layout_of(
-                scenario.name, measured, predicted, picture, None, beside, derivable, learnt, limits, cycle_s
+                scenario.name, measured, predicted, picture, None, beside, derivable, learnt, bounds, cycle_s
             )
             show(view, shown, screen)
             stream += [view.offer, ShapeFollower(log, twin, scenario.acquisition, view.offer)]

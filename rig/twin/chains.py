@@ -12,7 +12,7 @@ from math import inf
 from typing import Any, Final
 
 from daq.errors import LogError
-from daq.log.records import SENSITIVITY
+from daq.log.records import RANGE, SENSITIVITY
 from drivers.ni_daq.channels import INPUT_NOISE_V, CardChannel, input_range_v
 from rig.files.bench import Bench
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
@@ -39,7 +39,7 @@ def scale_record(bench: Bench) -> dict[str, str]:
     """What it keeps of the scale of every channel: V per unit, and the full scale."""
     channels = [channel for channel in bench.daq_card.channels if channel.pulses is None]
     volts = {SENSITIVITY + channel.name: repr(channel.volts_per_unit) for channel in channels}
-    return volts | {f"range.{channel.name}": repr(channel.range) for channel in channels}
+    return volts | {RANGE + channel.name: repr(channel.range) for channel in channels}
 
 
 def declared_by(bench: Bench) -> dict[str, str]:
@@ -123,7 +123,7 @@ def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
         zero = _number(chain, "pulses", "initial_angle_rad") if pulses.get("index") else None
         counts = round(tracks * decoding)
         return Encoder(counts, bool(pulses.get("backwards")), zero or 0.0) if counts else None
-    scale, largest = _scale(record, "sensitivity", name), _scale(record, "range", name)
+    scale, largest = scale_of(record, SENSITIVITY, name), scale_of(record, RANGE, name)
     limit, output = inf, inf
     if scale and largest and largest < inf and not chain.get("mark"):
         limit = input_range_v(scale * largest) / scale
@@ -162,8 +162,9 @@ def _number(chain: Mapping[str, Any], *keys: str) -> float | None:
     return float(found) if isinstance(found, int | float) else None
 
 
-def _scale(record: Mapping[str, str], what: str, name: str) -> float | None:
+def scale_of(record: Mapping[str, str], what: str, name: str) -> float | None:
+    """SENSITIVITY (V per unit) or RANGE (its unit) of a channel by a `run` record; None if not there."""
     try:
-        return float(record[f"{what}.{name}"])
+        return float(record[what + name])
     except (KeyError, ValueError):
         return None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,14 +84,15 @@ def write_log(
     channels: Iterable[Channel] = CHANNELS,
     origins: Iterable[Origin] = ("measured", "predicted"),
     scenario: str = SCENARIO,
+    bench: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """Write the run as a log."""
+    """Write the run as a log, with what `bench` adds to its record `run`."""
     with LogWriter(path) as log:
         for origin in origins:
             for channel in channels:
                 log.declare(origin, channel)
         log.add_metadata("scenario", {"toml": scenario})
-        log.add_metadata("run", {"id": "run-7", "started": "2026-09-21T14:13:20Z"})
+        log.add_metadata("run", {"id": "run-7", "started": "2026-09-21T14:13:20Z", **bench})
         log.add_event(Event(START_NS, "info", "sequencer", "recording", "recording started"))
         for origin in origins:
             for block in blocks(channels, origin, seconds):

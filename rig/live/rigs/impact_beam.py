@@ -146,11 +146,8 @@ class BeamSketch:
         fixed.append(np.array([[0.0, 0.0], [length, 0.0]]))
         reach = 0.36 * length
         room = (-0.04 * length, -reach, 1.12 * length, reach)
-        caption = "stops, slowed; arrows: forces on them"
-        if frames:
-            caption = (
-                f"{whose} beam, {self._picture.magnification:.0f} x, slowed; arrows: forces on the stops"
-            )
+        what = f"{whose} beam, {self._picture.magnification:.0f} x" if frames else "stops"
+        caption = f"{what}, slowed; arrows: forces on {'the stops' if frames else 'them'}"
         ends = [
             (side, (length, stop), sign)
             for side, stop, sign in zip(_SIDES, stops, (1.0, -1.0), strict=True)

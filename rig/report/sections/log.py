@@ -8,11 +8,12 @@ from datetime import UTC, datetime
 
 from daq.block import NS_PER_S
 from daq.channel import Channel
-from daq.log.records import CALIBRATED, SENSITIVITY
+from daq.log.records import CALIBRATED, RANGE, SENSITIVITY
 from rig.derived.settings import RECORD
 from rig.pages.content import Listing, Part, Sentence, Table
 from rig.pages.words import DASH, number
 from rig.report.record import RunRecord
+from rig.twin.chains import scale_of
 
 _MOST_ROWS = 500
 _GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901
@@ -45,6 +46,11 @@ def events(run: RunRecord) -> list[Part]:
         *parts,
         *_ledger("gaps", ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows),
     ]
+
+
+def _key(key: str) -> str:
+    """In words, but for what ends with a channel's name."""
+    return key if "." in key else key.replace("_", " ")
 
 
 def _in_words(value: str) -> str:
@@ -108,8 +114,8 @@ def provenance(run: RunRecord) -> list[Part]:
     rows = [["log", run.path.name], ["log file", state], ["written by", run.library or DASH]]
     for name, record in run.metadata.items():
         if name not in ("scenario", RECORD):  # which stand elsewhere on the page
-            keys = (key for key in record if not key.startswith((CALIBRATED, SENSITIVITY)))
-            rows += [[f"{name}: {key.replace('_', ' ')}", _in_words(record[key])] for key in keys]
+            keys = (key for key in record if not key.startswith((CALIBRATED, SENSITIVITY, RANGE)))
+            rows += [[f"{name}: {_key(key)}", _in_words(record[key])] for key in keys]
     facts = Table(("what", "value"), rows, "Log", words=True)
     if not run.channels:
         return [facts, Sentence("The log holds no channel.")]
@@ -118,7 +124,8 @@ def provenance(run: RunRecord) -> list[Part]:
         tally = run.tallies.get(("measured", name)) or run.tallies.get(("predicted", name))
         calibrated = noted.get(f"{CALIBRATED}{name}", DASH)
         sensitivity = _sensitivity(channel, noted.get(f"{SENSITIVITY}{name}", ""))
-        words = [channel.sensor or DASH, channel.serial or DASH, sensitivity, calibrated]
+        full_scale = number(scale_of(noted, RANGE, name), channel.unit)
+        words = [channel.sensor or DASH, channel.serial or DASH, sensitivity, full_scale, calibrated]
         sensors.append([name, *words, number(tally.sample_rate if tally else None, "Hz")])
-    headings = ("channel", "sensor", "serial", "sensitivity", "calibrated", "sample rate")
+    headings = ("channel", "sensor", "serial", "sensitivity", "range", "calibrated", "sample rate")
     return [facts, Table(headings, sensors, "Sensors", words=True)]

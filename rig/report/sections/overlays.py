@@ -114,7 +114,7 @@ def parts(run: RunRecord) -> list[Part]:
         return [Sentence("The log holds no samples.")]
     cycle = cycle_of(run)
     impacts = _first_impacts(run)
-    windows = [impacts or _Window("the beginning", 0.0, _WITHOUT_IMPACTS_S), _one_cycle(run)]
+    windows = [impacts or _Window("the beginning", 0.0, _WITHOUT_IMPACTS_S), _one_cycle(run, cycle)]
     if cycle is not None:  # wave by wave a twin can be held against a run only from rest on
         windows = windows[:1] if cycle.from_rest else windows[1:]
     plots = Plots(rows=len(run.channels), columns=_COLUMNS, row_px=_ROW_PX)
@@ -172,15 +172,18 @@ def _first_impacts(run: RunRecord) -> _Window | None:
     return None
 
 
-def _one_cycle(run: RunRecord) -> _Window:
+def _one_cycle(run: RunRecord, cycle: Cycle | None) -> _Window:
     duration = max(len(trace.values) / trace.sample_rate for trace in run.traces.values())
-    cycle = run.facts.cycle_s
-    if cycle is None:
+    cycle_s = run.facts.cycle_s
+    if cycle_s is None:
         return _Window("the first second", 0.0, min(1.0, duration))
-    if duration < cycle:
+    if duration < cycle_s:
         return _Window("the whole run", 0.0, duration)
-    start = (duration - cycle) / 2  # the middle of the run: away from the start's transients
-    return _Window("one drive cycle", start, start + cycle)
+    start = (duration - cycle_s) / 2  # the middle of the run: away from the start's transients
+    if cycle is not None:  # and where the mean cycle begins
+        turns = start * cycle.frequency_hz + cycle.phase_rad / (2 * np.pi)
+        start = max(start - turns % 1.0 / cycle.frequency_hz, 0.0)
+    return _Window("one drive cycle", start, start + cycle_s)
 
 
 _POINTS = 1440

@@ -131,6 +131,17 @@ def test_one_plain_file_of_what_is_asked_for(call: Call, run: Path, tmp_path: Pa
     assert verify_log(tmp_path / "back.mcap").sound
 
 
+def test_a_file_that_is_there_is_refused_before_anything_is_read(
+    call: Call, run: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "there.csv").write_text("mine")
+    answer = call("export", run, "--to", "csv", "-o", tmp_path / "there.csv")
+    assert answer.code == 1
+    assert "there.csv exists already" in answer.err
+    assert "reading" not in answer.out
+    assert (tmp_path / "there.csv").read_text() == "mine"
+
+
 def table(path: Path) -> pd.DataFrame:
     return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
 
@@ -143,8 +154,9 @@ def test_what_is_left_out_is_named_and_counted(call: Call, tmp_path: Path) -> No
             values, rate = np.ones(100, np.float32), 1000.0 if number == 0 else 20.0
             block = SampleBlock(channel.name, 0, START_NS, rate, values)
             log.add_block("derived" if number else "measured", block, START_NS)
-    answer = call("export", tmp_path / "run.mcap", "--to", "csv", "--channels", "c*")
-    assert "left out" not in answer.out
+    answer = call("export", tmp_path / "run.mcap", "--to", "csv", "--channels", "c*,c5")  # one by its name
+    assert "left out   derived/c1, derived/c2, derived/c3 and 1 more: other rates (--all-rates)" in answer.out
+    assert list(table(tmp_path / "run.20Hz.csv").columns) == ["time [s]", "derived/c5 [N]", "rattle"]
     answer = call("export", tmp_path / "run.mcap", "--to", "parquet")
     assert "left out   derived/c1, derived/c2, derived/c3 and 2 more: other rates (--all-rates)" in answer.out
 

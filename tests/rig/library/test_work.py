@@ -62,7 +62,10 @@ def test_an_effect_and_a_setting_change_what_is_predicted(scenario: Path) -> Non
 @pytest.mark.parametrize(
     ("effects", "settings", "words"),
     [
-        ([{"name": "sensor_gian"}], None, "did you mean sensor_gain"),
+        ([{"name": "sensor_gian"}], None, r"^effects:\n.*did you mean sensor_gain"),
+        (GAIN, None, r"^effects:\n.*a list such as"),
+        ([{"name": "clearance", "parameters": {"scale": object}}], None, r"scale = .*<class 'object'>"),
+        ([{"name": "clearance", "parameters": {"scale": np.float32(99)}}], None, r"scale = 99"),
         (None, {"drive.frequenzy": "3 Hz"}, "did you mean frequency"),
         ("gone.json", None, r"gone\.json"),
     ],

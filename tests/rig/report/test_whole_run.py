@@ -19,7 +19,7 @@ from rig.report.record import RunRecord, Verdict, read_run
 from rig.report.sections import log as log_sections
 from rig.report.sections import overlays, spectra, summary, whole_run
 from rig.session.progress import Screen, Terminal
-from tests.rig.synthetic_run import PEAK_N, SCENARIO, START_NS, write_log
+from tests.rig.synthetic_run import DRIVE_HZ, PEAK_N, SCENARIO, START_NS, write_log
 
 LIMITED = (
     SCENARIO
@@ -137,6 +137,9 @@ def test_a_run_that_was_going_shows_its_mean_cycle_and_says_why(run: RunRecord) 
     assert "one drive cycle" in titles[0]
     assert "mean of all cycles" in titles[1]
     assert "scatter" in figure.key
+    _, _, start_s, _ = figure.layout["xaxis"]["title"]["text"].split()  # ms after ... s
+    cycles = float(start_s) * DRIVE_HZ
+    assert cycles == pytest.approx(round(cycles), abs=2e-3)  # at a rising zero, where the mean begins
 
 
 def test_units_are_as_people_write_them() -> None:
@@ -181,17 +184,22 @@ def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord
     known = {
         "calibrated.contact.force_upper": "2026-01-02, valid until 2027-01-02",
         "sensitivity.base.acceleration": "0.0102",
+        "range.contact.force_upper": "200.0",
+        "range.base.acceleration": "490.3325",
+        "range.crank.angle": "inf",
         "chain.crank.angle": '{"kind": "encoder", "pulses": {"per_revolution": 1024, "index": true}}',
+        "chain.yoke.force_x": '{"corner_hz": 0.5}',
         "actuator": "Mitsubishi FR, station 1",
     }
     parts = log_sections.provenance(replace(run, channels=channels, metadata={"run": known}))
     facts, sensors = (part for part in parts if isinstance(part, Table))
-    assert [row[3:5] for row in sensors.rows] == [
-        ["10 mV/N", "2026-01-02, valid until 2027-01-02"],
-        ["100 mV/g", "\N{EN DASH}"],
-        ["651.9 count/rad", "\N{EN DASH}"],
+    assert [row[3:6] for row in sensors.rows] == [
+        ["10 mV/N", "200 N", "2026-01-02, valid until 2027-01-02"],
+        ["100 mV/g", "490.3 m/s²", "\N{EN DASH}"],
+        ["651.9 count/rad", "\N{EN DASH}", "\N{EN DASH}"],
     ]
     told = dict(facts.rows)
     assert told["run: chain.crank.angle"] == "kind: encoder, pulses: (per revolution: 1024, index: True)"
     assert told["run: actuator"] == known["actuator"]
-    assert not any("calibrated" in row[0] or "sensitivity" in row[0] for row in facts.rows)
+    assert told["run: chain.yoke.force_x"] == "corner hz: 0.5"
+    assert not any(part in row[0] for row in facts.rows for part in ("calibrated", "sensitivity", "range"))

@@ -144,15 +144,18 @@ def test_the_picture_of_an_overlay_with_effects_is_moved_by_the_twin_that_has_th
     assert farthest == pytest.approx([0.127e-3, 1.6 * 0.127e-3], abs=0.01e-3)
 
 
-def test_limits_of_the_run_stand_beside_its_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ranges_and_limits_stand_beside_the_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     limited = f'{SCENARIO}{ACQUISITION}[limits."contact.force_upper"]\nwarning = "30 N"\nabort = "50 N"\n'
-    run = write_log(tmp_path / "run.mcap", seconds=0.1, origins=["measured"], scenario=limited)
+    full_scales = {"contact.force_upper": "200.0", "yoke.force": "150.0", "base.acceleration": "?"}
+    bench = {f"range.{name}": text for name, text in full_scales.items()}
+    run = write_log(tmp_path / "run.mcap", 0.1, origins=["measured"], scenario=limited, bench=bench)
     shown: list[Layout] = []
     view = SimpleNamespace(offer=lambda record: None)
     monkeypatch.setattr("rig.session.replay.on_page", lambda screen: nullcontext(view))
     monkeypatch.setattr("rig.session.replay.show", lambda view, layout, screen: shown.append(layout))
     replay_log(run, 0, True, silent_screen(), SteppedClock())
-    assert shown[0].bounds == {"contact.force_upper": Bounds(None, 30.0, 50.0)}
+    known = {name: bounds for name, bounds in shown[0].bounds.items() if bounds != Bounds()}
+    assert known == {"contact.force_upper": Bounds(200.0, 30.0, 50.0), "yoke.force": Bounds(150.0)}
 
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
