@@ -16,21 +16,20 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks.soak import machine
+from rig.surrogates.training import UNITS
 from sim_twin.surrogates.samples import COLUMNS, Samples
-from sim_twin.surrogates.surrogate import learnt
+from sim_twin.surrogates.surrogate import Kind, learnt
 
 PAGE = Path(__file__).parents[1] / "docs" / "surrogates.md"
 BEGIN, END = "<!-- written by python -m benchmarks.surrogates --page -->", "<!-- as far as here -->"
 SAMPLES, RATE = 100_000, 25_600
 LEARNT_WITHIN_S = 30.0
-BARRED: tuple[tuple[Literal["rbf", "grnn"], int], ...] = (("rbf", 100), ("grnn", 1000))
-"""Networks with their numbers of units."""
 
 
 class Speed(NamedTuple):
@@ -54,9 +53,9 @@ def record() -> Samples:
     )
 
 
-def speed(kind: Literal["rbf", "grnn"], units: int) -> Speed:
-    """Of one core."""
-    samples, name = record(), {"rbf": "max_units", "grnn": "max_prototypes"}[kind]
+def speed(kind: Kind) -> Speed:
+    """Of one core, with the units that `rattle surrogate train` gives it."""
+    samples, (name, units) = record(), UNITS[kind]
     with threadpool_limits(1):
         begun = time.process_time()
         found = learnt(samples, "any", ("x", "y", "z"), "angle", kind, **{name: units})
@@ -72,8 +71,8 @@ def speed(kind: Literal["rbf", "grnn"], units: int) -> Speed:
 def main(page: bool, out: Path) -> int:
     """Print and write; 1 if a bar is missed."""
     lines, missed = [], False
-    for kind, units in BARRED:
-        found = speed(kind, units)
+    for kind, (_, units) in UNITS.items():
+        found = speed(kind)
         missed |= found.learnt_s > LEARNT_WITHIN_S or found.times_real_time <= 1
         lines.append(
             f"{kind}, {units} units: {SAMPLES} samples learnt in {found.learnt_s:.1f} s (bar"

@@ -51,7 +51,7 @@ _MARKED = "the channel's flag and an event `sensor...`; the run goes on"
 _REFUSED = "refused before anything moves"
 _DRIVE_STOPS = "exit 1; the motor is brought to rest, the word says why"
 _SOME = {"share": 0.01}  # of the answers: seldom enough that a run lives, often enough to show
-_ONE_INPUT = {"channel": ""}
+_ONE_INPUT = {"channel": ""}  # how its name ends; the first such
 
 
 def _faults_of(source: str) -> dict[str, Fault]:
@@ -120,7 +120,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     ),
     "daq_card.marks_missing": Fault(
         "F27", "a `share` of the marks of `channel` is not there", "told of at the end, speed goes on",
-        {**_ONE_INPUT, "share": 0.1},
+        {"channel": ".marker", "share": 0.1},
     ),
     "encoder.unplugged": Fault("F1", "its process is gone", _LOST),
     "encoder.hang_up": Fault("F2", "its CAN server closes the connection and takes a new one", _LOST),
@@ -128,10 +128,11 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "encoder.wrong_device": Fault("F3", "is no CiA 406 encoder", _REFUSED, at_start=True),
     "encoder.garbage": Fault("F5", "the CAN server sends what is no frame", _LOST),
     "encoder.stuck": Fault(
-        "F9", "shows the position that it has for ever: its coupling came off", "exit 3, speed.abort"
+        "F9", "shows the position that it has for ever: its coupling came off", "exit 3, `speed.abort`"
     ),
     "encoder.clock_jump": Fault(
-        "F23", "the clock of the timestamps is set by `value` s", "an event; times go on", {"value": 1.0}
+        "F23", "the clock of the timestamps is set by `value` s", "`encoder.clock_step`; times go on",
+        {"value": 1.0},
     ),
     "encoder.period_off": Fault(
         "F29", "its timer is off by `ppm`", "`/clock` shows it", {"ppm": 100.0}, at_start=True
@@ -185,7 +186,8 @@ class Rehearsed:
 
     @property
     def channel(self) -> str:
-        return str(self.values.get("channel", ""))
+        """How the name of the channel ends that it comes to, the first such; empty: of all."""
+        return str(self.values.get("channel", self.known.get("channel", "")))
 
 
 def rehearsed(text: str) -> Rehearsed:

@@ -149,6 +149,7 @@ def emulate(
 ) -> None:
     from drivers.rehearsal import FAULTS, rehearsed
     from rig.emulation import STARTING, bench_reaching, emulated_bench, first_start
+    from rig.files.pairing import nowhere
     from rig.files.scenario import load_scenario
 
     if fault == ["list"]:
@@ -159,14 +160,12 @@ def emulate(
         raise typer.BadParameter("SCENARIO.toml is missing: what to emulate")
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
     faults = (*bench.emulation.faults, *(fault or ()))
-    for told in map(rehearsed, fault or ()):
-        if told.table not in bench.emulated:
-            allowed = (
-                f"a fault of {', '.join(bench.emulated)}; one of the disk stands in the bench of rattle run"
-            )
-            raise ConfigurationError("faults to rehearse", [Problem("fault", told.name, allowed)])
+    allowed = f"a fault of {', '.join(bench.emulated)}; one of the disk stands in the bench of rattle run"
+    others = [told.name for told in map(rehearsed, fault or ()) if told.table not in bench.emulated]
     emulation = replace(bench.emulation, faults=faults, seed=bench.emulation.seed if seed is None else seed)
     bench = replace(bench, emulation=emulation)
+    if problems := [*(Problem("fault", name, allowed) for name in others), *nowhere(bench)]:
+        raise ConfigurationError("faults to rehearse", problems)
     screen = Screen(Terminal(stderr=as_json))
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

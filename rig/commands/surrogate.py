@@ -52,6 +52,8 @@ def train(
 
     if out.exists():
         raise RattleError(f"{out} is there already; remove it or name another, nothing was trained")
+    if not out.resolve().parent.is_dir():
+        raise RattleError(f"{out.parent}: no such folder; nothing was trained")
     if error_goal is not None and network != "rbf":
         raise typer.BadParameter("a grnn adds no units", param_hint="--error-goal")
     screen = Screen(Terminal())
@@ -79,13 +81,14 @@ def _tell(found: Surrogate, screen: Screen) -> None:
         "last revolutions, not learnt", "rmse", "floor", "distance", "floor", box=None, pad_edge=False
     )
     for name, score in found.tested.items():
-        figures = (score.rmse, score.rmse_floor, score.distance, score.distance_floor)
-        table.add_row(name, *(f"{each:.3f}" for each in figures))
+        known = [f"{each:.3f}" for each in (score.rmse, score.rmse_floor, score.distance)]
+        table.add_row(name, *known, f"{score.distance_floor:.3f}" if score.distance_floor else "-")
     screen.console.print(table)
     words = "may" if found.stands_in else "may not"
     screen.say(f"           it {words} stand in for simulations (rattle ensemble --surrogate)")
     screen.say(
-        "           in standard deviations of the channel; the floor is what the rig's own chatter leaves"
+        "           in standard deviations of the channel; the floor is what the rig's own chatter leaves,"
+        " - where a run ends with fewer than two whole revolutions to tell it by"
     )
 
 
@@ -147,9 +150,9 @@ def report(
     if not rows:
         raise RattleError("none of these runs turned twice; record longer")
     for caption, lines in judgement.tables(rows).items():
-        table = Table(
-            *judgement.HEADINGS, title=caption, title_justify="left", box=None, padding=(0, 1, 0, 0)
-        )
+        table = Table(title=caption, title_justify="left", box=None, padding=(0, 1, 0, 0))
+        for heading in judgement.HEADINGS:
+            table.add_column(heading, min_width=max(map(len, heading.split())))
         for line in lines:
             table.add_row(*line)
         screen.console.print(table)
@@ -159,7 +162,7 @@ def report(
         "surrogates.json": judgement.document(rows, list(logs)),
         "surrogates.md": judgement.markdown(rows),
     }
-    subtitle = [f"{len(logs)} runs"]
+    subtitle = [f"{len(logs)} run{'s' if len(logs) > 1 else ''}"]
     files["surrogates.html"] = page("Surrogates", subtitle, [("What holds", judgement.parts(rows))])
     for name, text in files.items():
         try:

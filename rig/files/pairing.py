@@ -42,10 +42,10 @@ def check_pair(
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
-    the rig's, or none shows its crank turn; a limit names a channel that the bench lacks, lies beyond its
-    range and could never trip, or is to guard a real rig by an emulated card; a calibration has run out by
-    `today` (emulated sensors do not age); the log, as long as the scenario says or `recorded_s`, does not fit
-    where `free_bytes` are left.
+    the rig's, or none shows its crank turn; a fault to rehearse is of a channel that the card has not; a
+    limit names a channel that the bench lacks, lies beyond its range and could never trip, or is to guard a
+    real rig by an emulated card; a calibration has run out by `today` (emulated sensors do not age); the log,
+    as long as the scenario says or `recorded_s`, does not fit where `free_bytes` are left.
     """
     record = scenario.acquisition
     if recorded_s is not None:
@@ -55,6 +55,7 @@ def check_pair(
         *resolve_name(actuator.beyond)(scenario, bench),
         *resolve_name(actuator.hurried)(scenario),
         *_channels(scenario.rig, bench),
+        *nowhere(bench),
         *_shaft(bench),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
@@ -64,12 +65,24 @@ def check_pair(
         raise ConfigurationError(f"scenario {scenario.name!r} on {bench.source}", problems)
 
 
+def nowhere(bench: Bench) -> Iterator[Problem]:
+    """Faults to rehearse on a channel that the card has not."""
+    names = [each.name for each in bench.daq_card.channels]
+    for text in bench.emulation.faults:
+        fault = rehearsed(text)
+        if "channel" in fault.known and not any(name.endswith(fault.channel) for name in names):
+            allowed = f"a channel of the card ({', '.join(names)})"
+            yield Problem("emulation.faults", text, allowed)
+
+
 def too_late(scenario: Scenario, bench: Bench) -> Iterator[str]:
-    """Say of each fault to rehearse that the record is over before it comes."""
+    """Say of each fault to rehearse that the record is over before it comes; of a crank, that it may be."""
     end_s = scenario.acquisition.settle + scenario.acquisition.duration
+    turns = RIGS[scenario.rig].turns
+    over = f"may be over ({end_s:g} s from full speed on)" if turns else f"is over ({end_s:g} s)"
     for text in bench.emulation.faults:
         if rehearsed(text).at_s >= end_s:
-            yield f"{text} is for when the record is over ({end_s:g} s): on the way to rest, or never"
+            yield f"{text} is for when the record {over}: on the way to rest, or never"
 
 
 def check_scenario(scenario: Scenario, source: str) -> None:

@@ -92,8 +92,8 @@ def overlay_run(
 
                 _predict(log, copy, scenario, origin, each, derived, so_far)
             derived.finish()
-            if learnt is not None:
-                _speak(log, copy, learnt, twin, warn)
+            if surrogate is not None and learnt is not None:
+                _speak(log, copy, surrogate, learnt, twin, warn)
 
 
 def _shown(
@@ -106,23 +106,35 @@ def _shown(
 
 
 def _speak(
-    log: LogReader, copy: LogWriter, learnt: Surrogate, twin: AnyTwin, warn: Callable[[str], None]
+    log: LogReader,
+    copy: LogWriter,
+    file: Path,
+    learnt: Surrogate,
+    twin: AnyTwin,
+    warn: Callable[[str], None],
 ) -> None:
-    """Add what a surrogate predicts, and that a run lies outside of what it learnt."""
-    from rig.twin.recorded_samples import beside
+    """Add what a surrogate predicts, and that a run lies outside of what it learnt, or is what it learnt."""
+    from rig.twin.recorded_samples import beside, digest_of
 
     blocks, outside = beside(log, learnt)
+    told = [
+        ("outside", f"the surrogate is asked beyond what it learnt: {text}", text)
+        for text in outside.values()
+    ]
+    if digest_of(log.path) in learnt.learnt_from.values():
+        text = "it learnt from this run: what it says beside it is no prediction"
+        told.append(("learnt", f"the surrogate: {text}", text))
     for channel in predicted_channels(twin):
         if channel.name in learnt.channels:
             copy.declare(SURROGATE, channel)
     for index, block in enumerate(blocks):
         if index == 0:
-            for text in outside.values():
-                warn(f"the surrogate is asked beyond what it learnt: {text}")
-                copy.add_event(Event(block.time_ns, "warning", "surrogate", "surrogate.outside", text))
+            for code, words, text in told:
+                warn(words)
+                copy.add_event(Event(block.time_ns, "warning", "surrogate", f"surrogate.{code}", text))
         copy.add_block(SURROGATE, block, sample_time_ns(block.time_ns, len(block), block.sample_rate))
     record = {"network": learnt.kind, "over": learnt.over, "logs": json.dumps(dict(learnt.learnt_from))}
-    copy.add_metadata("surrogate", record)
+    copy.add_metadata("surrogate", record | {"file": f"{file.name} {digest_of(file)}"})
 
 
 def _derivation(

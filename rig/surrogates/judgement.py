@@ -16,18 +16,20 @@ from pydantic import TypeAdapter, ValidationError
 
 from daq.errors import LogError
 from daq.log.reader import LogReader
-from rig.pages.content import Lead, Part, Sentence, Table
+from rig.pages.content import Part, Sentence, Table
 from rig.twin import recorded_samples
 from rig.twin.recorded_samples import samples_of
 from sim_twin import surrogates
 from sim_twin.surrogates.comparison import (
     AMOUNTS,
     METHODS,
+    MOST,
     NEAREST,
     OTHER_SETTINGS,
     OVERS,
     POINTS,
     SPLITS,
+    WINDOWS,
     Row,
     compared,
 )
@@ -129,19 +131,23 @@ def document(rows: Sequence[Row], logs: Sequence[Path]) -> str:
     return json.dumps(record, indent=2, allow_nan=False)
 
 
+def _tables(rows: Sequence[Row]) -> tuple[Table, *tuple[Table, ...]]:
+    """What of the paper holds, and a table for each measure."""
+    told = [[claim, "holds" if holds else "does not hold", found] for claim, holds, found in claims(rows)]
+    made = [Table(HEADINGS, lines, _capital(caption), words=True) for caption, lines in tables(rows).items()]
+    return Table(("the paper", "here", "found"), told, words=True), *made
+
+
 def markdown(rows: Sequence[Row]) -> str:
     """The same as a part of a page of docs/."""
-    blocks = []
-    for caption, lines in tables(rows).items():
-        marked = [HEADINGS, ["---"] * len(HEADINGS), *lines]
-        blocks += [f"**{_capital(caption)}**", _marked(marked)]
-    told = [("the paper", "here", "found"), ("---",) * 3]
-    told += [(claim, "holds" if holds else "does not hold", found) for claim, holds, found in claims(rows)]
-    return "\n\n".join([*blocks, _marked(told)]) + "\n"
+    claimed, *measured = _tables(rows)
+    blocks = [block for each in measured for block in (f"**{each.caption}**", _marked(each))]
+    return "\n\n".join([*blocks, _marked(claimed)]) + "\n"
 
 
-def _marked(lines: Sequence[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(each)} |" for each in lines)
+def _marked(table: Table) -> str:
+    lines = [table.headings, ["---"] * len(table.headings), *table.rows]
+    return "\n".join(f"| {' | '.join(map(str, each))} |" for each in lines)
 
 
 def _capital(text: str) -> str:
@@ -203,22 +209,20 @@ def _each(near: Mapping[str, float], names: Sequence[str]) -> str:
 
 
 EXPLANATION = (
-    "All are judged on the same points at 6.4 kHz, which nothing has learnt: at six places in the "
-    f"second half of the run in the middle of speeds and clearances a random third of {LEARNT + TESTED}. "
+    f"All are judged on the same points, every {EVERY}th sample, which nothing has learnt: at about "
+    f"{WINDOWS} places in the second half of the run in the middle of speeds and clearances, or of several, "
+    f"a random third of {LEARNT + TESTED}. "
     "Held back are a random third of all points alone, or also the second half of every run, its speed, "
     f"or its clearances; learnt are the {LEARNT} points nearest to those that are asked for, as in the "
-    "paper, or 20,000 of all. Rmse and distance (Wasserstein's, of the distributions of values) are in "
-    "standard deviations of the channel, the mean over channels; an rmse of 1.00 is what the mean value "
-    "alone comes to. Floors: of the rmse what the run's own mean revolution leaves, which nothing "
-    "passes that knows angle and settings alone; of the distance that of the run's odd from its even "
-    "revolutions."
+    f"paper, or {MOST:,} of all at most. Rmse and distance (Wasserstein's, of the distributions of values) "
+    "are in standard deviations of the channel, the mean over channels; an rmse of 1.00 is what the mean "
+    "value alone comes to. Floors: of the rmse what the run's own mean revolution leaves, which only what "
+    "has learnt points of the very revolution comes below; of the distance that of the run's odd from its "
+    "even revolutions."
 )
 
 
 def parts(rows: Sequence[Row]) -> list[Part]:
     """The tables, after what of the paper holds."""
-    told = [
-        f"{'Holds' if holds else 'Does not hold'}: {claim} ({found})." for claim, holds, found in claims(rows)
-    ]
-    made = [Table(HEADINGS, lines, _capital(caption), words=True) for caption, lines in tables(rows).items()]
-    return [Lead(told), Sentence(EXPLANATION), *made]
+    claimed, *measured = _tables(rows)
+    return [claimed, Sentence(EXPLANATION), *measured]

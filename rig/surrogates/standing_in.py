@@ -28,11 +28,15 @@ def stood_in(
     """
     surrogate = load_surrogate(file, scenario.rig)
     if not surrogate.stands_in:
-        worst = max((score.distance_over_floor for score in surrogate.tested.values()), default=np.inf)
+        tested = surrogate.tested.values()
+        if tested and all(score.distance_floor for score in tested):
+            worst = max(score.distance_over_floor for score in tested)
+            told = f"distributed {worst:.1f} times as far off as they are from each other"
+        else:
+            told = "distributed otherwise, and not two whole revolutions were there to say how far is far"
         raise RattleError(
             f"{file}: not good enough to stand in: on revolutions that it had not seen, what it says is "
-            f"distributed {worst:.1f} times as far off as they are from each other; without --surrogate they "
-            f"are simulated"
+            f"{told}; without --surrogate they are simulated"
         )
     if surrogate.over == "time":
         raise RattleError(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from sim_twin.surrogates.samples import Over, Samples
 from sim_twin.surrogates.surrogate import Kind, Surrogate, learnt_and_tested
 
 _MOST = 100_000
-_UNITS = {"rbf": ("max_units", 100), "grnn": ("max_prototypes", 1000)}
+UNITS: Final[Mapping[Kind, tuple[str, int]]] = {"rbf": ("max_units", 100), "grnn": ("max_prototypes", 1000)}
 """What the number of units is called, and how many there are unless it is said."""
 
 
@@ -39,9 +40,9 @@ def trained(
     digests: dict[str, str] = {}
     for path in once:
         with LogReader(path) as log:
-            digests[path.name if path.name not in digests else str(path)] = digest_of(log)
+            digests[path.name if path.name not in digests else str(path)] = digest_of(path)
             parts.append(samples_of(log).thinned(_MOST // len(once), random))
-    name, most = _UNITS[kind]
+    name, most = UNITS[kind]
     given = {name: units or most} | ({} if error_goal is None else {"error_goal": error_goal})
     try:
         found = learnt_and_tested(Samples.joined(parts), RIG, ACCELERATIONS, over, kind, seed, **given)

@@ -102,9 +102,9 @@ def asked(scenario: Scenario, times_s: Array, angles: Array, speed: float | None
     return np.column_stack([columns[name] for name in COLUMNS])
 
 
-def digest_of(log: LogReader) -> str:
-    """SHA-256 of the file."""
-    with log.path.open("rb") as file:
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -156,17 +156,16 @@ def beyond(surrogate: Surrogate, outside: Mapping[str, tuple[float, float]]) -> 
     """Inputs that lie outside of what was learnt, from the least to the largest, in words."""
     words = {}
     for name, (low, high) in outside.items():
-        least, largest = surrogate.ranges[name]
         span = f"{low:.4g} to {high:.4g}" if high > low else f"{low:.4g}"
-        words[name] = f"{name} {span} {COLUMNS[name]}, where it learnt {least:.4g} to {largest:.4g}"
+        words[name] = f"{name} {span} {COLUMNS[name]}, where it learnt {_learnt(surrogate, name)}"
     return words
 
 
 def settings_words(surrogate: Surrogate) -> dict[str, str]:
     """The range of each setting that it learnt, in words."""
-    words = {}
-    for name in SETTINGS:
-        low, high = surrogate.ranges[name]
-        span = f"{low:.4g}" if name in surrogate.features.constants else f"{low:.4g} to {high:.4g}"
-        words[name] = f"{span} {COLUMNS[name]}"
-    return words
+    return {name: f"{_learnt(surrogate, name)} {COLUMNS[name]}" for name in SETTINGS}
+
+
+def _learnt(surrogate: Surrogate, name: str) -> str:
+    low, high = surrogate.ranges[name]
+    return f"{low:.4g}" if name in surrogate.features.constants else f"{low:.4g} to {high:.4g}"

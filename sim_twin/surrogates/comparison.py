@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 _HELD_BACK, _LATE = TESTED / (LEARNT + TESTED), 0.5
 """Shares of all points, wherever they lie, and of a run's revolutions."""
-_MOST = 20_000
+MOST = 20_000
 """Points that are learnt where all may be: 40 for each unit of the largest network."""
-_WINDOWS = 6
+WINDOWS = 6
 _FEWEST_TURNS = 3
 _ERROR_GOAL = 0.01
 
@@ -128,7 +128,7 @@ def judged_points(samples: Samples) -> tuple[Rows, NDArray[np.int64]]:
     windows, runs = np.full(len(samples), -1), np.unique(samples.runs[there])
     for run in runs:
         rows = np.flatnonzero(there & (samples.runs == run))
-        count = max(1, min(_WINDOWS // len(runs), len(rows) // (LEARNT + TESTED)))
+        count = max(1, min(WINDOWS // len(runs), len(rows) // (LEARNT + TESTED)))
         for start in np.linspace(0, max(0, len(rows) - LEARNT - TESTED), count).astype(int):
             windows[rows[start : start + LEARNT + TESTED]] = windows.max() + 1
     return held_back, np.where(held_back, windows, -1)
@@ -146,7 +146,7 @@ def compared(samples: Samples, split: str, amount: str, over: Over, seed: int = 
         return []
     may, judged = samples[~held_back & ~aside], samples[asked]
     if amount == ALL:
-        tasks = [(may.thinned(_MOST, np.random.default_rng(seed)), np.arange(len(judged)))]
+        tasks = [(may.thinned(MOST, np.random.default_rng(seed)), np.arange(len(judged)))]
     else:
         each = [np.flatnonzero(windows[asked] == window) for window in np.unique(windows[asked])]
         tasks = [(_nearest(may, judged[here], samples), here) for here in each]

@@ -27,7 +27,7 @@ class Score:
     """Of one channel, in standard deviations of what was measured; the mean over runs.
 
     `rmse` point by point, `rmse_floor` what the run's mean revolution leaves, were it known without error:
-    nothing that knows only angle and settings passes it. `distance` is Wasserstein's between the
+    only what has learnt points of the very revolution comes below it. `distance` is Wasserstein's between the
     distributions of values (how far a value has to be moved, on average), `distance_floor` that of the odd
     from the even whole revolutions in which they lie; 0 where there are not two.
     """

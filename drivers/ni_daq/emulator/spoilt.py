@@ -47,8 +47,7 @@ class SpoiltPlant:
         return shown
 
     def _failure(self, fault: Rehearsed, shown: NDArray[np.float64]) -> Callable[[NDArray[np.float64]], None]:
-        like = fault.channel or (".marker" if fault.kind == "marks_missing" else "")
-        row = next(at for at, name in enumerate(self.channels) if name.endswith(like))
+        row = next(at for at, name in enumerate(self.channels) if name.endswith(fault.channel))
         if fault.kind == "marks_missing":
             return _MissingMarks(row, fault.number("share"), self._rehearsal.lot.random)
         value = {"clips": _BEYOND, "not_finite": np.nan}.get(fault.kind, float(shown[row, 0]))

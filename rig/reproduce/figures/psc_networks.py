@@ -19,7 +19,7 @@ from rig.pages.plots import BLUE, GREY, Plots, Style
 from rig.reproduce import figure as paper
 from rig.surrogates.recordings import PAPER, QUICK_SECONDS, Setting, log_of
 from rig.twin.recorded_samples import samples_of
-from sim_twin.surrogates.samples import LEARNT, SETTINGS, TESTED, Samples
+from sim_twin.surrogates.samples import COLUMNS, LEARNT, SETTINGS, TESTED, Samples
 
 Array = NDArray[np.float64]
 _UNITS, _EVERY = 10, 20
@@ -235,8 +235,8 @@ def _history(effort: paper.Effort) -> paper.Outcome:
 
 
 _ALL_POINTS = f"{LEARNT + TESTED} points of all twelve recordings, so that all five inputs vary."
-_PLAIN = [0, 2, 5]
-"""Time in s, speed in rpm, density in kg/m3: what differs between the points of a figure."""
+_PLAIN = [list(COLUMNS).index(name) for name in ("time", "speed", "density")]
+"""In s, rpm and kg/m3: what differs between the points of a figure."""
 _INPUTS = dict(
     zip(("time", *SETTINGS), ("time", "speed", "clearance c₁", "clearance c₂", "material"), strict=True)
 )

@@ -64,9 +64,12 @@ def test_it_speaks_beside_measurement_and_twin(call: Call, logs: list[Path], tmp
             apart = said[name].values - measured[name].values
             assert (said[name].first_sample, said[name].time_ns) == (0, measured[name].time_ns)
             assert np.sqrt(np.mean(apart**2)) < 4 * NOISE
-        assert "crank" not in log.metadata["surrogate"]["network"]
+        assert log.metadata["surrogate"]["network"] == "grnn"
         assert len(json.loads(log.metadata["surrogate"]["logs"])) == len(logs)
-        assert not [event for event in log.events() if event.code == "surrogate.outside"]
+        model = (tmp_path / "crank.npz").read_bytes()
+        assert log.metadata["surrogate"]["file"] == f"crank.npz {hashlib.sha256(model).hexdigest()}"
+        assert [event.code for event in log.events() if event.source == "surrogate"] == ["surrogate.learnt"]
+    assert "it learnt from this run: what it says beside it is no prediction" in " ".join(answer.out.split())
     page = target.with_suffix(".html").read_text(encoding="utf-8")
     assert '<span class="surrogate">surrogate</span>' in page
     assert "Revolutions in the mean:" in page
@@ -82,9 +85,10 @@ def test_what_lies_outside_of_what_it_learnt_is_flagged(call: Call, logs: list[P
     assert answer.code == 0, answer.err
     told = "speed 230 rpm, where it learnt 150 to 200"
     assert told in " ".join(answer.out.split())
+    assert "it learnt from this run" not in " ".join(answer.out.split())
     with LogReader(tmp_path / "beside.mcap") as log:
         texts = [event.text for event in log.events() if event.code == "surrogate.outside"]
-    assert texts == [told, "clearance_2 2 mm, where it learnt 1 to 1"]
+    assert texts == [told, "clearance_2 2 mm, where it learnt 1"]
 
 
 def still(setting: Setting, seconds: float) -> dict[str, np.ndarray]:
@@ -141,6 +145,20 @@ def test_what_cannot_be_learnt_from_is_refused(
     assert answer.code == code
     assert told in answer.err
     assert not (tmp_path / "crank.npz").exists()
+
+
+def test_a_floor_that_nobody_knows_is_not_said_to_be_nothing(call: Call, tmp_path: Path) -> None:
+    """The last fifth of five revolutions has not two whole ones, which would tell the scatter."""
+    log = write_log(tmp_path / "short.mcap", Setting(1, 1, 150), seconds=2.0)
+    answer = train(call, [log], tmp_path / "crank.npz")
+    assert answer.code == 0, answer.err
+    lines = [line.split() for line in answer.out.splitlines() if line.startswith(ACCELERATIONS)]
+    assert [line[-1] for line in lines] == ["-"] * 3
+    (tmp_path / "s.toml").write_text(Setting(1, 1, 150).scenario(2.0), encoding="utf-8")
+    answer = call("ensemble", tmp_path / "s.toml", "--surrogate", tmp_path / "crank.npz")
+    assert answer.code == 1
+    assert "not two whole revolutions" in answer.err
+    assert "times as far off" not in answer.err
 
 
 def test_samples_count_once(call: Call, logs: list[Path], tmp_path: Path) -> None:
@@ -220,6 +238,9 @@ def test_a_file_in_the_way_and_a_damaged_one_are_said(call: Call, logs: list[Pat
     answer = train(call, logs, tmp_path / "crank.npz")
     assert answer.code == 1
     assert "is there already" in answer.err
+    answer = train(call, logs, tmp_path / "nowhere" / "crank.npz")
+    assert answer.code == 1
+    assert "no such folder; nothing was trained" in answer.err
     answer = call("surrogate", "predict", logs[0], tmp_path / "crank.npz", "-o", tmp_path / "beside.mcap")
     assert answer.code == 1
     assert "damaged, or no surrogate" in answer.err

@@ -11,6 +11,7 @@ from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
 from rig.files.pairing import check_pair, too_late, unmeasured
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
+from rig.surrogates.recordings import Setting
 from tests.rig.files.faulty import only_problem
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -56,6 +57,21 @@ def test_a_fault_that_comes_after_the_record_is_told() -> None:
     bench = parse_bench(f"[emulation]\nfaults = [{faults}]\n", "x", Path())
     (told,) = too_late(parse_scenario(SOUND), bench)
     assert told.startswith("daq_card.unplugged@6 is for when the record is over (6 s)")
+
+
+def test_of_a_crank_that_has_to_come_up_first_it_may_be() -> None:
+    """`inverter.trips@4` trips it at full speed, or near it: the motor has run for six seconds by then."""
+    bench = parse_bench('[emulation]\nfaults = ["inverter.trips@4"]\n', "x", Path(), "planar_slider_crank")
+    scenario = Setting(1, 1, 200).scenario(2.0)
+    (told,) = too_late(parse_scenario(scenario), bench)
+    assert told.startswith("inverter.trips@4 is for when the record may be over (3 s from full speed on)")
+
+
+@pytest.mark.parametrize("fault", ["daq_card.open:channel=yoke.forse", "daq_card.marks_missing@2"])
+def test_a_fault_of_a_channel_that_is_not_there_is_refused(fault: str) -> None:
+    bench = parse_bench(f'[emulation]\nfaults = ["{fault}"]\n', "x", Path())
+    with pytest.raises(ConfigurationError, match=r"a channel of the card \(drive\.force, .*yoke\.force"):
+        check_pair(parse_scenario(SOUND), bench, TODAY)
 
 
 def unseen_bench() -> Bench:
