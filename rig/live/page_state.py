@@ -18,7 +18,7 @@ from daq.log.records import Event, Impact
 from rig.live import paths
 from rig.live.picture import Layout
 from rig.live.sketch import FRAMES
-from rig.live.view import Dropped, Levels, Progress, Shown
+from rig.live.view import Dropped, Levels, Progress, Shown, Swept
 from rig.pages.words import as_written, number
 from rig.stream import Block, LastSeconds, Record, Shape
 
@@ -115,6 +115,7 @@ class PageState:
         self._start_ns: int | None = None
         self._events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
         self._dropped = 0
+        self._swept: Swept | None = None
         self._ended = False
         self._changed, self._due_s = True, 0.0
         self._lay_out()
@@ -155,6 +156,8 @@ class PageState:
             case Levels(time_ns, most):
                 self._newest_ns = max(self._newest_ns, time_ns)
                 self._note_levels(dict(zip(self._layout.origins.get("measured", ()), most, strict=False)))
+            case Swept():
+                self._swept = frame
             case Dropped(records):
                 self._dropped = records
             case Event():
@@ -238,6 +241,7 @@ class PageState:
             "figures": self._figures(),
             "events": list(self._events),
             "dropped": self._dropped,
+            "swept": None if self._swept is None else self._swept._asdict(),
             "sketch": None if self._sketch is None else self._sketch.drawn(self._angles()),
         }
 

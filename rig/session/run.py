@@ -42,7 +42,7 @@ from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
-    from rig.live.view import LiveView
+    from rig.live.view import LiveView, Swept
 
 RECORDED = "recorded"
 PRE_TRIGGER_S = 0.05
@@ -155,7 +155,7 @@ class RunRequest:
     quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
     `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for Enter,
     with all connected and measuring, before anything moves. `standing` has the devices where they stay
-    connected for the next run.
+    connected for the next run. `swept` is shown beside it.
     """
 
     scenario: Scenario
@@ -170,6 +170,7 @@ class RunRequest:
     path: tuple[Any, ...] = ()
     armed: bool = False
     standing: Standing | None = None
+    swept: Swept | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -302,6 +303,8 @@ class _Run:
         )
         show(view, shown, rig.screen)
         rig.stream.append(view.offer)
+        if self._request.swept is not None:
+            view.offer(self._request.swept)
 
         def levels(reading: CardReading) -> None:
             end = reading.first_sample + reading.values.shape[1]

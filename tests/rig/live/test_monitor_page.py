@@ -96,6 +96,7 @@ def test_every_channel_is_told_and_nothing_is_cut(
         assert "contact.force_0 +6" in page.locator("li").nth(1).inner_text()
         assert (page.locator("body.asks").count() == 1) is asks
         assert_nothing_is_cut_or_overlaps(page)
+        page.goto("about:blank")
 
 
 def test_a_run_that_comes_takes_the_page_over(page: Page) -> None:
@@ -106,3 +107,4 @@ def test_a_run_that_comes_takes_the_page_over(page: Page) -> None:
         page.wait_for_function("() => looks.length > 0", timeout=20_000)
         server.tell(b'{"title":"a run"}', time.time())
         page.wait_for_url(server.url, timeout=20_000)
+        page.goto("about:blank")
