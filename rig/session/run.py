@@ -205,18 +205,15 @@ class _Run:
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
         if held is not None and held[0] in rig.names and not request.bench.unseen:
-            rig.hold_force(*held)
             self._hold = FrequencyHold(*held, rig.sample_rate)
             self._frequency = FrequencyCheck(*held)
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
-        twin = twin_of(self._scenario, rig.names, declared_by(self._request.bench))
-        if model is not None:
-            from rig.twin.logged import with_model
-
-            twin = with_model(twin, model, rig.screen.warn)
+        twin = self._matched()
+        if self._hold is not None:
+            rig.hold_force(self._hold.channel, self._scenario.drive.frequency, twin)
         rig.launch(stack)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
@@ -280,6 +277,15 @@ class _Run:
         if view is not None and self._request.view_stays:
             rig.screen.hold(VIEW_STAYS, lambda: self._stop.wanted)
         return log
+
+    def _matched(self) -> AnyTwin:
+        """The scenario's twin behind the bench's chains, as calibration found it where it did."""
+        twin = twin_of(self._scenario, self._rig.names, declared_by(self._request.bench))
+        if (model := self._request.model) is None:
+            return twin
+        from rig.twin.logged import with_model
+
+        return with_model(twin, model, self._rig.screen.warn)
 
     def _show(
         self, view: LiveView, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
