@@ -21,6 +21,7 @@ from rig.live.sketch import FRAMES
 from rig.live.view import Dropped, Levels, Progress, Shown, Swept
 from rig.pages.words import as_written, number
 from rig.stream import Block, LastSeconds, Record, Shape
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 
 PERIOD_S: Final = 0.2
 _SAID_AGAIN_S: Final = 1.0
@@ -309,7 +310,9 @@ class PageState:
         found: dict[Origin, Array] = {origin: even for (origin, _), each in self._traces.items() if each.rate}
         begin_s, cycle_s = self._grid
         for (origin, name), trace in self._traces.items():
-            if name in self._wraps and trace.rate:
+            if (
+                name in self._wraps and name != ENCODER_ANGLE.name and trace.rate
+            ):  # that stands as it is mounted
                 last = math.floor((trace.end_s - begin_s) / cycle_s) - 1
                 times_s = begin_s + (last + np.arange(FRAMES) / FRAMES) * cycle_s
                 at = np.floor(times_s * trace.rate).astype(np.int64)

@@ -250,7 +250,7 @@ class _Run:
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
         readers: list[Reader] = [lambda reading: feed.take(reading, rig.acquisition)]
         if (view := self._view) is not None:
-            readers.append(self._show(view, twin, origins, derived))
+            readers.append(self._show(view, twin, origins["measured"], derived))
         if (hold := self._hold) is not None:
             row = rig.names.index(hold.channel)
             readers.insert(0, lambda reading: hold.take(reading.values[row]))
@@ -287,14 +287,12 @@ class _Run:
 
         return with_model(twin, model, self._rig.screen.warn)
 
-    def _show(
-        self, view: LiveView, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
-    ) -> Reader:
+    def _show(self, view: LiveView, twin: AnyTwin, card: list[Channel], derived: list[Channel]) -> Reader:
         """Give the view every record from now on, which it may drop; what is returned shows it the levels."""
         from rig.live.picture import Bounds, layout_of, picture_of
         from rig.live.view import Levels
 
-        encoder, measured = self._rig.devices.encoder, [*origins["measured"], *self._rig.devices.logged]
+        encoder, measured = self._rig.devices.encoder, [*card, *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
         limits = {limit.channel: (limit.warning, limit.abort) for limit in self._scenario.limits}
@@ -303,7 +301,9 @@ class _Run:
             for each in self._request.bench.daq_card.channels
         }
         cycle_s = 1 / self._scenario.drive.cycle_hz
-        predicted, picture, rig = origins["predicted"], picture_of(twin), self._rig
+        names = {channel.name for channel in measured}
+        predicted = [channel for channel in predicted_channels(twin) if channel.name in names]
+        picture, rig = picture_of(twin), self._rig
         shown = layout_of(
             self._scenario.name, measured, predicted, picture, derived=derived, bounds=bounds, cycle_s=cycle_s
         )
