@@ -264,10 +264,10 @@ class Sensors:
         self.shaft.take(reading)
         analog = reading.values[self._analog]
         self._window.append(analog)
-        if sum(each.shape[1] for each in self._window) >= WINDOW_S * self._rate:
-            seen = np.concatenate(self._window, axis=1)[:, : round(WINDOW_S * self._rate)]
-            self._window = []
-            for row, values in zip(self._analog, seen, strict=True):
+        if sum(each.shape[1] for each in self._window) >= (count := round(WINDOW_S * self._rate)):
+            seen = np.concatenate(self._window, axis=1)
+            self._window = [seen[:, count:]]
+            for row, values in zip(self._analog, seen[:, :count], strict=True):
                 self._rows[row].take(values)
         return self._taps.take(analog) if len(analog) else None
 

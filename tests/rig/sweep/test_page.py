@@ -31,6 +31,7 @@ from rig.sweep.results import (
     headings_of,
     outcome_of,
     rows_of,
+    swept_so_far,
     write_page,
     write_results,
 )
@@ -227,3 +228,18 @@ def test_a_sweep_without_any_impact_figure_says_so(tmp_path: Path) -> None:
     swept = parsed(FREQUENCIES)
     done = SweepState(SCHEMA, {}, 1, points={1: PointState("done", "a.mcap")})
     assert "No record of this sweep" in write_page(tmp_path, swept, done).read_text()
+
+
+def test_a_live_view_is_told_what_the_points_of_its_row_came_to_so_far() -> None:
+    swept = parsed(f'"model.beam" = ["steel", "aluminium"]\n{FREQUENCIES}')
+    assert swept_so_far(swept, SweepState(SCHEMA, {}, 1), swept.points[0]) is None
+    state = state_of(swept, [10.0, 20.0, 30.0, 40.0])
+    twins = {PREDICTED + PEAK_MEAN: 41.0, PREDICTED + PEAK_SD: 2.0}
+    state = state.with_point(4, dataclasses.replace(state.points[4], figures=state.points[4].figures | twins))
+    told = swept_so_far(swept, state, swept.points[4])
+    assert told is not None
+    assert (told.label, told.ends, told.at) == ("drive.frequency", ("9 Hz", "11 Hz"), [0.0, 0.5, 1.0])
+    assert told.plots == {
+        "initial peak, N": {"measured": [(30.0, 0.5), None, None], "predicted": [None, None, None]},
+        "largest peak, N": {"measured": [(40.0, 1.0), None, None], "predicted": [(41.0, 2.0), None, None]},
+    }
