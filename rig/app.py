@@ -23,13 +23,13 @@ from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
 from rig.session.devices import Devices
-from rig.session.monitor import Instruments
 from rig.session.pace import Work
 from rig.session.progress import Screen
 from rig.twin.chains import chain_record
 
 if TYPE_CHECKING:
     from rig.session.by_hand import ShaftSeen
+    from rig.session.monitor import Instruments
 
 
 def connect(
@@ -66,6 +66,8 @@ def sensing(scenario: Scenario, bench: Bench, stack: ExitStack, screen: Screen) 
 
     The driver of the bench's own actuator is not even made.
     """
+    from rig.session.monitor import Instruments
+
     emulated = NOTHING_EMULATED
     if any(INSTRUMENTS[table].emulator for table in bench.emulated):
         idle = {bench.actuator_table: replace(bench.actuator, emulated=True)}

@@ -110,7 +110,7 @@ _FIRST_SWING: Final = 0.5
 class TapFinder:
     """Finds taps in consecutive blocks of all channels; after each it waits until a whole block is quiet.
 
-    A channel has left its noise where it is `_OUT_OF_NOISE` times its rms off its mean, both over the last
+    A channel has left its noise where it is `_OUT_OF_NOISE` times its rms off its level, both of the last
     blocks, and farther than `least`, shape (channels,). The noise of blocks is a median: taps are not in it.
     """
 
@@ -129,7 +129,7 @@ class TapFinder:
         begin = self._first + self._kept.shape[1] - values.shape[1]
         found = None
         if len(self._means) >= _FEWEST:
-            level = np.median(self._means, axis=0)[:, None]
+            level = self._level()[:, None]
             limit = np.maximum(_OUT_OF_NOISE * np.median(self._spreads, axis=0), self._least)[:, None]
             beyond = (np.abs(values - level) > limit).any(axis=0)
             if self._due is None and not self._ringing and beyond.any():
@@ -140,13 +140,21 @@ class TapFinder:
             ):
                 low = max(self._due - self._samples(_BEFORE_S) - self._first, 0)
                 seen = self._kept[:, low : self._due + self._samples(_AFTER_S) - self._first] - level
-                found = Tap(self._due, _swings(seen, limit[:, 0]))
+                swings = _swings(seen, limit[:, 0])
+                found = Tap(self._due, swings) if swings.any() else None
                 self._due, self._ringing = None, True
         self._means.append(values.mean(axis=1))
         self._spreads.append(values.std(axis=1))
         keep = max(self._kept.shape[1] - self._samples(1.0), 0)
         self._kept, self._first = self._kept[:, keep:], self._first + keep
         return found
+
+    def _level(self) -> Array:
+        """Where the next block is to lie, shape (channels,): medians, drawn on as far as they drift."""
+        means = np.array(self._means)
+        half = len(means) // 2
+        before, lately = np.median(means[:half], axis=0), np.median(means[half:], axis=0)
+        return np.asarray(lately + (lately - before) * (len(means) - half + 1) / len(means))
 
     def _samples(self, seconds: float) -> int:
         return round(seconds * self._rate)

@@ -30,6 +30,8 @@ MARK_V: Final = 5.0
 INPUT_RANGES_V: Final = (5.0, 10.0)
 INPUT_NOISE_V: Final = 50e-6
 """Rms of an input itself (NI 9234 datasheet, 374238): what is left where a filter takes the sensor's."""
+FASTEST_EDGES_HZ: Final = 9e6
+"""What a line of an NI 9401 follows with all eight as inputs (its datasheet, 374068; from memory)."""
 _INPUT = re.compile(r"[^/]+/_?(ai|ctr)[0-9]+", re.IGNORECASE)
 
 

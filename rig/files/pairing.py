@@ -13,6 +13,7 @@ from typing import Final
 
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
+from drivers.ni_daq.channels import FASTEST_EDGES_HZ, CardChannel
 from drivers.rehearsal import rehearsed
 from rig.files.bench import Bench
 from rig.files.faults import dotted
@@ -42,10 +43,11 @@ def check_pair(
     """Raise ConfigurationError with all that forbids this scenario on this bench.
 
     The drive asks for more than the bench allows or has no time to come up; a channel of the bench is none of
-    the rig's, or none shows its crank turn; a fault to rehearse is of a channel that the card has not; a
-    limit names a channel that the bench lacks, lies beyond its range and could never trip, or is to guard a
-    real rig by an emulated card; a calibration has run out by `today` (emulated sensors do not age); the log,
-    as long as the scenario says or `recorded_s`, does not fit where `free_bytes` are left.
+    the rig's, or none shows its crank turn; a chain contradicts itself, the scenario's rate or the bench's
+    highest speed; a fault to rehearse is of a channel that the card has not; a limit names a channel that the
+    bench lacks, lies beyond its range and could never trip, or is to guard a real rig by an emulated card; a
+    calibration has run out by `today` (emulated sensors do not age); the log, as long as the scenario says or
+    `recorded_s`, does not fit where `free_bytes` are left.
     """
     record = scenario.acquisition
     if recorded_s is not None:
@@ -57,6 +59,7 @@ def check_pair(
         *_channels(scenario.rig, bench),
         *nowhere(bench),
         *_shaft(bench),
+        *_chains(bench, record.sample_rate),
         *_limits(scenario, bench),
         *_calibrations(bench, today),
         *no_room(bytes_of([record], bench), free_bytes),
@@ -93,8 +96,8 @@ def check_scenario(scenario: Scenario, source: str) -> None:
 
 
 def check_bench(bench: Bench, today: datetime.date) -> None:
-    """Raise ConfigurationError with what forbids this bench for whatever scenario: channels, calibrations."""
-    problems = [*_channels(bench.rig, bench), *_shaft(bench), *_calibrations(bench, today)]
+    """Raise ConfigurationError with what forbids it for whatever scenario: channels, chains, calibrations."""
+    problems = [*_channels(bench.rig, bench), *_shaft(bench), *_chains(bench), *_calibrations(bench, today)]
     if problems:
         raise ConfigurationError(bench.source, problems)
 
@@ -214,6 +217,37 @@ def _shaft(bench: Bench) -> Iterator[Problem]:
     if RIGS[bench.rig].turns and shaft_channel(channels) is None:
         allowed = "one that shows the crank turn: its angle on a counter, or its marker"
         yield Problem("daq_card.channels", ", ".join(channels), allowed)
+
+
+def _chains(bench: Bench, sample_rate: float = math.inf) -> Iterator[Problem]:
+    """What the bench says of a channel's chain, and its card, or the speed that it allows, cannot be."""
+    turns_hz = bench.actuator.maximum_speed / math.tau if RIGS[bench.rig].turns else 0.0
+    fastest = f"at {bench.actuator_table}.maximum_speed"
+    for channel in bench.daq_card.channels:
+        key, mark, pulses = dotted("daq_card.channels", channel.name), channel.mark, channel.pulses
+        yield from _filter(channel, f"{key}.filter.corner", sample_rate)
+        if mark is not None and not channel.counted and mark.level > channel.range:
+            yield Problem(f"{key}.level", f"{mark.level:g} V", f"up to {channel.range:g} V, its range")
+        if pulses is not None and (edges_hz := pulses.per_revolution * turns_hz) > FASTEST_EDGES_HZ:
+            told = f"{FASTEST_EDGES_HZ / 1e6:g} MHz, and these are {edges_hz / 1e6:.3g} MHz"
+            most = f"up to {int(FASTEST_EDGES_HZ / turns_hz)} {fastest}: a counter follows {told}"
+            yield Problem(f"{key}.pulses_per_revolution", str(pulses.per_revolution), most)
+    if (encoder := bench.encoder) is not None and encoder.period_s * turns_hz >= 0.5:
+        which = "from which on nobody tells which way it went"
+        allowed = f"below {500 / turns_hz:.4g} ms: half a turn {fastest}, {which}"
+        yield Problem("encoder.period", f"{encoder.period_s * 1e3:g} ms", allowed)
+
+
+def _filter(channel: CardChannel, key: str, sample_rate: float) -> Iterator[Problem]:
+    if channel.anti_alias is None:
+        return
+    corner, high_pass_hz = channel.anti_alias.corner_hz, getattr(channel.amplifier, "corner_hz", None) or 0.0
+    if corner >= sample_rate / 2:
+        why = "half of acquisition.sample_rate: from there on it keeps no alias out"
+        yield Problem(key, f"{corner:g} Hz", f"below {sample_rate / 2:g} Hz, {why}")
+    if corner <= high_pass_hz:
+        allowed = f"above {high_pass_hz:g} Hz (amplifier.corner): else the chain passes nothing"
+        yield Problem(key, f"{corner:g} Hz", allowed)
 
 
 def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:

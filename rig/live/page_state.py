@@ -18,9 +18,10 @@ from daq.log.records import Event, Impact
 from rig.live import paths
 from rig.live.picture import Layout
 from rig.live.sketch import FRAMES
-from rig.live.view import Dropped, Levels, Progress, Shown
+from rig.live.view import Dropped, Levels, Progress, Shown, Swept
 from rig.pages.words import as_written, number
 from rig.stream import Block, LastSeconds, Record, Shape
+from sim_twin.rigs.channel_table import ENCODER_ANGLE
 
 PERIOD_S: Final = 0.2
 _SAID_AGAIN_S: Final = 1.0
@@ -115,6 +116,7 @@ class PageState:
         self._start_ns: int | None = None
         self._events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
         self._dropped = 0
+        self._swept: Swept | None = None
         self._ended = False
         self._changed, self._due_s = True, 0.0
         self._lay_out()
@@ -155,6 +157,8 @@ class PageState:
             case Levels(time_ns, most):
                 self._newest_ns = max(self._newest_ns, time_ns)
                 self._note_levels(dict(zip(self._layout.origins.get("measured", ()), most, strict=False)))
+            case Swept():
+                self._swept = frame
             case Dropped(records):
                 self._dropped = records
             case Event():
@@ -238,6 +242,7 @@ class PageState:
             "figures": self._figures(),
             "events": list(self._events),
             "dropped": self._dropped,
+            "swept": None if self._swept is None else self._swept._asdict(),
             "sketch": None if self._sketch is None else self._sketch.drawn(self._angles()),
         }
 
@@ -305,7 +310,9 @@ class PageState:
         found: dict[Origin, Array] = {origin: even for (origin, _), each in self._traces.items() if each.rate}
         begin_s, cycle_s = self._grid
         for (origin, name), trace in self._traces.items():
-            if name in self._wraps and trace.rate:
+            if (
+                name in self._wraps and name != ENCODER_ANGLE.name and trace.rate
+            ):  # that stands as it is mounted
                 last = math.floor((trace.end_s - begin_s) / cycle_s) - 1
                 times_s = begin_s + (last + np.arange(FRAMES) / FRAMES) * cycle_s
                 at = np.floor(times_s * trace.rate).astype(np.int64)

@@ -57,7 +57,20 @@ class Levels(NamedTuple):
     most: list[float]
 
 
-Shown = Block | Shape | Event | Impact | Dropped | Layout | Progress | Levels
+class Swept(NamedTuple):
+    """What the points of a sweep have come to: `title`, then by whose mean and scatter at each of `at`.
+
+    `label` and `ends` say what is swept, from where to where; None where a point has not come yet. `at` goes
+    from 0 to 1.
+    """
+
+    label: str
+    ends: tuple[str, str]
+    at: list[float]
+    plots: dict[str, dict[str, list[tuple[float, float] | None]]]
+
+
+Shown = Block | Shape | Event | Impact | Dropped | Layout | Progress | Levels | Swept
 """What goes to the view process; of anything else no view shows something."""
 
 

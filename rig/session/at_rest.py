@@ -70,9 +70,13 @@ class Shown:
                 return ""
             return f"{math.degrees(value):.1f}°" if angle else f"{estimate(factor * value, unit)}{per}"
 
+        level = told(self.level if math.isfinite(self.level) else self.most)
+        if math.isfinite(self.noise) and self.noise > 0 and math.isfinite(self.level):
+            digits = max(0, 1 - math.floor(math.log10(factor * self.noise)))  # no more than noise leaves
+            level = f"{round(factor * self.level, digits) + 0.0:.{digits}f} {unit}"
         hum = sorted(self.lines, key=lambda line: -line.amplitude)[:3]
         return {
-            "level": told(self.level if math.isfinite(self.level) else self.most),
+            "level": level,
             "noise": told(self.noise),
             "mains": ", ".join(f"{line.frequency_hz:.0f} Hz {told(line.amplitude)}" for line in hum),
             "drift": told(self.drift, "/min"),
@@ -260,10 +264,10 @@ class Sensors:
         self.shaft.take(reading)
         analog = reading.values[self._analog]
         self._window.append(analog)
-        if sum(each.shape[1] for each in self._window) >= WINDOW_S * self._rate:
-            seen = np.concatenate(self._window, axis=1)[:, : round(WINDOW_S * self._rate)]
-            self._window = []
-            for row, values in zip(self._analog, seen, strict=True):
+        if sum(each.shape[1] for each in self._window) >= (count := round(WINDOW_S * self._rate)):
+            seen = np.concatenate(self._window, axis=1)
+            self._window = [seen[:, count:]]
+            for row, values in zip(self._analog, seen[:, :count], strict=True):
                 self._rows[row].take(values)
         return self._taps.take(analog) if len(analog) else None
 

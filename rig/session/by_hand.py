@@ -98,7 +98,8 @@ class SineSeen:
     force: ForceWatch
 
     def words(self, drive: SineDrive) -> str:
-        return f"set the drive to {drive.frequency:g} Hz and turn it up to {drive.amplitude:g} N peak"
+        shown = self.force.shown(drive.amplitude)
+        return f"set the drive to {drive.frequency:g} Hz and turn it up to {shown:.4g} N peak"
 
     def order(self, drive: SineDrive) -> tuple[float, ...]:
         return (drive.frequency, drive.amplitude)
@@ -113,7 +114,8 @@ class SineSeen:
     def is_set(self, drive: SineDrive) -> bool:
         frequency_hz, amplitude = self.shown()
         right = abs(frequency_hz - drive.frequency) <= _FREQUENCY_SHARE * drive.frequency
-        return right and abs(amplitude - drive.amplitude) <= _FORCE_SHARE * drive.amplitude
+        shown = self.force.shown(drive.amplitude)
+        return right and abs(amplitude - shown) <= _FORCE_SHARE * shown
 
     @property
     def beyond(self) -> bool:

@@ -28,6 +28,8 @@ from rig.session.driven_rig import DrivenRig
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.stream import Record
+from rig.twin.chains import declared_by
+from rig.twin.scenario_twin import twin_of
 
 FORCES: Final = ("contact.force_upper", "contact.force_lower")
 _USUAL_PROBES: Final = 18
@@ -56,7 +58,9 @@ def find_centre(
         devices, notes = connected(stack, connect, scenario, bench, screen, stop)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock))
         if (shown := RIGS[scenario.rig].channels.drive) in rig.names:
-            rig.hold_force(shown, plan.frequency)
+            twin = twin_of(scenario, rig.names, declared_by(bench))
+            sine = replace(twin.drive, frequency=plan.frequency, amplitude=plan.sine.amplitude)
+            rig.hold_force(shown, plan.frequency, replace(twin, drive=sine))
         beam = RigBeam(rig, scenario, plan)
         rig.launch(stack)
         rig.motion.arm(soft=True)

@@ -42,6 +42,8 @@ from rig.session.signals import StopRequest
 from rig.session.spoilt_disk import disk_of
 from rig.session.supervisor import Latching, Supervisor
 from rig.stream import Stream
+from rig.twin.alignment import force_shown
+from sim_twin.twin import AnyTwin
 
 _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker
@@ -188,11 +190,15 @@ class DrivenRig:
         self.stream.insert(0, logged_by(self.recorder))
         return log
 
-    def hold_force(self, channel: str, frequency_hz: float) -> None:
-        """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order."""
+    def hold_force(self, channel: str, frequency_hz: float, twin: AnyTwin) -> None:
+        """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order.
+
+        Of either it shows what `twin`, of the bench's sensors, says.
+        """
         if isinstance(self.motion, Shaker | ByHand):
             shown = self.devices.card.channels[self.names.index(channel)]
-            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, self._highest)
+            of = force_shown(twin, self._highest)
+            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, self._highest, of)
             if isinstance(self.motion, ByHand):
                 self.motion.seen = SineSeen(force)
                 return

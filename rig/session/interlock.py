@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,6 +93,7 @@ class LimitWatch:
 
 _FREQUENCY_BLOCKS = 10  # a second of the card's readings
 _OVER_S = 0.2  # two readings of the card; a whole cycle where that is longer
+_ALL = 0.02
 _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
 
@@ -100,13 +101,22 @@ _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 class ForceWatch:
     """Holds the measured drive, its sine and its mean, to `highest` and to what was ordered, in its unit.
 
+    Of a sine of the coil the channel shows `shown`: less, where a gauge in the stinger measures it.
+
     It looks over whole cycles, `over_s` long, and a sensor that is blind for as long is as bad as too much:
     what it clips may be any force. `take` is for the acquisition thread. `amplitude` is the sine's,
     `frequency_hz` what it is seen to have over the last second, NaN until then.
     """
 
-    def __init__(self, channel: Channel, frequency_hz: float, sample_rate: float, highest: float) -> None:
-        self.channel, self.highest = channel, highest
+    def __init__(
+        self,
+        channel: Channel,
+        frequency_hz: float,
+        sample_rate: float,
+        highest: float,
+        shown: Callable[[float], float] = float,
+    ) -> None:
+        self.channel, self.highest, self.shown = channel, highest, shown
         self._nominal_hz, self._rate = frequency_hz, sample_rate
         self.over_s = max(1, int(_OVER_S * frequency_hz)) / frequency_hz
         at_s = np.arange(round(self.over_s * sample_rate)) / sample_rate
@@ -128,13 +138,20 @@ class ForceWatch:
         mean, before = float(self._values.mean()), self._force
         self._follow(complex(self._sine @ (self._values - mean)), len(values))
         self._force = self.amplitude + abs(mean)
-        limit = _BEYOND_BENCH * self.highest
+        limit = _BEYOND_BENCH * self.shown(self.highest)
         if not self._force > limit or before > limit:  # told once, as it passes
             return ""
         unit = self.channel.unit
         return (
             f"{self.channel.name} = {self._force:.4g} {unit}, where the bench allows {self.highest:g} {unit}"
+            f"{self.of_which(self.highest)}"
         )
+
+    def of_which(self, force: float) -> str:
+        """How much of a force the channel shows, in words; nothing where it shows all of it."""
+        shown = self.shown(force)
+        unit = self.channel.unit
+        return "" if abs(shown - force) <= _ALL * force else f", of which it is to show {shown:.3g} {unit}"
 
     def _follow(self, phasor: complex, count: int) -> None:
         """By how much the sine turns between two looks more than it should."""
@@ -150,10 +167,11 @@ class ForceWatch:
         """How the force is beyond what was ordered, N; empty where it is not."""
         if not math.isfinite(self._force):
             return f"{self.channel.name} shows no number"
-        if not self._force > _BEYOND_ORDER * ordered + _FAINT * self.highest:
+        if not self._force > _BEYOND_ORDER * self.shown(ordered) + _FAINT * self.highest:
             return ""
+        shows = f"{self.channel.name} = {self._force:.3g} {self.channel.unit}"
         return (
-            f"{self.channel.name} = {self._force:.3g} {self.channel.unit} where {ordered:.3g} is ordered: "
+            f"{shows} where {ordered:.3g} is ordered{self.of_which(ordered)}: "
             "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
         )
 

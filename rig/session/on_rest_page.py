@@ -41,7 +41,9 @@ def on_rest_page(screen: Screen, clock: Clock) -> Iterator[Show]:
         tell, due_s = Teller(port), 0.0
         stack.callback(tell.close, _LAST_WORDS_S)
         state = dict[str, Any]()
-        stack.callback(lambda: tell(_text({**state, "ended": True, "asks": False, "says": "ended"})))
+        stack.callback(
+            lambda: tell(_text(state | {"ended": True, "asks": False, "says": "ended"})) if state else None
+        )
 
         def show(title: str, says: str, asks: bool, watched: Monitor) -> None:
             nonlocal due_s

@@ -42,7 +42,7 @@ from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.twin import AnyTwin
 
 if TYPE_CHECKING:
-    from rig.live.view import LiveView
+    from rig.live.view import LiveView, Swept
 
 RECORDED = "recorded"
 PRE_TRIGGER_S = 0.05
@@ -155,7 +155,7 @@ class RunRequest:
     quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
     `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for Enter,
     with all connected and measuring, before anything moves. `standing` has the devices where they stay
-    connected for the next run.
+    connected for the next run. `swept` is shown beside it.
     """
 
     scenario: Scenario
@@ -170,6 +170,7 @@ class RunRequest:
     path: tuple[Any, ...] = ()
     armed: bool = False
     standing: Standing | None = None
+    swept: Swept | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -204,18 +205,15 @@ class _Run:
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
         if held is not None and held[0] in rig.names and not request.bench.unseen:
-            rig.hold_force(*held)
             self._hold = FrequencyHold(*held, rig.sample_rate)
             self._frequency = FrequencyCheck(*held)
 
     def execute(self, stack: ExitStack) -> Path:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
-        twin = twin_of(self._scenario, rig.names, declared_by(self._request.bench))
-        if model is not None:
-            from rig.twin.logged import with_model
-
-            twin = with_model(twin, model, self._scenario, rig.screen.warn)
+        twin = self._matched()
+        if self._hold is not None:
+            rig.hold_force(self._hold.channel, self._scenario.drive.frequency, twin)
         rig.launch(stack)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
@@ -252,7 +250,7 @@ class _Run:
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
         readers: list[Reader] = [lambda reading: feed.take(reading, rig.acquisition)]
         if (view := self._view) is not None:
-            readers.append(self._show(view, twin, origins, derived))
+            readers.append(self._show(view, twin, origins["measured"], derived))
         if (hold := self._hold) is not None:
             row = rig.names.index(hold.channel)
             readers.insert(0, lambda reading: hold.take(reading.values[row]))
@@ -280,14 +278,21 @@ class _Run:
             rig.screen.hold(VIEW_STAYS, lambda: self._stop.wanted)
         return log
 
-    def _show(
-        self, view: LiveView, twin: AnyTwin, origins: dict[Origin, list[Channel]], derived: list[Channel]
-    ) -> Reader:
+    def _matched(self) -> AnyTwin:
+        """The scenario's twin behind the bench's chains, as calibration found it where it did."""
+        twin = twin_of(self._scenario, self._rig.names, declared_by(self._request.bench))
+        if (model := self._request.model) is None:
+            return twin
+        from rig.twin.logged import with_model
+
+        return with_model(twin, model, self._scenario, self._rig.screen.warn)
+
+    def _show(self, view: LiveView, twin: AnyTwin, card: list[Channel], derived: list[Channel]) -> Reader:
         """Give the view every record from now on, which it may drop; what is returned shows it the levels."""
         from rig.live.picture import Bounds, layout_of, picture_of
         from rig.live.view import Levels
 
-        encoder, measured = self._rig.devices.encoder, [*origins["measured"], *self._rig.devices.logged]
+        encoder, measured = self._rig.devices.encoder, [*card, *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
         limits = {limit.channel: (limit.warning, limit.abort) for limit in self._scenario.limits}
@@ -296,12 +301,16 @@ class _Run:
             for each in self._request.bench.daq_card.channels
         }
         cycle_s = 1 / self._scenario.drive.cycle_hz
-        predicted, picture, rig = origins["predicted"], picture_of(twin), self._rig
+        names = {channel.name for channel in measured}
+        predicted = [channel for channel in predicted_channels(twin) if channel.name in names]
+        picture, rig = picture_of(twin), self._rig
         shown = layout_of(
             self._scenario.name, measured, predicted, picture, derived=derived, bounds=bounds, cycle_s=cycle_s
         )
         show(view, shown, rig.screen)
         rig.stream.append(view.offer)
+        if self._request.swept is not None:
+            view.offer(self._request.swept)
 
         def levels(reading: CardReading) -> None:
             end = reading.first_sample + reading.values.shape[1]

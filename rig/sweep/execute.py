@@ -24,7 +24,7 @@ from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.stream import Block, Record
 from rig.sweep.plan import Move, Step, connects, left, steps_of, work_of
-from rig.sweep.results import outcome_of, write_results
+from rig.sweep.results import outcome_of, swept_so_far, write_results
 from rig.sweep.state import (
     SCHEMA,
     CentreState,
@@ -157,6 +157,7 @@ class Sweeping:
                 view_stays=last,
                 path=come_to.path,
                 standing=standing,
+                swept=swept_so_far(self._request.sweep, self._state, point) if self._request.live else None,
             )
             with self._told(point.number):
                 log = self._run(asked, self._screen, self._clock)

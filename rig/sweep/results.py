@@ -7,20 +7,22 @@ import dataclasses
 import io
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import nan
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from daq.log.reader import Origin
 from daq.log.writer import write_whole
 from rig.files.scenario import Scenario
 from rig.files.sweep import Point, Sweep
-from rig.files.sweep_axes import numbers_of
+from rig.files.sweep_axes import Axis, numbers_of
+from rig.live.view import Swept
 from rig.pages.content import Link, Part, Sentence, Table, page
 from rig.pages.plots import BLUE, FROM_ZERO, ORANGE, Plots, Style
-from rig.pages.words import as_written
+from rig.pages.words import as_written, spread
 from rig.report.record import RunRecord, read_run
 from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
@@ -32,9 +34,13 @@ TABLE: Final = "points.csv"
 HELD: Final = ("drive held [Hz]", "speed held [rpm]")
 IMPACTS: Final = "impacts recorded"
 A_CYCLE: Final = "impacts a cycle"
+FIRST_MEAN, FIRST_SD = "impact initial peak mean", "impact initial peak sd"
 PEAK_MEAN, PEAK_SD = "impact peak mean", "impact peak sd"
 PREDICTED: Final = "predicted "
-"""Begins the names of the last three where they are the twin's."""
+"""Begins the names of these where they are the twin's."""
+_SHOWN: Final = (("initial peak", FIRST_MEAN, FIRST_SD), ("largest peak", PEAK_MEAN, PEAK_SD))
+"""Of an impact with its bounces."""
+_WHOSE: Final[tuple[tuple[Origin, str], ...]] = (("measured", ""), ("predicted", PREDICTED))
 _FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
 """Codes of events that say of a complete record that its drive was not as asked for."""
 
@@ -43,8 +49,9 @@ def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
     """Read a point's complete log once: why it is not what the sweep asked for, or nothing, and its figures.
 
     Those by names that hold the unit, none that is not finite: what the drive was held to, impacts on the
-    rig's contact forces (elsewhere on the channel that shows most of them) and their peaks in its unit,
-    statistics of the peaks of half cycles where it has contact forces, then rms and peak of each channel.
+    rig's contact forces (elsewhere on the channel that shows most of them) with their initial and largest
+    peaks in its unit, statistics of the peaks of half cycles where it has contact forces, both measured and
+    predicted, then rms and peak of each channel.
     """
     held = RIGS[scenario.rig].held_sine(scenario.drive)
     check = None if held is None else FrequencyCheck(*held)
@@ -55,10 +62,11 @@ def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
     elif (speed := run.speeds.get("measured")) is not None and np.isfinite(speed.values).any():
         figures[HELD[1]] = float(speed.values[np.isfinite(speed.values)].astype(np.float64).mean())
     figures |= _impacts(run, scenario)
-    statistics = half_cycle_statistics(run, "measured")
-    if statistics is not None:
-        peaks = dataclasses.asdict(statistics)
-        figures |= {"half_cycles": peaks.pop("count"), **peaks}
+    for origin, whose in _WHOSE:
+        if (statistics := half_cycle_statistics(run, origin)) is not None:
+            peaks = dataclasses.asdict(statistics)
+            peaks = {"half_cycles": peaks.pop("count"), **peaks}
+            figures |= {whose + name: value for name, value in peaks.items()}
     for name, tally in run.measured.items():
         unit = run.channels[name].unit
         figures |= {f"{name} rms [{unit}]": tally.rms, f"{name} peak [{unit}]": tally.peak}
@@ -74,13 +82,15 @@ def _impacts(run: RunRecord, scenario: Scenario) -> dict[str, float]:
         on = tuple(channel for channel, _ in Counter(seen).most_common(1))
     cycles = run.duration_s * scenario.drive.cycle_hz or math.nan
     found: dict[str, float] = {}
-    for origin, whose in (("measured", ""), ("predicted", PREDICTED)):
+    for origin, whose in _WHOSE:
         if not any((origin, channel) in run.traces for channel in on):
             continue
-        at = [impact.peak for impact in run.impacts if impact.origin == origin and impact.channel in on]
+        at = [impact for impact in run.impacts if impact.origin == origin and impact.channel in on]
         found |= {whose + A_CYCLE: len(at) / cycles} | ({} if whose else {IMPACTS: len(at)})
-        if at:
-            found |= {whose + PEAK_MEAN: float(np.mean(at)), whose + PEAK_SD: float(np.std(at))}
+        peaks = ([each.first_peak for each in at], [each.peak for each in at])
+        for (_, mean, deviation), values in zip(_SHOWN, peaks, strict=True):
+            if at:
+                found |= {whose + mean: float(np.mean(values)), whose + deviation: float(np.std(values))}
     return found
 
 
@@ -130,7 +140,9 @@ def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
 
 
 def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
-    """Each point that has ended: number, settings, outcome, impacts, what its drive was held to, log."""
+    """Each point that has ended: number, settings, outcome, impacts, their peaks, what its drive was held to,
+    log."""
+    unit = _unit_of(sweep)
     for point in sweep.points:
         ended = state.points.get(point.number)
         if ended is not None:
@@ -141,28 +153,76 @@ def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
                 for name in HELD
                 if name in ended.figures
             )
-            yield [str(point.number), *settings, ended.outcome, counted, next(said, ""), ended.log or ""]
+            peaks = (_both(ended, mean, deviation, unit) for _, mean, deviation in _SHOWN)
+            held, log = next(said, ""), ended.log or ""
+            yield [str(point.number), *settings, ended.outcome, counted, *peaks, held, log]
+
+
+def _both(ended: PointState, mean: str, deviation: str, unit: str) -> str:
+    """What was measured and what was predicted, each with its scatter."""
+    told = [
+        spread(ended.figures[whose + mean], ended.figures[whose + deviation], unit)
+        for _, whose in _WHOSE
+        if whose + mean in ended.figures
+    ]
+    return " / ".join(told)
+
+
+def _unit_of(sweep: Sweep) -> str:
+    contacts = RIGS[sweep.rig].contacts
+    return (RIGS[sweep.rig].channels.unit(contacts[0]) if contacts else "m/s2") or ""
 
 
 def headings_of(sweep: Sweep) -> list[str]:
     """The headings of `rows_of`."""
-    return ["point", *(axis.key for axis in sweep.axes), "outcome", "impacts", "drive held", "log"]
+    peaks = [f"{what}, measured / predicted" for what, *_ in _SHOWN]
+    return ["point", *(axis.key for axis in sweep.axes), "outcome", "impacts", *peaks, "drive held", "log"]
+
+
+def swept_so_far(sweep: Sweep, state: SweepState, point: Point) -> Swept | None:
+    """What the points with the same other settings as this one came to; None where there is none yet."""
+    swept, numbers, unit = _swept_axis(sweep)
+    others = [axis.key for axis in sweep.axes if axis is not swept]
+    row = [each for each in sweep.points if all(each.settings[key] == point.settings[key] for key in others)]
+    figures = [state.points[each.number].figures if each.number in state.points else {} for each in row]
+    if not any(A_CYCLE in each for each in figures):
+        return None
+    low, high = min(numbers), max(numbers)
+    at = [(each - low) / (high - low or 1.0) for each in np.resize(np.array(numbers), len(row)).tolist()]
+    shown = as_written(_unit_of(sweep))[1]
+
+    def both(names: Sequence[str]) -> dict[str, list[tuple[float, float] | None]]:
+        return {
+            origin: [
+                (each[whose + names[0]], each[whose + names[1]]) if whose + names[0] in each else None
+                for each in figures
+            ]
+            for origin, whose in _WHOSE
+        }
+
+    ends = f"{low:g} {unit}".rstrip(), f"{high:g} {unit}".rstrip()
+    plots = {f"{what}, {shown}": both(names) for what, *names in _SHOWN}
+    return Swept(swept.key, ends, at, plots)
+
+
+def _swept_axis(sweep: Sweep) -> tuple[Axis, list[float], str]:
+    """The last axis that takes several values; they as numbers, counted where they are none, and the unit."""
+    swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
+    numbers, unit = numbers_of(swept) or (list(map(float, range(len(swept.values)))), "")
+    return swept, numbers, unit
 
 
 def _figure(sweep: Sweep, state: SweepState) -> Part:
     """A row for each setting of the other axes, with the last one that takes several values along x."""
     if not any(A_CYCLE in ended.figures for ended in state.points.values()):
         return Sentence(_NO_IMPACTS)
-    swept = next((axis for axis in reversed(sweep.axes) if len(axis.values) > 1), sweep.axes[-1])
-    contacts = RIGS[sweep.rig].contacts
-    unit = RIGS[sweep.rig].channels.unit(contacts[0]) if contacts else "m/s2"
-    unit = as_written(unit or "")[1]
-    columns = (("impacts a cycle", A_CYCLE, ""), (f"mean peak of the impacts, {unit}", PEAK_MEAN, PEAK_SD))
-    known, ticks = numbers_of(swept), dict[str, Any]()
-    if known is None:  # values that are no numbers stand side by side
-        known = list(map(float, range(len(swept.values)))), ""
+    swept, numbers, of = _swept_axis(sweep)
+    unit = as_written(_unit_of(sweep))[1]
+    columns = (("impacts a cycle", A_CYCLE, ""), *((f"{what}, {unit}", *names) for what, *names in _SHOWN))
+    ticks = dict[str, Any]()
+    if numbers_of(swept) is None:  # values that are no numbers stand side by side
         ticks = {"tickvals": list(range(len(swept.values))), "ticktext": [str(each) for each in swept.values]}
-    numbers, label = known[0], f"{swept.key}, {known[1]}".rstrip(", ")
+    label = f"{swept.key}, {of}".rstrip(", ")
     rows: dict[str, list[Point]] = {}
     for point in sweep.points:
         others = (f"{axis.key} {point.settings[axis.key]}" for axis in sweep.axes if axis is not swept)

@@ -202,6 +202,23 @@ _WORST_BY_GAUGE: Final = 2.0
 _GAUGE_RATE, _GAUGE_CYCLES, _GAUGE_SETTLE_S = 25_600.0, 20, 1.0
 
 
+def force_shown(twin: AnyTwin, highest: float) -> Callable[[float], float]:
+    """How much the channel of the drive shows of the coil's sine, by the sine's amplitude, both in N.
+
+    As the twin has it at its frequency: less of it behind a gauge in the stinger, or a chain. A gauge feels
+    the impacts as well: it is simulated at an eighth of the twin's drive, at the whole, and at `highest`.
+    """
+    drive, sensor = twin.drive, twin.sensors.get(twin.model.channels.drive)
+    stages = sensor.stages if isinstance(sensor, SensorChain) else None
+    if not getattr(twin.rig, "stinger_gauge", False):
+        share = 1.0 if stages is None else abs(stages.response(drive.frequency))
+        return lambda force: share * force
+    forces = sorted({drive.amplitude / 8, drive.amplitude, highest})
+    driven = (replace(twin, drive=replace(drive, amplitude=force)) for force in forces)
+    shown = [abs(_by_gauge(each, stages, drive.frequency)) * each.drive.amplitude for each in driven]
+    return lambda force: float(np.interp(force, [0.0, *forces], [0.0, *shown]))
+
+
 def _by_gauge(twin: AnyTwin, stages: Stages | None, frequency: float) -> complex:
     """What a gauge in the stinger, and what is behind it, makes of the coil's sine, as the twin has it."""
     behind = 1.0 + 0.0j if stages is None else stages.response(frequency)

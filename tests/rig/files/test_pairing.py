@@ -8,7 +8,7 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
-from rig.files.pairing import check_pair, too_late, unmeasured
+from rig.files.pairing import check_bench, check_pair, too_late, unmeasured
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from rig.surrogates.recordings import Setting
@@ -135,3 +135,81 @@ def test_a_real_shaker_that_nothing_measures_is_told() -> None:
     )
     assert "(the card is emulated)" in unmeasured(unseen_bench())
     assert unmeasured(embedded_bench("planar_slider_crank")) == ""
+
+
+FILTERED = (
+    'kind = "charge_amplifier"\nsensitivity = "4 pC/N"\ngain = "6 mV/pC"\nrange = "200 N"\n'
+    '[daq_card.channels.amplifier]\ncorner = "{high}"\n[daq_card.channels.filter]\ncorner = "{low}"\n'
+)
+
+
+def bench_with(rig: str, name: str, chain: str, more: str = "") -> Bench:
+    """The embedded bench but for one channel, of which this is said."""
+    head, *tables = RIGS[rig].bench.split("[[daq_card.channels]]\n")
+    (place,) = [at for at, table in enumerate(tables) if f'name = "{name}"' in table]
+    physical = next(line for line in tables[place].splitlines() if line.startswith("physical"))
+    tables[place] = f'name = "{name}"\n{physical}\n{chain}\n'
+    return parse_bench("[[daq_card.channels]]\n".join([head, *tables]) + more, "bench", Path(), rig)
+
+
+@pytest.mark.parametrize(
+    ("rate", "high", "low", "allowed"),
+    [
+        ("51.2 kHz", "0.5 Hz", "20 kHz", None),
+        ("25.6 kHz", "0.5 Hz", "20 kHz", "below 12800 Hz, half of acquisition.sample_rate"),
+        ("25.6 kHz", "0.5 Hz", "12.8 kHz", "keeps no alias out"),
+        ("51.2 kHz", "20 Hz", "10 Hz", "above 20 Hz (amplifier.corner): else the chain passes nothing"),
+    ],
+)
+def test_a_filter_fits_the_rate_and_the_amplifier_before_it(
+    rate: str, high: str, low: str, allowed: str | None
+) -> None:
+    bench = bench_with("impact_beam", "contact.force_upper", FILTERED.format(high=high, low=low))
+    scenario = parse_scenario(SOUND.replace("51.2 kHz", rate))
+    if allowed is None:
+        check_pair(scenario, bench, TODAY)
+        return
+    problem = only_problem(
+        lambda: check_pair(scenario, bench, TODAY), 'daq_card.channels."contact.force_upper".filter.corner'
+    )
+    assert allowed in problem.allowed
+
+
+@pytest.mark.parametrize(
+    ("name", "chain", "key", "allowed"),
+    [
+        (
+            "crank.angle",
+            'kind = "encoder"\npulses_per_revolution = 2000000',
+            "pulses_per_revolution",
+            "a counter follows 9 MHz, and these are 11.7 MHz",
+        ),
+        (
+            "crank.marker",
+            'kind = "marker"\nrange = "5 V"\nlevel = "12 V"',
+            "level",
+            "up to 5 V, its range",
+        ),
+    ],
+)
+def test_what_a_crank_shows_fits_the_card_at_the_highest_speed(
+    name: str, chain: str, key: str, allowed: str
+) -> None:
+    rig = "planar_slider_crank"
+    bench = bench_with(rig, name, chain)
+    problem = only_problem(lambda: check_bench(bench, TODAY), f'daq_card.channels."{name}".{key}')
+    assert allowed in problem.allowed
+    scenario = parse_scenario((SCENARIOS / "planar_slider_crank.toml").read_text())
+    assert only_problem(lambda: check_pair(scenario, bench, TODAY), problem.key) == problem
+    sound = chain.replace("2000000", "5000").replace("12 V", "5 V")
+    check_bench(bench_with(rig, name, sound), TODAY)
+
+
+def test_an_encoder_on_the_bus_sends_more_than_twice_a_turn() -> None:
+    def bench(period: str) -> Bench:
+        text = f'{RIGS["planar_slider_crank"].bench}\n[encoder]\nemulated = true\nperiod = "{period}"\n'
+        return parse_bench(text, "bench", Path(), "planar_slider_crank")
+
+    check_bench(bench("80 ms"), TODAY)
+    problem = only_problem(lambda: check_bench(bench("90 ms"), TODAY), "encoder.period")
+    assert "below 85.71 ms: half a turn at inverter.maximum_speed" in problem.allowed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page
 
 from daq.block import Flag
 from drivers.ni_daq.channels import CardChannel
@@ -26,6 +24,23 @@ from tests.rig.live.test_page import SIZES, assert_nothing_is_cut_or_overlaps
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 RATE, BLOCK = 6400.0, 480
+RUN = {
+    "title": "a run",
+    "stage": {"text": "connecting", "done": 0, "total": 0, "unit": "s"},
+    "ended": False,
+    "newest": 0,
+    "cycle_s": None,
+    "bin_s": 0.25,
+    "trend_s": [0, 4],
+    "colours": {},
+    "channels": [],
+    "figures": [],
+    "events": [],
+    "dropped": 0,
+    "swept": None,
+    "sketch": None,
+    "explore": "",
+}
 ASKS = "contact.force_upper: press or tap there, the way that it is to count positive"
 
 
@@ -67,42 +82,35 @@ def watched(count: int) -> Any:
     return SimpleNamespace(sensors=sensors, seen=seen, newest_unix_s=time.time())
 
 
-@pytest.fixture(scope="module")
-def page() -> Iterator[Page]:
-    with browser_page() as opened:
-        yield opened
-
-
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("count", "asks"), [(6, True), (16, False), (40, False)])
-def test_every_channel_is_told_and_nothing_is_cut(
-    page: Page, size: tuple[int, int], count: int, asks: bool, tmp_path: Path
-) -> None:
-    page.set_viewport_size({"width": size[0], "height": size[1]})
-    with PageServer(0) as server:
-        state = rest_state("steel beam, 20 Hz", ASKS if asks else "nothing is driven", asks, watched(count))
-        server.tell(json.dumps(state).encode(), time.time())
-        page.goto(server.url)
-        page.wait_for_url("**/monitor", timeout=20_000)
-        page.wait_for_function("() => looks.length > 0", timeout=20_000)
-        page.screenshot(path=tmp_path / "page.png")
-        rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(each => each.innerText)")
-        assert len(rows) == count
-        assert "50 Hz" in rows[1]
-        assert "150 Hz" in rows[1]
-        assert "open sensor" in rows[2]
-        assert "/min" in rows[3]
-        assert page.locator("li").first.inner_text() == "contact.force_2: open sensor"
-        assert "contact.force_0 +6" in page.locator("li").nth(1).inner_text()
-        assert (page.locator("body.asks").count() == 1) is asks
-        assert_nothing_is_cut_or_overlaps(page)
+def test_every_channel_is_told_and_nothing_is_cut(count: int, asks: bool, tmp_path: Path) -> None:
+    says = ASKS if asks else "nothing is driven"
+    with PageServer(0) as server, browser_page() as page:
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            state = rest_state("steel beam, 20 Hz", says, asks, watched(count))
+            server.tell(json.dumps(state).encode(), time.time())
+            page.goto(server.url)
+            page.wait_for_url("**/monitor", timeout=20_000)
+            page.wait_for_function("() => looks.length > 0", timeout=20_000)
+            page.screenshot(path=tmp_path / f"page_{width}.png")
+            rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(row => row.innerText)")
+            assert len(rows) == count
+            assert "50 Hz" in rows[1]
+            assert "150 Hz" in rows[1]
+            assert "open sensor" in rows[2]
+            assert "/min" in rows[3]
+            assert page.locator("li").first.inner_text() == "contact.force_2: open sensor"
+            assert "contact.force_0 +6" in page.locator("li").nth(1).inner_text()
+            assert (page.locator("body.asks").count() == 1) is asks
+            assert_nothing_is_cut_or_overlaps(page)
 
 
-def test_a_run_that_comes_takes_the_page_over(page: Page) -> None:
-    with PageServer(0) as server:
-        state = rest_state("beam", "nothing is driven", False, watched(3 + 1))
+def test_a_run_that_comes_takes_the_page_over() -> None:
+    with PageServer(0) as server, browser_page() as page:
+        state = rest_state("beam", "nothing is driven", False, watched(6))
         server.tell(json.dumps(state).encode(), time.time())
         page.goto(f"{server.url}monitor")
         page.wait_for_function("() => looks.length > 0", timeout=20_000)
-        server.tell(b'{"title":"a run"}', time.time())
+        server.tell(json.dumps(RUN).encode(), time.time())
         page.wait_for_url(server.url, timeout=20_000)

@@ -22,7 +22,7 @@ from rig.live.picture import Bounds, Picture, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
-from rig.live.view import Levels, Progress
+from rig.live.view import Levels, Progress, Swept
 from rig.stream import Block, Shape, Stream
 from tests.rig import synthetic_run
 from tests.rig.browser import browser_page, faults_of_texts, needs_chromium
@@ -37,6 +37,18 @@ CRANK_SPEED = 2 * np.pi * turning.SPEED_HZ
 PLANAR = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, CRANK_SPEED)
 SPATIAL = SpatialCrankPicture(
     0.05, 0.19, 3.2e-3, 1.2, (0.0, 0.0, 0.0), 6.5e-3, 25e-3, 0.25e-3, 0.25e-3, CRANK_SPEED
+)
+SWEPT = Swept(
+    "drive.frequency",
+    ("8 Hz", "34 Hz"),
+    np.linspace(0.0, 1.0, 27).tolist(),
+    {
+        title: {
+            whose: [(high * (1 + 0.02 * at), 4.0) if at < 18 else None for at in range(27)]
+            for whose, high in (("measured", 30.0), ("predicted", 31.0))
+        }
+        for title in ("initial peak, N", "largest peak, N")
+    },
 )
 ACQUISITION = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "5 s"\n'
 CRANK_SCENARIO = f'[drive]\nspeed = "200 rpm"\n{ACQUISITION}'
@@ -65,6 +77,8 @@ def beam_run(state: PageState, count: int, seconds: float = 2.0) -> None:
     scenario = parse_scenario(f"{synthetic_run.SCENARIO}\n{ACQUISITION}")
     bounds = {channel.name: Bounds(100.0) for channel in channels}
     bounds["contact.force_upper"] = Bounds(100.0, 30.0, 50.0)
+    if count == COUNTS[1]:
+        state.take(SWEPT)
     fill(state, channels, scenario, BEAM, bounds, synthetic_run.blocks, seconds)
 
 

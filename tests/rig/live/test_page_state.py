@@ -17,7 +17,7 @@ from rig.live.page_state import PERIOD_S, PageState
 from rig.live.picture import Bounds, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
-from rig.live.view import Levels, Progress
+from rig.live.view import Levels, Progress, Swept
 from rig.live.view_process import _frames
 from rig.stream import Block, Shape
 
@@ -164,6 +164,29 @@ def test_a_beam_that_nobody_predicts_is_not_said_to_be_drawn() -> None:
     assert not sketch["frames"]
     told.state.take(Shape(0.1, np.zeros(20)))
     assert told.newest()["sketch"]["caption"].startswith("predicted beam, 265 x")
+
+
+def test_an_encoder_beside_the_card_does_not_turn_the_crank() -> None:
+    """It shows where it is mounted, backwards maybe; the card's angle is the crank's."""
+    angle, beside = 2 * math.pi * np.arange(round(RATE)) / RATE / 0.3, Channel("encoder.angle", "rad")
+    drawn = []
+    for shown in ([ANGLE], [ANGLE, beside]):
+        told = Told()
+        told.state.take(layout_of("run", shown, shown, PLANAR, cycle_s=0.3))
+        for origin in ("measured", "predicted"):
+            told.state.take(Block(origin, block(angle, channel=ANGLE.name)))  # type: ignore[arg-type]
+            if beside in shown:
+                told.state.take(Block(origin, block(2.0 - angle, channel=beside.name)))
+        drawn.append(told.newest()["sketch"]["frames"])
+    assert drawn[0] == drawn[1]
+
+
+def test_what_a_sweep_came_to_so_far_is_told(told: Told) -> None:
+    plots = {"largest peak, N": {"measured": [(30.0, 4.0), None], "predicted": [(31.0, 3.0), None]}}
+    assert told.newest()["swept"] is None
+    told.state.take(Swept("drive.frequency", ("20 Hz", "21 Hz"), [0.0, 1.0], plots))
+    told.state.take(layout_of("next point", [FORCE], [FORCE]))
+    assert told.newest()["swept"]["plots"]["largest peak, N"]["predicted"] == [[31.0, 3.0], None]
 
 
 def test_impacts_are_counted_by_origin(told: Told) -> None:

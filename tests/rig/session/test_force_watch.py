@@ -73,3 +73,34 @@ def test_a_sensor_that_shows_nothing_as_long_as_it_is_looked_over_cannot_be_reli
     told = [watch.take(zeros, each) for each in blocks]
     assert [bool(each) for each in told] == [False, False, False, True, False, False, False, True]
     assert "drive.force is overloaded, open or not finite for 0.2 s" in told[3]
+
+
+def gauged(amplitude: float, share: float) -> tuple[ForceWatch, list[str]]:
+    """A second of 20 Hz, of which a gauge shows so much."""
+    channel = Channel("drive.force", "N")
+    watch = ForceWatch(channel, 20.0, RATE, HIGHEST_N, lambda force: share * force)
+    at_s = np.arange(int(RATE)) / RATE
+    blocks = (amplitude * np.sin(2 * np.pi * 20.0 * at_s)).reshape(-1, BLOCK)
+    return watch, [told for block in blocks if (told := watch.take(block))]
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "share", "told"), [(7.5, 0.6, False), (8.5, 0.6, True), (14.0, 1.2, False)]
+)
+def test_a_gauge_is_held_to_what_it_shows_of_what_the_bench_allows(
+    amplitude: float, share: float, told: bool
+) -> None:
+    _, found = gauged(amplitude, share)
+    assert len(found) == told
+    if told:
+        assert found[0].endswith("where the bench allows 12 N, of which it is to show 7.2 N")
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "told"), [(0.3, ""), (0.5, "1.12 is ordered, of which it is to show 0.225 N")]
+)
+def test_a_gauge_is_held_to_what_it_shows_of_the_order(amplitude: float, told: str) -> None:
+    """An amplifier that gives twice as much stays below the order itself."""
+    beyond = gauged(amplitude, 0.2)[0].above(1.125)
+    assert told in beyond
+    assert bool(beyond) == bool(told)

@@ -21,6 +21,8 @@ from rig.files.scenario import Scenario
 from rig.files.sweep import Sweep
 from rig.sweep.results import (
     A_CYCLE,
+    FIRST_MEAN,
+    FIRST_SD,
     HELD,
     IMPACTS,
     PEAK_MEAN,
@@ -29,6 +31,7 @@ from rig.sweep.results import (
     headings_of,
     outcome_of,
     rows_of,
+    swept_so_far,
     write_page,
     write_results,
 )
@@ -41,7 +44,8 @@ THERE_AND_BACK = 'up_and_down = ["drive.frequency"]'
 
 
 def impact(channel: str, peak: float, origin: str = "measured") -> Impact:
-    return Impact(START_NS + NS_PER_S, origin, channel, 100, 150, 120, peak, peak, 1.0, 1e-3, 0, 1.0)
+    first = 0.75 * peak
+    return Impact(START_NS + NS_PER_S, origin, channel, 100, 150, 120, peak, first, 1.0, 1e-3, 0, 1.0)
 
 
 def record(path: Path, impacts: list[Impact], looked_for: bool = True) -> Path:
@@ -62,7 +66,15 @@ def state_of(sweep: Sweep, peaks: list[float]) -> SweepState:
         number: PointState(
             "done",
             f"point-{number}.mcap",
-            figures={IMPACTS: 10, A_CYCLE: 2.0, PEAK_MEAN: peak, PEAK_SD: 1.0, HELD[0]: 20.0},
+            figures={
+                IMPACTS: 10,
+                A_CYCLE: 2.0,
+                FIRST_MEAN: 0.75 * peak,
+                FIRST_SD: 0.5,
+                PEAK_MEAN: peak,
+                PEAK_SD: 1.0,
+                HELD[0]: 20.0,
+            },
         )
         for number, peak in enumerate(peaks, start=1)
     }
@@ -91,6 +103,7 @@ def test_a_record_comes_to_its_impacts_and_to_what_its_drive_was_held_to(tmp_pat
     assert figures[IMPACTS] == 2
     assert figures[A_CYCLE] == pytest.approx(0.2)
     assert (figures[PEAK_MEAN], figures[PEAK_SD]) == (32.0, 2.0)
+    assert (figures[FIRST_MEAN], figures[FIRST_SD]) == (24.0, 1.5)
     # the made-up drive has 8 N in noise of 0.02 N
     assert figures[HELD[0]] == pytest.approx(20.0, rel=1e-5)
 
@@ -130,9 +143,17 @@ def test_a_crank_comes_to_its_mean_speed(tmp_path: Path) -> None:
 
 def test_a_row_says_what_was_driven_counted_held_and_where_it_lies() -> None:
     swept = parsed(FREQUENCIES)
-    assert headings_of(swept) == ["point", "drive.frequency", "outcome", "impacts", "drive held", "log"]
-    rows = list(rows_of(swept, state_of(swept, [30.0, 40.0])))
-    assert rows[1] == ["2", "10 Hz", "done", "10", "20 Hz", "point-2.mcap"]
+    peaks = ["initial peak, measured / predicted", "largest peak, measured / predicted"]
+    assert headings_of(swept) == [
+        "point", "drive.frequency", "outcome", "impacts", *peaks, "drive held", "log"
+    ]  # fmt: skip
+    state = state_of(swept, [30.0, 40.0])
+    twins = {PREDICTED + PEAK_MEAN: 41.0, PREDICTED + PEAK_SD: 2.0}
+    state = state.with_point(1, dataclasses.replace(state.points[1], figures=state.points[1].figures | twins))
+    rows = list(rows_of(swept, state))
+    told = ["30.0 ± 0.5 N", "40.0 ± 1.0 N"]
+    assert rows[1] == ["2", "10 Hz", "done", "10", *told, "20 Hz", "point-2.mcap"]
+    assert rows[0][5] == "30.0 ± 1.0 N / 41.0 ± 2.0 N"
     assert len(rows) == 2
 
 
@@ -152,7 +173,8 @@ def test_table_and_page_tell_the_impacts_of_the_record_and_not_those_that_ended_
 def test_the_way_back_is_drawn_apart_from_the_way_there(tmp_path: Path) -> None:
     swept = parsed(FREQUENCIES, THERE_AND_BACK)
     page = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0, 60.0, 10.0]))
-    _, peaks = traces(page.read_text())
+    _, first, peaks = traces(page.read_text())
+    assert unpacked(first["y"]) == [7.5, 15.0, 22.5, 45.0, 7.5]
     assert unpacked(peaks["x"]) == [9.0, 10.0, 11.0, 10.0, 9.0]
     assert unpacked(peaks["y"]) == [10.0, 20.0, 30.0, 60.0, 10.0]
     assert peaks["marker"]["symbol"] == ["circle"] * 3 + ["circle-open"] * 2
@@ -162,8 +184,8 @@ def test_each_setting_of_the_other_axes_has_a_row_and_a_point_to_come_leaves_a_h
     swept = parsed(f'"model.beam" = ["steel", "aluminium"]\n{FREQUENCIES}')
     page = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0, 40.0]))
     text = page.read_text()
-    assert "mean peak of the impacts, N  model.beam aluminium" in text
-    last = unpacked(traces(text)[3]["y"])
+    assert "largest peak, N  model.beam aluminium" in text
+    last = unpacked(traces(text)[5]["y"])
     assert last[0] == 40.0
     assert np.isnan(last[1:]).all()
 
@@ -172,12 +194,13 @@ def test_what_the_twin_predicted_lies_over_what_was_measured_and_each_log_is_lin
     swept = parsed(FREQUENCIES)
     state = state_of(swept, [10.0, 20.0])
     twins = {PREDICTED + A_CYCLE: 2.1, PREDICTED + PEAK_MEAN: 21.0, PREDICTED + PEAK_SD: 2.0}
+    twins |= {PREDICTED + FIRST_MEAN: 16.0, PREDICTED + FIRST_SD: 1.0}
     figures = {**state.points[2].figures, **twins}
     state = state.with_point(2, dataclasses.replace(state.points[2], figures=figures))
     text = write_page(tmp_path, swept, state).read_text()
     drawn = traces(text)
-    assert [each["name"] for each in drawn] == ["measured", "predicted"] * 2
-    assert unpacked(drawn[3]["y"])[1] == 21.0
+    assert [each["name"] for each in drawn] == ["measured", "predicted"] * 3
+    assert [unpacked(drawn[at]["y"])[1] for at in (3, 5)] == [16.0, 21.0]
     assert '<a href="point-2.mcap">point-2.mcap</a>' in text
     rows = list(csv.DictReader(write_results(tmp_path, swept, state).read_text().splitlines()))
     assert [row["predicted impacts a cycle"] for row in rows] == ["", "2.1"]
@@ -205,3 +228,18 @@ def test_a_sweep_without_any_impact_figure_says_so(tmp_path: Path) -> None:
     swept = parsed(FREQUENCIES)
     done = SweepState(SCHEMA, {}, 1, points={1: PointState("done", "a.mcap")})
     assert "No record of this sweep" in write_page(tmp_path, swept, done).read_text()
+
+
+def test_a_live_view_is_told_what_the_points_of_its_row_came_to_so_far() -> None:
+    swept = parsed(f'"model.beam" = ["steel", "aluminium"]\n{FREQUENCIES}')
+    assert swept_so_far(swept, SweepState(SCHEMA, {}, 1), swept.points[0]) is None
+    state = state_of(swept, [10.0, 20.0, 30.0, 40.0])
+    twins = {PREDICTED + PEAK_MEAN: 41.0, PREDICTED + PEAK_SD: 2.0}
+    state = state.with_point(4, dataclasses.replace(state.points[4], figures=state.points[4].figures | twins))
+    told = swept_so_far(swept, state, swept.points[4])
+    assert told is not None
+    assert (told.label, told.ends, told.at) == ("drive.frequency", ("9 Hz", "11 Hz"), [0.0, 0.5, 1.0])
+    assert told.plots == {
+        "initial peak, N": {"measured": [(30.0, 0.5), None, None], "predicted": [None, None, None]},
+        "largest peak, N": {"measured": [(40.0, 1.0), None, None], "predicted": [(41.0, 2.0), None, None]},
+    }

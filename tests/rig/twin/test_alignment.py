@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.twin.alignment import align
+from rig.files.scenario import parse_scenario
+from rig.twin.alignment import align, force_shown
+from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.impact_beam.model import SineDrive
+from tests.sim_twin.impact_beam.test_stinger_gauge import moved
 
 RATE = 51_200.0
 DRIVE = SineDrive(9.0, 20.0)
@@ -96,3 +101,35 @@ def test_a_long_record_is_followed_within_the_whole_tolerance(
     found = align(sine(true, 1.0, seconds), RATE, 0, SineDrive(9.0, frequency))
     assert found.frequency == pytest.approx(true, rel=1e-7)
     assert difference(found.phase, 1.0) == pytest.approx(0.0, abs=5e-4)
+
+
+GAUGED = """
+name = "gauged"
+rig = "impact_beam"
+[model]
+clearance = "{clearance}"
+shaker_mass = "80 g"
+shaker_stiffness = "3 kN/m"
+shaker_damping = "25 N s/m"
+[drive]
+frequency = "20 Hz"
+amplitude = "4 N"
+[acquisition]
+sample_rate = "51.2 kHz"
+duration = "1 s"
+"""
+
+
+def test_what_a_gauge_in_the_stinger_shows_of_an_order() -> None:
+    free = twin_of(parse_scenario(GAUGED.format(clearance="10 mm")), ["drive.force"])
+    assert [force_shown(free, 12.0)(force) for force in (0.0, 3.0)] == [0.0, 3.0]  # the coil's own
+    gauge = replace(free, rig=replace(free.rig, stinger_gauge=True))
+    bare = replace(free.rig, shaker_mass=0.0, shaker_stiffness=0.0, shaker_damping=0.0)
+    share = abs(moved(free.rig, 20.0) / moved(bare, 20.0))
+    assert share < 0.9
+    shown = force_shown(gauge, 12.0)
+    assert [shown(force) / force for force in (0.25, 0.5)] == pytest.approx([share] * 2, rel=0.03)
+    # where the stops hold the beam, hardly anything is left for what moves with the coil
+    tight = twin_of(parse_scenario(GAUGED.format(clearance="0.127 mm")), ["drive.force"])
+    held = force_shown(replace(tight, rig=replace(tight.rig, stinger_gauge=True)), 12.0)
+    assert held(4.0) / 4.0 > 0.9
