@@ -105,7 +105,7 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
         for one in findings.widths
     ]
     content["found_again"] = [
-        {"cause": cause or None, "found": right, "of": of, "else": wrong or None}
+        {"cause": cause, "found": right, "of": of, "else": wrong or None}
         for cause, (right, of, wrong) in checked.found_again.items()
     ]
     out.mkdir(parents=True, exist_ok=True)
@@ -229,7 +229,8 @@ def columns_of(path: Path) -> Columns:
     except RattleError:
         raise
     except DAMAGED as error:
-        raise LogError(f"{path}: cannot be read as a table of numbers ({error})") from error
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise LogError(f"{path}: cannot be read as a table of numbers ({why})") from error
 
 
 def _of_log(path: Path) -> Columns:

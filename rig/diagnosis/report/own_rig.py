@@ -39,7 +39,7 @@ def trust(case: Case) -> list[Part]:
         for one in case.diagnosis["by_width"]
     ]
     again = [
-        [plain(one["cause"] or "nothing"), f"{one['found']} of {one['of']}", plain(one["else"] or "")]
+        [plain(one["cause"]), f"{one['found']} of {one['of']}", plain(one["else"] or "")]
         for one in case.diagnosis["found_again"]
     ]
     return [
