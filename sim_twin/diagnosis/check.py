@@ -132,10 +132,6 @@ def _same_draws(subject: Subject, measured: Blocks, _: Execute, seed: int) -> It
         yield _RANDOM
     elif first[0][0] is not None and _alike(first[0], first[1]):
         yield "every healthy rig is the same: draw.seed is not used"
-    elif (
-        first[0][0] is not None and first[2][0] is not None and not np.allclose(first[0][0][:1], first[2][0])
-    ):
-        yield "the first block of a rig hangs on how many are asked for: draw block after block"
 
 
 def _same_elsewhere(subject: Subject, measured: Blocks, execute: Execute, seed: int) -> Iterator[str]:
@@ -265,7 +261,7 @@ def _found_again(
     if len(order) > _FIRST_LOOK * motions:
         remarks.append(
             f"{motions} rigs are too few to search {len(subject.causes)} causes: {len(order)} take a first "
-            "look at each and are simulated all the same; without a closer look the answer tends to be unknown"
+            "look at each and are simulated all the same; the answer is then often unknown"
         )
     library.add(order, execute(order.draws))
     attribution = search.learn()
@@ -284,7 +280,7 @@ def _found_again(
         wrong = [each for each in names if each != _name(hypothesis)]
         usual = max(wrong, key=wrong.count, default="")
         found[_name(hypothesis)] = (len(names) - len(wrong), len(names), usual)
-        if wrong:
+        if 2 * len(wrong) > len(names):
             remarks.append(
                 f"{_name(hypothesis)}, hidden in {len(names)} simulated rigs, was found in "
                 f"{len(names) - len(wrong)}; else it was mostly taken for {usual}"

@@ -46,8 +46,6 @@ class Little:
             rng = np.random.default_rng(1)
         blocks = draw.blocks + (self.wrong == "blocks")
         rig, each = 0.3 * rng.standard_normal(6), self.block * rng.standard_normal((blocks, 6))
-        if self.wrong == "hangs on blocks":
-            each = self.block * rng.standard_normal((6, blocks)).T
         numbers = _MEANS + np.array([1, 1, 1, 1, 5, 5]) * (rig + each)
         for name, values in effects:
             if name == "push":
@@ -90,7 +88,6 @@ def test_a_sound_subject_is_told_nothing_and_finds_again_what_is_hidden() -> Non
         (Little(wrong="no seed"), "the same draw gives other numbers"),
         (Little(wrong="one rig"), "every healthy rig is the same: draw.seed is not used"),
         (Little(wrong="blocks"), r"fingerprint of shape \(3, 6\), wanted is \(2, 6\)"),
-        (Little(wrong="hangs on blocks"), "first block of a rig hangs on how many are asked for"),
         (Little(wrong="misspelt"), "push.place moves nothing: does observe take it by that name"),
         (Little(wrong="no gain"), "gain changes nothing: does observe look for factor"),
         (Little(wrong="all fail"), "32 of 32 healthy rigs failed"),
