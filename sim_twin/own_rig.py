@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Cause", "Cell", "Check", "Draw", "Effort", "Layout", "Named", "Observed", "OwnRig", "Parameter",
-    "Simulator", "Subject", "Widening", "binned", "cause", "check", "diagnose", "interleaved", "number", "parts",
-    "pooled", "with_effects",
+    "Simulator", "Subject", "Widening", "binned", "cause", "check", "diagnose", "interleaved", "number",
+    "parts", "pooled", "with_effects",
 ]  # fmt: skip
 
 Array: TypeAlias = NDArray[np.float64]
