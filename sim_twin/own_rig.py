@@ -24,7 +24,7 @@ from sim_twin.diagnosis.check import Check, check
 from sim_twin.diagnosis.diagnose import Effort, diagnose
 from sim_twin.diagnosis.fingerprint import Cell, Layout
 from sim_twin.diagnosis.pooled import pooled
-from sim_twin.diagnosis.subject import Draw, Named, Observed, Subject
+from sim_twin.diagnosis.subject import Draw, Named, Observed, Subject, Widening
 from sim_twin.effects import Parameter
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Cause", "Cell", "Check", "Draw", "Effort", "Layout", "Named", "Observed", "OwnRig", "Parameter",
-    "Simulator", "Subject", "binned", "cause", "check", "diagnose", "interleaved", "number", "parts",
-    "pooled", "with_effects",
+    "Simulator", "Subject", "Widening", "binned", "cause", "check", "diagnose", "interleaved", "number",
+    "parts", "pooled", "with_effects",
 ]  # fmt: skip
 
 Array: TypeAlias = NDArray[np.float64]
@@ -72,8 +72,11 @@ def with_effects(rig: Rig, effects: Iterable[Named]) -> Rig:
 
 
 def parts(values: ArrayLike, count: int = _PARTS) -> Array:
-    """Means in so many equal parts of a record (n,), shape (count,)."""
-    return np.array([part.mean() for part in np.array_split(np.asarray(values, np.float64), count)])
+    """Means in so many equal parts of a record (n,), shape (count,); raises ValueError for a shorter one."""
+    record = np.asarray(values, np.float64)
+    if len(record) < count:
+        raise ValueError(f"{len(record)} samples cannot be cut into {count} parts")
+    return np.array([part.mean() for part in np.array_split(record, count)])
 
 
 def binned(values: ArrayLike, over: ArrayLike, edges: ArrayLike) -> Array:
@@ -158,6 +161,15 @@ class Simulator:
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate each draw with what some of the measured blocks were given."""
         return [tuple(self._observed(draw, shown) for shown in draw.sensing) for draw in draws]
+
+    def wider(self, times: float) -> Simulator:
+        """The same with so many times every standard deviation, the noise's too."""
+        rig, start = (
+            {name: (mean, times * deviation) for name, (mean, deviation) in each.items()}
+            for each in (self.rig, self.start)
+        )
+        noise = {name: times * each for name, each in self.noise.items()}
+        return replace(self, rig=rig, start=start, noise=noise)
 
     def _observed(self, draw: Draw, shown: tuple[Named, ...]) -> Blocks | None:
         rng = np.random.default_rng(draw.seed)

@@ -84,9 +84,6 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
-    for one in findings.widths:
-        likeliest = f" ({one.name})" if one.verdict == "effect" else ""
-        screen.say(f"healthy    {one.width:g} times as wide: {one.verdict}{likeliest}")
     for what, file in files.items():
         screen.say(f"{what:<10} {file}")
 

@@ -6,7 +6,9 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -29,7 +31,7 @@ from rig.pages.content import Section
 from rig.session.pace import Work
 from rig.session.progress import Screen
 from sim_twin.diagnosis.findings import Findings
-from sim_twin.own_rig import Check, Effort, OwnRig, Subject, check, diagnose, pooled
+from sim_twin.own_rig import Check, Draw, Effort, Observed, OwnRig, Subject, Widening, check, diagnose, pooled
 
 Blocks = NDArray[np.float32]
 Columns = Mapping[str, NDArray[np.floating]]
@@ -76,21 +78,35 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     effort, name = Effort(rigs, _JUDGING), Path(request.subject).stem
     seeds = range(request.seed, request.seed + request.seeds)
     try:
-        with worker_processes(cores()) as workers, threadpool_limits(1, user_api="blas"):
+        with ExitStack() as stack, threadpool_limits(1, user_api="blas"):
+            # what is wrong at once is told before any worker has started
+            workers = cache(lambda: stack.enter_context(worker_processes(cores())))
+
+            def look(draws: Sequence[Draw]) -> list[Observed]:
+                return Simulated(subject, workers().executor, began + _NO_DEADLINE, lambda _: None)(draws)
+
             with screen.busy("checking the subject", Work(f"check {name} on {cores()}", rigs)):
-                look = Simulated(subject, workers.executor, began + _NO_DEADLINE, lambda _: None)
                 checked = check(subject, measured, look, request.seed, rigs)
             _tell(request.subject, checked, screen)
             total = len(seeds) * effort.motions
             with screen.bar("simulating", total, "rigs", Work(f"{name} on {cores()}", total)) as bar:
-                simulated = Simulated(subject, workers.executor, began + _NO_DEADLINE, bar)
-                each = [diagnose(subject, measured, effort, simulated, seed, _WIDTHS) for seed in seeds]
+                shown = Simulated(subject, workers().executor, began + _NO_DEADLINE, bar)
+                each = [diagnose(subject, measured, effort, shown, seed) for seed in seeds]
+            widths = {}
+            if isinstance(subject, Widening):
+                for times in _WIDTHS:
+                    with screen.bar(
+                        f"with healthy rigs {times:g} times as wide", effort.motions, "rigs"
+                    ) as bar:
+                        other = subject.wider(times)
+                        shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
+                        widths[times] = diagnose(other, measured, effort, shown, request.seed)
     except RattleError:
         raise
     except Exception as error:  # whatever a simulator raises
         raise _failed(request.subject, error) from error
     findings = pooled(each)
-    remarks = [*checked.remarks, *_seeds(each, findings)]
+    remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings)]
     for remark in remarks[len(checked.remarks) :]:
         screen.warn(remark)
     asked = {"subject": request.subject, "seeds": len(seeds), "rigs": rigs}
@@ -101,11 +117,11 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
         for seed, one in zip(seeds, each, strict=True)
     ]
     content["by_width"] = [
-        {"width": one.width, "verdict": one.verdict, "likeliest": one.name, **_shares(one)}
-        for one in findings.widths
+        {"width": times, "verdict": one.verdict, "selected": list(one.names), **_shares(one)}
+        for times, one in widths.items()
     ]
     content["found_again"] = [
-        {"cause": cause or None, "found": right, "of": of, "else": wrong or None}
+        {"cause": cause, "found": right, "of": of, "else": wrong or None}
         for cause, (right, of, wrong) in checked.found_again.items()
     ]
     out.mkdir(parents=True, exist_ok=True)
@@ -115,7 +131,7 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     write_json(files["effects"], effects_file(findings))
     parts = sorted({cell.run for cell in subject.layout.cells})
     facts = [
-        RunFacts(f"run {k + 1}" if parts != [0] else " ".join(p.name for p in request.runs), "")
+        RunFacts(f"run {k + 1}" if parts != [0] else " ".join(p.name for p in request.runs), name)
         for k in parts
     ]
     write_report(files["report"], Case(findings, content, facts, remarks, folder=out), SECTIONS)
@@ -135,21 +151,34 @@ def _tell(name: str, checked: Check, screen: Screen) -> None:
         )
     for remark in checked.remarks:
         screen.warn(remark)
-    if not any(wrong for *_, wrong in checked.found_again.values()):
-        screen.say(
-            "each cause, hidden in simulated rigs, was found again, and nothing where nothing was hidden"
-        )
+    right, of = (sum(each[k] for each in checked.found_again.values()) for k in range(2))
+    screen.say(
+        f"{right} of {of} simulated rigs, most with a cause hidden, were at once taken for what they are"
+    )
 
 
 def _seeds(each: Sequence[Findings], findings: Findings) -> list[str]:
     """A remark where other rigs say otherwise."""
-    said = [" and ".join(one.names) or one.verdict for one in each]
-    usual = " and ".join(findings.names) or findings.verdict
+    said, usual = [_said(one) for one in each], _said(findings)
     others = [one for one in said if one != usual]
     if not others:
         return []
     agree, other = f"{len(said) - len(others)} of {len(said)} seeds", ", ".join(dict.fromkeys(others))
     return [f"{agree} say {usual}, the others {other}: not sure; more --rigs or other measurements may tell"]
+
+
+def _widths(widths: Mapping[float, Findings], findings: Findings) -> list[str]:
+    """A remark where the answer hangs on how wide healthy rigs are."""
+    usual = _said(findings)
+    return [
+        f"with healthy rigs {times:g} times as wide the answer would be {_said(one)}"
+        for times, one in widths.items()
+        if _said(one) != usual
+    ]
+
+
+def _said(findings: Findings) -> str:
+    return " and ".join(findings.names) or findings.verdict
 
 
 def _shares(one: Any) -> dict[str, dict[str, float]]:
@@ -229,7 +258,8 @@ def columns_of(path: Path) -> Columns:
     except RattleError:
         raise
     except DAMAGED as error:
-        raise LogError(f"{path}: cannot be read as a table of numbers ({error})") from error
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise LogError(f"{path}: cannot be read as a table of numbers ({why})") from error
 
 
 def _of_log(path: Path) -> Columns:

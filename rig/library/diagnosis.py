@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import RattleError
 from rig.diagnosis.diagnose_runs import diagnose_runs
+from rig.diagnosis.own_rig import OwnRequest, diagnose_own
 from rig.files.file_kind import refuse_other_than_log
 from rig.library.log import Folder, Log, needed, table_of
 from rig.library.run import unguarded_main
@@ -85,19 +86,24 @@ def diagnosed(
     seed: int,
     budget: float,
     quiet: bool,
+    subject: _File | None,
 ) -> Diagnosis:
     """See `rattle.diagnose`."""
     each = [logs] if isinstance(logs, str | PathLike | Log) else list(logs)
     if not each:
         raise RattleError("a diagnosis needs a log at least")
     runs = [log.path if isinstance(log, Log) else Path(log) for log in each]
-    for run in runs:
-        refuse_other_than_log(run)
     kept = Folder()
     folder = kept.path if out is None else Path(out)
     fitted = None if model is None else Path(model)
+    screen = Screen(Terminal(quiet=quiet))
     with unguarded_main():
-        _, files = diagnose_runs(runs, fitted, folder, seed, budget, Screen(Terminal(quiet=quiet)))
+        if subject is not None:
+            _, files = diagnose_own(OwnRequest(str(subject), runs, seed), folder, screen)
+        else:
+            for run in runs:
+                refuse_other_than_log(run)
+            _, files = diagnose_runs(runs, fitted, folder, seed, budget, screen)
     document, selected = (
         json.loads(files[name].read_text(encoding="utf-8")) for name in ("diagnosis", "effects")
     )

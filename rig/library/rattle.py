@@ -100,15 +100,18 @@ def diagnose(
     seed: int = 0,
     budget: float = 120.0,
     quiet: bool = False,
+    subject: _File | None = None,
 ) -> Diagnosis:
     """Say where rig and twin differ, which effect causes it, and how far the gap shrinks with that in.
 
     As `rattle diagnose` does. Several logs are one campaign on one rig. `budget` is the time to spend, in s.
+    `subject` is a Python file with a rig of one's own, or the name of an installed one; `logs` are its files
+    then, and neither `model` nor `budget` counts.
     `out` keeps the report; else it is gone with what is returned. Raises RattleError.
     """
     from rig.library.diagnosis import diagnosed
 
-    return diagnosed(logs, out, model, seed, budget, quiet)
+    return diagnosed(logs, out, model, seed, budget, quiet, subject)
 
 
 def __getattr__(name: str) -> Any:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pickle
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause, Hypothesis, drawn, named
-from sim_twin.diagnosis.library import FEWEST, Library
+from sim_twin.diagnosis.library import Library, order_of
 from sim_twin.diagnosis.search import Search, believed
 from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
 
@@ -28,6 +28,8 @@ _WIDER = 1.7
 _OTHER_UNIT = 8.0
 _EMPTY = 1e-9
 _SAME = 1e-6
+_FIRST_LOOK = 0.8
+"""Of the rigs to search with: more than that for a first look leave none for a closer one."""
 _HIDDEN = 3
 """Rigs with each cause hidden."""
 _NAMED = 4
@@ -38,7 +40,7 @@ _RANDOM = "the same draw gives other numbers: everything random has to come from
 class Check:
     """`faults` make every answer worthless; `remarks` are to be known before one is believed.
 
-    `found_again`: of so many simulated rigs with each cause in (and with none, ""), how many were taken for
+    `found_again`: of so many simulated rigs with each cause in (and with "nothing"), how many were taken for
     that, and what most of the others were taken for.
     """
 
@@ -47,41 +49,27 @@ class Check:
     found_again: Mapping[str, tuple[int, int, str]] = field(default_factory=dict)
 
 
-class _Stop(Exception):
-    """What was found makes the rest of the check pointless."""
-
-
 def check(subject: Subject, measured: Blocks, execute: Execute, seed: int = 0, motions: int = 240) -> Check:
     """Try a subject and its `measured` fingerprints (blocks, numbers), by so many simulated rigs at least.
 
     `execute` has it observe draws, as a diagnosis would: other processes must see what this one does.
     """
-    faults: list[str] = []
-    remarks: list[str] = []
-    found: dict[str, tuple[int, int, str]] = {}
-    try:
-        for look in (_said, _same_draws, _same_elsewhere):
-            faults += look(subject, measured, execute, seed)
-            if faults:
-                raise _Stop
-        healthy = _observed([Draw((), seed + k, blocks=_blocks(measured)) for k in range(_HEALTHY)], execute)
-        if len(healthy) < _HEALTHY // 2:
-            faults.append(
-                f"{_HEALTHY - len(healthy)} of {_HEALTHY} healthy rigs failed: no number came of them"
-            )
-            raise _Stop
-        told, effects = _parameters(subject, healthy, execute, seed)
-        faults += told.faults
-        remarks += [
-            *told.remarks,
-            *_scatter(subject, healthy, measured),
-            *_units(subject, healthy, effects, measured),
-        ]
-        if not faults:
-            found = _found_again(subject, measured, execute, seed, motions)
-    except _Stop:
-        pass
-    return Check(tuple(faults), tuple(remarks), found)
+    for look in (_said, _same_draws, _same_elsewhere):
+        if faults := tuple(look(subject, measured, execute, seed)):
+            return Check(faults)
+    healthy = _observed([Draw((), seed + k, blocks=_blocks(measured)) for k in range(_HEALTHY)], execute)
+    if len(healthy) < _HEALTHY // 2:
+        lost = f"{_HEALTHY - len(healthy)} of {_HEALTHY} healthy rigs failed"
+        return Check((f"{lost}: nothing can be compared with those",))
+    told, effects = _parameters(subject, healthy, execute, seed)
+    remarks = [
+        *told.remarks,
+        *_scatter(subject, healthy, measured),
+        *_units(subject, healthy, effects, measured),
+    ]
+    if told.faults:
+        return Check(told.faults, tuple(remarks))
+    return _found_again(subject, measured, execute, seed, motions, remarks)
 
 
 def _said(subject: Subject, measured: Blocks, _: Execute, __: int) -> Iterator[str]:
@@ -144,10 +132,6 @@ def _same_draws(subject: Subject, measured: Blocks, _: Execute, seed: int) -> It
         yield _RANDOM
     elif first[0][0] is not None and _alike(first[0], first[1]):
         yield "every healthy rig is the same: draw.seed is not used"
-    elif (
-        first[0][0] is not None and first[2][0] is not None and not np.allclose(first[0][0][:1], first[2][0])
-    ):
-        yield "the first block of a rig hangs on how many are asked for: draw block after block"
 
 
 def _same_elsewhere(subject: Subject, measured: Blocks, execute: Execute, seed: int) -> Iterator[str]:
@@ -267,40 +251,45 @@ def _units(subject: Subject, healthy: Sequence[Blocks], effects: Array, measured
 
 
 def _found_again(
-    subject: Subject, measured: Blocks, execute: Execute, seed: int, motions: int
-) -> dict[str, tuple[int, int, str]]:
+    subject: Subject, measured: Blocks, execute: Execute, seed: int, motions: int, remarks: list[str]
+) -> Check:
     """Hide each cause in some rigs, and see what they are taken for."""
     rng = np.random.default_rng([seed, 1])
     library = Library()
     search = Search(subject, measured, execute, rng, library, motions)
     order = search.first_order()
+    if len(order) > _FIRST_LOOK * motions:
+        remarks.append(
+            f"{motions} rigs are too few to search {len(subject.causes)} causes: {len(order)} take a first "
+            "look at each and are simulated all the same; the answer is then often unknown"
+        )
     library.add(order, execute(order.draws))
-    if library.count(()) < FEWEST:
-        return {}
     attribution = search.learn()
     hypotheses: list[Hypothesis] = [(), *((cause,) for cause in subject.causes)]
-    draws = []
-    for hypothesis in hypotheses:
-        for row in drawn(hypothesis, _HIDDEN, rng) if hypothesis else np.zeros((_HIDDEN, 0)):
-            effects = named(hypothesis, row)
-            sensing = bool(hypothesis) and hypothesis[0].sensing
-            hidden = ((), (effects,)) if sensing else (effects, ((),))
-            draws.append(Draw(hidden[0], int(rng.integers(2**62)), hidden[1], len(measured[:_MOST_BLOCKS])))
-    shown = iter(execute(draws))
+    wanted = {h: drawn(h, _HIDDEN, rng) if h else np.zeros((_HIDDEN, 0)) for h in hypotheses}
+    hidden = order_of(wanted, rng, len(measured[:_MOST_BLOCKS]))
+    taken: dict[Hypothesis, list[str]] = {h: [] for h in hypotheses}
+    for cases, shown in zip(hidden.cases, execute(hidden.draws), strict=True):
+        for (hypothesis, _), blocks in zip(cases, shown, strict=bool(shown)):
+            if blocks is not None:
+                one = replace(search, measured=blocks)
+                best = believed(one.weigh(attribution, one.singles()))[0].hypothesis
+                taken[hypothesis].append(_name(best))
     found = {}
-    for hypothesis in hypotheses:
-        taken = []
-        for got in (next(shown) for _ in range(_HIDDEN)):
-            if got and got[0] is not None:
-                weighed = Search(subject, got[0], execute, rng, library, motions).weigh(
-                    attribution, search.singles()
-                )
-                best = believed(weighed)[0].hypothesis
-                taken.append(best[0].name if best else "")
-        name = hypothesis[0].name if hypothesis else ""
-        wrong = [each or "nothing" for each in taken if each != name]
-        found[name] = (len(taken) - len(wrong), len(taken), max(wrong, key=wrong.count) if wrong else "")
-    return found
+    for hypothesis, names in taken.items():
+        wrong = [each for each in names if each != _name(hypothesis)]
+        usual = max(wrong, key=wrong.count, default="")
+        found[_name(hypothesis)] = (len(names) - len(wrong), len(names), usual)
+        if 2 * len(wrong) > len(names):
+            remarks.append(
+                f"{_name(hypothesis)}, hidden in {len(names)} simulated rigs, was found in "
+                f"{len(names) - len(wrong)}; else it was mostly taken for {usual}"
+            )
+    return Check((), tuple(remarks), found)
+
+
+def _name(hypothesis: Hypothesis) -> str:
+    return hypothesis[0].name if hypothesis else "nothing"
 
 
 def _observed(draws: Sequence[Draw], execute: Execute) -> list[Blocks]:

@@ -27,7 +27,6 @@ from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Execute, Subject
-from sim_twin.diagnosis.width import at_width
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -66,31 +65,22 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     return Effort(motions - judge, judge)
 
 
-def diagnose(
-    subject: Subject,
-    measured: Blocks,
-    effort: Effort,
-    execute: Execute,
-    seed: int,
-    widths: Sequence[float] = (),
-) -> Findings:
+def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execute, seed: int) -> Findings:
     """Diagnose `measured` fingerprints, shape (blocks, numbers); `execute` simulates.
 
     Where gaps are judged on one half of the blocks, parameters were fitted to the other; in the answer they
-    are fitted to all. `widths` are factors by which healthy rigs might be wider than they are said to be.
+    are fitted to all.
     """
     rng = np.random.default_rng(seed)
     library = Library()
-    search = Search(subject, measured, execute, rng, library, effort.search)
-    attribution, ranked = search.run()
+    attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
     measure = gap_measure(library.fingerprints(()), subject.layout)
-    confirming = effort.judge // _CONFIRMING
-    like = _like_rigs(ranked[0], library, confirming, execute, rng)
+    like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
     left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
     belief = belief_of(attribution, ranked, left)
     fitted_to, judged_on = halves(measured)
     candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
-    judging = effort.judge - confirming
+    judging = effort.judge - effort.judge // _CONFIRMING
     repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     if chosen is not None:
@@ -99,11 +89,6 @@ def diagnose(
     if twins is not None and leads_away(measure, judged_on, twins):
         chosen, twins, belief = None, None, belief.refuted()
     distances = separability(attribution, ranked, rng)
-
-    def like_rigs(best: Ranked) -> Array:
-        same = best.hypothesis == ranked[0].hypothesis
-        return like if same else _like_rigs(best, library, confirming, execute, rng)
-
     gap = gap_between(measure, judged_on, measured, twins, rng, selected=chosen is not None)
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
     return Findings(
@@ -127,7 +112,6 @@ def diagnose(
         + sum(len(each) for each in repaired.values()),
         left=left,
         runner_up=_runner_up(candidates, repaired, chosen),
-        widths=tuple(at_width(each, search, attribution, ranked, measure, like_rigs) for each in widths),
     )
 
 

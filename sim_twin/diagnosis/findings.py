@@ -13,7 +13,6 @@ from sim_twin.diagnosis.cause import Cause, Hypothesis
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.subject import Named
-from sim_twin.diagnosis.width import AtWidth
 
 Array = NDArray[np.float64]
 
@@ -62,7 +61,6 @@ class Findings:
     block differs by from the twin in each cell (cells,). `held_out` is False where there was one block only,
     so that the gap was judged on what was fitted. `left` is what the best explanation does not explain.
     `runner_up` is the next best effect with the twin's mean fingerprint then; None where none was simulated.
-    `widths` say what would be believed if healthy rigs were narrower or wider.
     """
 
     layout: Layout
@@ -83,7 +81,6 @@ class Findings:
     simulations: int
     left: Unexplained
     runner_up: tuple[Hypothesis, Array] | None = None
-    widths: tuple[AtWidth, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

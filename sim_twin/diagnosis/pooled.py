@@ -11,7 +11,6 @@ import numpy as np
 from sim_twin.diagnosis.belief import verdict_of
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.posterior import Estimate
-from sim_twin.diagnosis.width import AtWidth
 
 
 def pooled(each: Sequence[Findings]) -> Findings:
@@ -29,7 +28,6 @@ def pooled(each: Sequence[Findings]) -> Findings:
     usual = Counter(one.names for one in saying).most_common(1)[0][0]
     shown = next(one for one in saying if one.names == usual)
     judged = sorted((_judged(one, each) for one in shown.judged), key=lambda one: -one.probability)
-    widths = tuple(_same_width(same) for same in zip(*(one.widths for one in each), strict=True))
     simulations = sum(one.simulations for one in each)
     return replace(
         shown,
@@ -37,15 +35,8 @@ def pooled(each: Sequence[Findings]) -> Findings:
         effect=effect,
         unknown=unknown,
         judged=tuple(judged),
-        widths=widths,
         simulations=simulations,
     )
-
-
-def _same_width(each: Sequence[AtWidth]) -> AtWidth:
-    none, unknown, effect = np.mean([[one.none, one.unknown, one.effect] for one in each], axis=0).tolist()
-    name = Counter(one.name for one in each).most_common(1)[0][0]
-    return AtWidth(each[0].width, none, unknown, effect, name)
 
 
 def _judged(shown: Judged, each: Sequence[Findings]) -> Judged:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,14 @@ class Subject(Protocol):
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Fingerprints of healthy rigs with effects in, drawn from the seeds of `draws`; nothing else."""
+
+
+@runtime_checkable
+class Widening(Subject, Protocol):
+    """One that can say what it would be if healthy rigs were not as wide as it believes."""
+
+    def wider(self, times: float) -> Subject:
+        """The same with so many times the healthy scatter, of everything that sound rigs differ by."""
 
 
 Execute: TypeAlias = Callable[[Sequence[Draw]], Sequence[Observed]]

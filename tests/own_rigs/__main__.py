@@ -29,7 +29,10 @@ def main() -> None:
             found = json.loads(files["diagnosis"].read_text(encoding="utf-8"))
         answer = verdict_of(found)
         said = [" + ".join(each["selected"]) or each["verdict"] for each in found["by_seed"]]
-        widths = [f"x{each['width']:g}: {each['verdict']} {each['likeliest']}" for each in found["by_width"]]
+        widths = [
+            f"x{each['width']:g}: {' + '.join(each['selected']) or each['verdict']}"
+            for each in found["by_width"]
+        ]
         print(f"{name:22}{' + '.join(answer.selected) or found['verdict']:24}{', '.join(answer.alike)}")
         print(f"    seeds {', '.join(said)}; healthy {', '.join(widths)}; {time.monotonic() - begun:.0f} s")
         for remark in found["remarks"]:

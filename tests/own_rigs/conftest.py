@@ -1,4 +1,4 @@
-"""`rattle diagnose --subject` on a measured set."""
+"""`rattle diagnose --subject` on a measured set, and the rig that the page shows."""
 
 from __future__ import annotations
 
@@ -6,12 +6,21 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.own_rigs import Verdict, sets, verdict_of
 from tests.rig.commands.cli import caller
 
 Answer = Callable[[str], Verdict]
+TIMES = np.arange(0, 2, 1 / 50)
+_PAGE = Path(__file__).parents[2] / "docs" / "own_rig.md"
+
+
+def bouncing_ball() -> str:
+    """The program that the page shows."""
+    _, _, rest = _PAGE.read_text(encoding="utf-8").partition("```python\n")
+    return rest.partition("```")[0]
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ the channels.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -133,6 +133,7 @@ class FrictionDamper:
     """The damper as a subject, with the displacements (m) of its runs."""
 
     displacements: tuple[Array, ...]
+    width: float = 1.0
 
     @property
     def layout(self) -> Layout:
@@ -151,10 +152,13 @@ class FrictionDamper:
         """Move each damper as it was moved; blocks are the first pairs of full strokes."""
         return [tuple(self._observe(draw, effects) for effects in draw.sensing) for draw in draws]
 
+    def wider(self, times: float) -> FrictionDamper:
+        return replace(self, width=times)
+
     def _observe(self, draw: Draw, effects: tuple[Named, ...]) -> Blocks:
         rng = np.random.default_rng(draw.seed)
-        damper = with_effects(_healthy(rng), (*draw.effects, *effects))
-        forces = [damper.force(x, RATE, _bumps(x, rng)) for x in self.displacements]
+        damper = with_effects(_healthy(self.width, rng), (*draw.effects, *effects))
+        forces = [damper.force(x, RATE, self.width * _bumps(x, rng)) for x in self.displacements]
         return self.fingerprints(forces)[: draw.blocks]
 
     def fingerprints(self, forces: Sequence[Array]) -> Blocks:
@@ -172,8 +176,8 @@ def measured(files: Sequence[Mapping[str, Array]]) -> tuple[FrictionDamper, Bloc
     return subject, subject.fingerprints([run[:, 1] for run in runs])
 
 
-def _healthy(rng: np.random.Generator) -> Damper:
-    uneven, viscous, give, offset, delay = rng.standard_normal(5)
+def _healthy(width: float, rng: np.random.Generator) -> Damper:
+    uneven, viscous, give, offset, delay = width * rng.standard_normal(5)
     return Damper(
         give=_GIVE * abs(give), viscous=_VISCOUS * viscous, uneven=_UNEVEN * uneven, offset=_OFFSET * offset,
         delay=_SKEW * delay,

@@ -145,6 +145,7 @@ class Silverbox:
 
     twin: Circuit
     inputs: Array
+    width: float = 1.0
 
     @property
     def layout(self) -> Layout:
@@ -160,14 +161,17 @@ class Silverbox:
         """Give each circuit as many of the multisines as its draw has blocks."""
         return [self._observe(draw) for draw in draws]
 
+    def wider(self, times: float) -> Silverbox:
+        return replace(self, width=times)
+
     def _observe(self, draw: Draw) -> Observed:
         rng = np.random.default_rng(draw.seed)
-        circuit = _healthy(with_effects(self.twin, draw.effects), rng)
+        circuit = _healthy(with_effects(self.twin, draw.effects), self.width, rng)
         inputs = self.inputs[rng.permutation(len(self.inputs))[: draw.blocks]]
         responses = [circuit.respond(u, RATE) for u in inputs]
         if not np.isfinite(responses).all():  # a softening spring lets go
             return (None,) * len(draw.sensing)
-        noise = _NOISE * rng.standard_normal((2, *inputs.shape))
+        noise = self.width * _NOISE * rng.standard_normal((2, *inputs.shape))
         seen = [with_effects(circuit, effects) for effects in draw.sensing]
         shown = [np.array([one.shown(y, RATE) for y in responses]) for one in seen]
         return tuple(self.fingerprints(inputs + noise[0], each + noise[1]) for each in shown)
@@ -210,10 +214,10 @@ def _matched(u: Array, y: Array) -> Circuit:
     return Circuit(*found.x.tolist())
 
 
-def _healthy(circuit: Circuit, rng: np.random.Generator) -> Circuit:
-    frequency, damping, gain = 1 + np.array([_FREQUENCY, _DAMPING, _GAIN]) * rng.standard_normal(3)
+def _healthy(circuit: Circuit, width: float, rng: np.random.Generator) -> Circuit:
+    frequency, damping, gain = 1 + width * np.array([_FREQUENCY, _DAMPING, _GAIN]) * rng.standard_normal(3)
     quadratic, cubic, damping_2 = (
-        _LINEARITY / np.array([_FULL, _FULL**2, _FULL / 0.05]) * rng.standard_normal(3)
+        width * _LINEARITY / np.array([_FULL, _FULL**2, _FULL / 0.05]) * rng.standard_normal(3)
     )
     return replace(
         circuit,
@@ -223,7 +227,7 @@ def _healthy(circuit: Circuit, rng: np.random.Generator) -> Circuit:
         quadratic=circuit.quadratic + quadratic,
         cubic=circuit.cubic + cubic,
         damping_2=circuit.damping_2 + damping_2,
-        delay=_SKEW * rng.standard_normal(),
+        delay=width * _SKEW * rng.standard_normal(),
     )
 
 

@@ -23,6 +23,7 @@ _WIDTHS = (
     "How wide healthy rigs are decides what is unusual. If they were narrower or wider than the subject "
     "says, this would be the answer."
 )
+_NOT_ASKED = "The subject has no `wider`, so nobody knows how the answer hangs on the width of healthy rigs."
 
 
 def trust(case: Case) -> list[Part]:
@@ -34,18 +35,18 @@ def trust(case: Case) -> list[Part]:
         for one in case.diagnosis["by_seed"]
     ]
     by_width = [
-        [f"{one['width']:g} times as wide", one["verdict"], plain(one["likeliest"])]
+        [f"{one['width']:g} times as wide", one["verdict"], ", ".join(map(plain, one["selected"]))]
         + [probability(one["probability"][each]) for each in shares]
         for one in case.diagnosis["by_width"]
     ]
     again = [
-        [plain(one["cause"] or "nothing"), f"{one['found']} of {one['of']}", plain(one["else"] or "")]
+        [plain(one["cause"]), f"{one['found']} of {one['of']}", plain(one["else"] or "")]
         for one in case.diagnosis["found_again"]
     ]
     return [
         Table(("seed", "verdict", "selected", *shares), by_seed, "The same with other simulated rigs"),
-        Sentence(_WIDTHS),
-        Table(("healthy rigs", "verdict", "likeliest effect", *shares), by_width, "Width of healthy rigs"),
+        Sentence(_WIDTHS if by_width else _NOT_ASKED),
+        Table(("healthy rigs", "verdict", "selected", *shares), by_width, "Width of healthy rigs"),
         Table(("hidden", "found again", "else mostly taken for"), again, _AGAIN),
     ]
 

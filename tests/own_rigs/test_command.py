@@ -1,0 +1,162 @@
+"""`rattle diagnose --subject` on the rig of the page, on an installed one, and on what is wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rattle
+from rig.commands.cli import FAILED, WRONG_USE
+from tests.fake_packages import install
+from tests.own_rigs.conftest import TIMES, bouncing_ball
+from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.commands.cli import Call, caller
+
+CODE = bouncing_ball()
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
+    return caller(monkeypatch, capfd)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder of its own, whose modules no other test sees."""
+    path, modules = list(sys.path), set(sys.modules)
+    yield tmp_path
+    sys.path[:] = path
+    for name in sys.modules.keys() - modules:
+        if str(getattr(sys.modules[name], "__file__", "")).startswith(str(tmp_path)):
+            del sys.modules[name]
+
+
+def written(folder: Path, code: str = CODE, drag: float = 0.0) -> tuple[Path, Path]:
+    """The rig's file, and four drops of a ball with that much drag, as a table."""
+    own, rng = SimpleNamespace(), np.random.default_rng(8)
+    names: dict[str, object] = {}
+    exec(CODE, names)  # noqa: S102 - it is the page's
+    own.simulate = names["simulate"]
+    rows = ["drop,time,height"]
+    for drop in range(4):
+        release = 1.0 + 0.005 * rng.standard_normal()
+        p = SimpleNamespace(gravity=9.81, drag=drag, restitution=0.852, scale=1.001, release=release)
+        heights = own.simulate(p, {"time": TIMES})["height"] + 0.002 * rng.standard_normal(len(TIMES))
+        rows += [f"{drop},{time},{height}" for time, height in zip(TIMES, heights, strict=True)]
+    (folder / "my_ball.py").write_text(code)
+    (folder / "drops.csv").write_text("\n".join(rows) + "\n")
+    return folder / "my_ball.py", folder / "drops.csv"
+
+
+def test_the_rig_of_the_page_takes_forty_lines_at_most() -> None:
+    assert len(CODE.splitlines()) <= 40
+
+
+@pytest.mark.long
+@needs_chromium
+def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path) -> None:
+    rig, drops = written(folder, drag=0.08)
+    said = call("diagnose", "--subject", rig, drops, "--out", folder / "answer", "--seeds", 2)
+    assert said.code == 0, said.err
+    assert re.search(
+        r"1[012] of 12 simulated rigs, most with a cause hidden, were at once taken for", said.out
+    )
+    assert "with healthy rigs 0.5 times as wide" in said.out
+    found = json.loads((folder / "answer" / "diagnosis.json").read_text())
+    assert (found["verdict"], found["selected"]) == ("effect", ["drag"])
+    low, high = found["effects"][0]["parameters"]["drag"]["ci95"]
+    assert low < 0.08 < high
+    assert found["gap"]["after"] < 1.3 < 3 < found["gap"]["before"]
+    assert [each["selected"] for each in found["by_seed"]] == [["drag"], ["drag"]]
+    assert {each["width"]: each["selected"] for each in found["by_width"]} == {0.5: ["drag"], 2.0: ["drag"]}
+    again = {each["cause"]: each["found"] for each in found["found_again"]}
+    assert again.keys() == {"nothing", "drag", "soft_plate", "wrong_scale"}
+    assert min(again.values()) >= 2
+    effects = json.loads((folder / "answer" / "effects.json").read_text())
+    assert [each["name"] for each in effects] == ["drag"]
+    with browser_page() as page:
+        page.goto((folder / "answer" / "report.html").as_uri())
+        page.wait_for_selector("#curves .plot-container")
+        text = page.inner_text("body")
+    assert "comes from drag at the air" in text
+    assert f"rattle diagnose --subject {rig} {drops}" in text
+    for absent in ("rattle gap", "--budget", "No further run"):
+        assert absent not in text
+
+
+@pytest.mark.long
+def test_an_installed_rig_is_diagnosed_from_python_by_its_name(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    _, drops = written(folder)
+    install(monkeypatch, folder, "ball-package", "rattle.subjects", {"ball": "ball_package:SUBJECT"}, CODE)
+    found = rattle.diagnose([drops], subject="ball", quiet=True)
+    assert found.verdict == "none"
+    assert found.document["provenance"]["subject"] == "ball"
+    assert found.report.is_file()
+
+
+def test_a_subject_that_draws_differently_from_the_same_seed_is_never_used(call: Call, folder: Path) -> None:
+    rig, drops = written(folder, CODE.replace("p.release, 0.0", "p.release + np.random.rand(), 0.0"))
+    said = call("diagnose", "--subject", rig, drops, "--out", folder / "answer")
+    assert said.code == FAILED
+    assert "cannot be believed, nothing was diagnosed" in said.err
+    assert "the same draw gives other numbers: everything random has to come from draw.seed" in said.err
+    assert not (folder / "answer").exists()
+
+
+WRONG = {
+    "does not load": (CODE.replace("import numpy", "import nunpy"), r"my_ball.py, line \d+: ModuleNot"),
+    "is none": ("X = 1", "has neither a SUBJECT nor a function `measured`"),
+    "tables": (CODE.replace('number("drag"', 'number("drg"'), r"line \d+: ValueError: drag sets drg; the"),
+    "column": (CODE.replace('block="drop"', 'block="dorp"'), "no column dorp; there are drop, time, height"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_file_that_is_no_rig_is_told_with_its_line(call: Call, folder: Path, name: str) -> None:
+    code, words = WRONG[name]
+    rig, drops = written(folder, code)
+    said = call("diagnose", "--subject", rig, drops, "--out", folder / "answer")
+    assert said.code == FAILED
+    assert re.search(words, said.err), said.err
+    assert "Traceback" not in said.err
+
+
+def test_a_name_that_something_else_has_and_files_that_are_no_tables_are_told(
+    call: Call, folder: Path
+) -> None:
+    rig, drops = written(folder)
+    rig.rename(folder / "json.py")
+    out = ("--out", folder / "answer")
+    assert "another module has its name" in call("diagnose", "--subject", folder / "json.py", drops, *out).err
+    said = call("diagnose", "--subject", "bowling_ball", drops, *out)
+    assert "is no Python file, and of installed subjects there is none" in said.err
+    (folder / "my_ball.py").write_text(CODE)
+    (folder / "words.csv").write_text("drop,time,height\n1,0,high\n")
+    for data, words in (("words.csv", "cannot be read as a table of numbers"), ("gone.csv", "gone.csv")):
+        said = call("diagnose", "--subject", folder / "my_ball.py", folder / data, *out)
+        assert said.code == FAILED
+        assert words in said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--subject", "a.py", "--budget", 20), "--budget goes with rattle's own rigs only"),
+        (("--subject", "a.py", "--model", "m.toml"), "--model goes with rattle's own rigs only"),
+        (("--rigs", 20), "--rigs goes with --subject only"),
+    ],
+)
+def test_options_of_the_other_kind_of_rig_are_refused(
+    call: Call, tmp_path: Path, options: tuple[object, ...], words: str
+) -> None:
+    said = call("diagnose", tmp_path / "a.csv", "--out", tmp_path, *options)
+    assert (said.code, words in said.err) == (WRONG_USE, True), said.err
