@@ -1,12 +1,25 @@
 """Whether `rattle identify` finds the values of rigs that lie far from what their scenarios say.
 
-Usage: python -m benchmarks.identified rigs DIR [--count 20] [--seed 1] [--only RIG]
+Rigs are those of the blind check's truth engines, which share nothing with the twin. `rigs` draws values ten
+times as far off as healthy rigs lie, records two runs of each and has `rattle identify` look for them by
+`rattle gap` and its own file; `effects` hides one effect in each of the rigs that were identified, and in a
+nominal one, and has `rattle diagnose` name it; `healthy` records healthy rigs of tolerances twice as wide and
+counts those that lie outside of the healthy band, with and without what `rattle calibrate --spread` learnt of
+five others. Every rig's result is a file in DIR: what is there is not done again, so that it can be stopped.
+`score` prints.
+
+Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--count 20] [--seed 1] [--only RIG]
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -17,8 +30,14 @@ from benchmarks.blind.campaigns import PointOfRun
 from benchmarks.blind.catalogue import BEAM, CRANK
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y
 from benchmarks.blind.engines import engine_of
+from benchmarks.blind.intervals import wilson
 from benchmarks.blind.logs import write_log
 from benchmarks.blind.operating_points import beam_points, crank_points, scenario_text
+from rig.diagnosis.identify import wide_of
+from rig.files.model_file import load_model
+from rig.files.scenario import parse_scenario
+from rig.rigs import RIGS
+from rig.twin.scenario_twin import twin_of
 
 FREE: Final = {
     BEAM: (
@@ -33,6 +52,9 @@ FREE: Final = {
         ),
     ),
 }  # fmt: skip
+RUNS, BUDGET_S = 2, 3600
+FARTHEST: Final = 2.0
+"""Of ten healthy deviations: farther no rig lies."""
 _FRAMES: Final = {"crank_y": CRANK_Y, "crank_x": CRANK_X, "piston_y": PISTON_Y}
 
 
@@ -70,16 +92,6 @@ def crank_of(values: Mapping[str, float], crank: Any) -> Any:
 BUILT: Final[Mapping[str, Callable[[Mapping[str, float], Any], Any]]] = {BEAM: beam_of, CRANK: crank_of}
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """A rig with its runs."""
-
-    rig: str
-    number: int
-    points: tuple[PointOfRun, ...]
-    values: Mapping[str, float]
-
-
 def points_of(rig: str, runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
     if rig == CRANK:
         return crank_points(runs, rng)
@@ -102,3 +114,95 @@ def record_truth(
         write_log(part, recording, scenario_text(f"rig {seed}, run {number + 1}", point), path.stem, number)
         part.rename(path)
     return paths
+
+
+def drawn_values(rig: str, point: PointOfRun, rng: np.random.Generator) -> dict[str, float]:
+    """Values of the free keys, normal with ten healthy deviations about what the scenario says."""
+    scenario, kind = parse_scenario(scenario_text("rig", point)), RIGS[rig]
+    twin, values = twin_of(scenario), dict[str, float]()
+    for key in FREE[rig]:
+        z = np.clip(rng.standard_normal(), -FARTHEST, FARTHEST)
+        values[key] = float(wide_of(kind, key, scenario.model, twin).value(np.array(z)))
+    if rig == CRANK:  # as the truth has it
+        first, length = scenario.model.get("rod_mass", 1.6403), 0.564
+        values["rod_inertia"] = 9.45e-2 * values["rod_mass"] / first * (values["rod_length"] / length) ** 2
+    return values
+
+
+def rattle(*arguments: object) -> tuple[int, str]:
+    """Exit code and what a command said, as a user calls it."""
+    command = [sys.executable, "-m", "rig.start", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own
+    return done.returncode, done.stdout + done.stderr
+
+
+def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
+    """Draw, record and identify one rig; its result.json says what came of it."""
+    result = folder / "result.json"
+    if result.exists():
+        return
+    rng = np.random.default_rng([seed, number, rig == CRANK])
+    points = points_of(rig, RUNS, rng)
+    values = drawn_values(rig, points[0], rng)
+    paths = record_truth(folder, rig, points, values, 1000 * seed + number)
+    model, began = folder / "model.toml", time.monotonic()
+    before = time.process_time()
+    free = ",".join(FREE[rig])
+    code, told = rattle("identify", *paths, "--free", free, "-o", model, "--budget", BUDGET_S)
+    found: dict[str, Any] = {"rig": rig, "truth": values, "code": code, "told": told[-2000:]}
+    found |= {"wall_s": time.monotonic() - began, "own_cpu_s": time.process_time() - before}
+    if code == 0:
+        known = load_model(model, rig)
+        found["identified"] = {
+            key: {"value": known.model[key], "low": each.low, "high": each.high, "told": each.told}
+            for key, each in known.identified.items()
+        }
+        for name, more in (("gap", ("--model", model)), ("gap_before", ())):
+            code, told = rattle("gap", *paths, *more, "--json")
+            found[name] = json.loads(told[told.index("{") :])["before"] if code == 0 else None
+    result.write_text(json.dumps(found, indent=1))
+    print(f"{folder.name}: exit code {found['code']}, {found['wall_s']:.0f} s", flush=True)
+
+
+def score(folder: Path) -> None:
+    """Print how often intervals hold the truth, and how far the rigs lie from their twins afterwards."""
+    results = [json.loads(file.read_text()) for file in sorted(folder.glob("*/result.json"))]
+    for rig in (BEAM, CRANK):
+        of_rig = [each for each in results if each["rig"] == rig]
+        done = [each for each in of_rig if each["code"] == 0]
+        held = [
+            interval["low"] <= each["truth"][key] <= interval["high"]
+            for each in done
+            for key, interval in each["identified"].items()
+            if interval["told"]
+        ]
+        gaps = [each["gap"] for each in done if each["gap"] is not None]
+        print(f"{rig}: {len(of_rig)} rigs, {len(done)} identified")
+        if held:
+            share, (low, high) = np.mean(held), wilson(sum(held), len(held))
+            print(f"  95 % intervals hold {share:.3f} ({low:.2f} to {high:.2f}) of {len(held)} values told")
+        if gaps:
+            before = np.median([each["gap_before"] for each in done if each["gap_before"] is not None])
+            print(f"  gap before {before:.2f}, after {np.median(gaps):.2f}, largest {max(gaps):.2f}")
+            print(f"  seconds: median {np.median([each['wall_s'] for each in done]):.0f}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Do what the command line says."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.identified", description=__doc__)
+    parser.add_argument("step", choices=("rigs", "score"))
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=20, help="rigs a kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", choices=(BEAM, CRANK))
+    asked = parser.parse_args(arguments)
+    if asked.step == "rigs":
+        for number in range(asked.count):
+            for rig in (asked.only,) if asked.only else (BEAM, CRANK):
+                identify_rig(asked.folder / f"{rig}_{number:02d}", rig, number, asked.seed)
+    score(asked.folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -11,11 +11,12 @@ import typer
 from rich.table import Table
 
 from daq.errors import RattleError
-from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, print_json
+from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, print_json, require_new
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.diagnosis.recordings import RecordedCampaign
+    from rig.files.model_file import ModelFile
     from sim_twin.diagnosis.matching import Match
 
 
@@ -23,6 +24,7 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives th
 _BUDGET_S, _SEEDS = 120.0, 3
 _LISTED = 4
 _WORTH_LISTING = 0.005
+_LEAST_TOLD = 0.2
 
 
 def diagnose(
@@ -120,18 +122,27 @@ def calibrate(
     rigs: Annotated[int, typer.Option("--rigs", min=100, help="How many healthy rigs to simulate.")] = 400,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
     budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 600,
+    model: Model = None,
+    spread: Annotated[
+        bool,
+        typer.Option(
+            "--spread",
+            help="Each run is of another healthy rig, or of another day: learn how far they differ.",
+        ),
+    ] = False,
 ) -> None:
     from daq.log.reader import LogReader
-    from rig.diagnosis.recordings import recorded
+    from rig.diagnosis.diagnose_runs import recorded_of
     from rig.twin.logged import as_model_text, followed_scenario, found
 
-    if out.exists():
-        raise RattleError(f"{out} is there already; remove it or name another, nothing was calibrated")
-    if not out.resolve().parent.is_dir():
-        raise RattleError(f"{out.parent}: no such folder; nothing was calibrated")
+    require_new(out, "calibrated")
     screen = Screen(Terminal())
+    if spread:
+        _learn_spread(runs, model, out, rigs, seed, budget, screen)
+        return
     with screen.busy("reading"):
-        read = recorded(runs)
+        read = recorded_of(runs, model, screen)
+        before = None if model is None else _before(model, read)
     for remark in read.remarks:
         screen.warn(remark)
     outcome = _match(read, rigs, seed, budget, screen)
@@ -159,9 +170,39 @@ def calibrate(
     for run in runs:
         with LogReader(run) as log:
             names.append(followed_scenario(log).name)
-    model = as_model_text(twin, outcome.matched, [run.name for run in runs], list(dict.fromkeys(names)))
-    out.write_text(model, encoding="utf-8")
+    of_runs = [run.name for run in runs]
+    text = as_model_text(twin, outcome.matched, of_runs, list(dict.fromkeys(names)), before)
+    out.write_text(text, encoding="utf-8")
     screen.say(f"model      {out}")
+
+
+def _learn_spread(
+    runs: list[Path], model: Path | None, out: Path, rigs: int, seed: int, budget: float, screen: Screen
+) -> None:
+    from rig.diagnosis.lab import lab_text, spread_of
+
+    if model is not None:
+        raise typer.BadParameter("--spread and --model do not go together: a model is of one rig")
+    looked_at, found = spread_of(runs, rigs, seed, budget, screen)
+    text = lab_text(looked_at, found, [run.name for run in runs])
+    table = Table("tolerance", "times as wide as usual", "told", box=None, pad_edge=False)
+    for name, width, told in zip(found.names, found.widths, found.told, strict=True):
+        if told > _LEAST_TOLD:
+            table.add_row(name, f"{width:.2f}", f"{told:.0%}")
+    screen.console.print(table)
+    screen.say(f"all together {found.common:.2f} times as wide as usual, which the rest is taken to be")
+    out.write_text(text, encoding="utf-8")
+    screen.say(f"model      {out}")
+
+
+def _before(model: Path, read: RecordedCampaign) -> ModelFile:
+    """What was known of the rig before, but of its tolerances, which are matched once."""
+    from rig.files.model_file import load_model
+
+    known = load_model(model, read.campaign.runs[0].twin.model.name)
+    if known.matched.names:
+        raise RattleError(f"{model} is of a calibration already; calibrate with all runs at once instead")
+    return known
 
 
 def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: Screen) -> Match:

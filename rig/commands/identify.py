@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from daq.errors import RattleError
-from rig.commands.arguments import RunFiles, is_log
+from rig.commands.arguments import RunFiles, is_log, require_new
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ def identify(
         typer.Option(
             "--free",
             metavar="KEYS",
-            help="Keys of the model to be found, with commas; KEY=LOW..HIGH says where it may lie.",
+            help="Keys of the scenario's model to be found, with commas; KEY=LOW..HIGH where it may lie.",
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="MODEL.toml", help="The model to write.")],
@@ -41,10 +40,7 @@ def identify(
     from rig.diagnosis import identify as work
     from rig.files.scenario import parse_scenario
 
-    if out.exists():
-        raise RattleError(f"{out} is there already; remove it or name another, nothing was identified")
-    if not out.resolve().parent.is_dir():
-        raise RattleError(f"{out.parent}: no such folder; nothing was identified")
+    require_new(out, "identified")
     keys: dict[str, str] = {}
     for text in ",".join(free).split(","):
         key, _, between = (part.strip() for part in text.partition("="))

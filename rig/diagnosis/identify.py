@@ -322,6 +322,7 @@ def identify(
     with screen.bar("simulating", total, "rigs at most", work) as bar, worker_processes(cores()) as workers:
 
         def kept(of: Campaign, report: bool = True) -> Kept:
+            found: Kept
             tell = (lambda done: bar(min(found.found + done, total))) if report else lambda _: None
             simulated = Simulated(of, workers.executor, deadline, tell)
             found = Kept(folder, _digest(of), simulated, 16 * cores())
@@ -457,7 +458,7 @@ def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenario
 
 def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
     """Of each value in words: key, value, interval, what it was, whether it is told."""
-    told = []
+    told: list[tuple[str, ...]] = []
     for each, middle in zip(_identified(found).values(), found.known.estimates(), strict=True):
         unit = _unit(rig, each.key)
         told.append((each.key, f"{middle.value / si_factor(unit):.5g} {unit}".strip(), *_said(each, rig)))

@@ -9,7 +9,7 @@ from math import isclose
 from daq.errors import ConfigurationError, LogError, Problem, UnphysicalParameter
 from daq.log.reader import LogReader
 from rig.files.faults import Faults
-from rig.files.model_file import Identified, ModelFile, model_text, parse_model
+from rig.files.model_file import Identified, ModelFile, identified_text, model_text, parse_model
 from rig.files.scenario import Scenario, parse_scenario, widths_of
 from rig.files.table import NOTHING
 from rig.rigs import RIGS
@@ -91,12 +91,23 @@ def carried(model: ModelFile, twins: Sequence[AnyTwin], warn: Callable[[str], No
     return model.matched.only([name for name in there if name not in other])
 
 
-def as_model_text(twin: AnyTwin, matched: Matched, runs: Sequence[str], scenarios: Sequence[str]) -> str:
-    """The model file that says how the rig of the nominal `twin` was found."""
+def as_model_text(
+    twin: AnyTwin,
+    matched: Matched,
+    runs: Sequence[str],
+    scenarios: Sequence[str],
+    before: ModelFile | None = None,
+) -> str:
+    """The model file that says how the rig of the nominal `twin` was found, beside what was known `before`."""
     known = [each for each in twin.model.lasting_tolerances(twin) if each.name in matched.names]
     nominals = {each.name: each.value(twin) for each in known}
     remarks = {each.name: found(each, twin, matched) for each in known}
-    return model_text(twin.model.name, runs, scenarios, nominals, matched, remarks)
+    lines: Sequence[str] = ()
+    if before is not None and before.model:
+        said = dict.fromkeys(before.model, "as rattle identify found it")
+        lines = identified_text(before.rig, before.model, before.identified, said)
+    widths = {each.name: twin.widths[each.name] for each in known if each.name in twin.widths}
+    return model_text(twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines)
 
 
 def found(tolerance: Tolerance, twin: AnyTwin, matched: Matched) -> str:

@@ -31,8 +31,8 @@ _BLOCKS = 2
 _DIRECTIONS = 40
 _FARTHEST = 5.0
 """Deviations of the prior."""
-_WIDER = 1.5
-"""Proposals over the posterior so far: it may be off."""
+_WIDER = (1.0, 2.5, 2.0, 1.5)
+"""Proposals over the posterior so far, round by round and then on: it may be off, most of all at first."""
 _NEAR = 0.995
 """Share of a proposal within which earlier rigs are looked at again."""
 _FEWEST_OF_ALL, _EACH = 120, 16
@@ -149,7 +149,8 @@ def fitted_rounds(
     moments = Moments(subject.layout)
     known, library = nothing_known(wides), _Library(moments)
     for number in range(MOST_ROUNDS):
-        places = _proposed(known, rng)
+        wider = _WIDER[min(number, len(_WIDER) - 1)]
+        places = _proposed(known, wider, rng)
         observed = simulate(draws_of(known, places, rng))
         library.add(places, [each[0] if each else None for each in observed])
         cut_short = any(not each for each in observed)
@@ -158,7 +159,7 @@ def fitted_rounds(
                 f"only {len(library)} of {len(places)} rigs could be simulated",
                 "are the ranges of the values such as a rig can have?",
             )
-        found = _posterior(known, library, moments, measured, rng)
+        found = _posterior(known, wider, library, moments, measured, rng)
         moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
         still = bool(np.all(moved < _MOVED) and np.all(found.deviation > _NARROWED * known.deviation))
         converged = number + 1 >= FEWEST_ROUNDS and still
@@ -186,10 +187,9 @@ def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int 
     ]
 
 
-def _proposed(known: Known, rng: np.random.Generator) -> Array:
+def _proposed(known: Known, wider: float, rng: np.random.Generator) -> Array:
     count = len(known.wides)
     normals = rng.standard_normal((rigs_of_a_round(count), count))
-    wider = 1.0 if np.array_equal(known.covariance, np.eye(count)) else _WIDER
     moved = known.mean + wider * normals @ np.linalg.cholesky(known.covariance).T
     return np.asarray(np.clip(moved, -_FARTHEST, _FARTHEST))
 
@@ -213,11 +213,16 @@ class _Library:
 
 
 def _posterior(
-    about: Known, library: _Library, moments: Moments, measured: NDArray[np.float32], rng: np.random.Generator
+    about: Known,
+    wider: float,
+    library: _Library,
+    moments: Moments,
+    measured: NDArray[np.float32],
+    rng: np.random.Generator,
 ) -> Known:
     """What the rigs near `about` make of the measurement, for the prior of all values."""
     places, features = np.array(library.places), np.array(library.features)
-    root = np.linalg.cholesky(about.covariance) * _WIDER
+    root = np.linalg.cholesky(about.covariance) * wider
     local = np.linalg.solve(root, (places - about.mean).T).T
     near = np.sum(local**2, axis=1) <= chi2.ppf(_NEAR, len(about.wides))
     space, regression, response = _followed(local[near], features[near], moments, len(measured), rng)

@@ -134,6 +134,38 @@ def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) ->
 
 
 @dataclass(frozen=True, slots=True)
+class Summary:
+    """What a run shows of the places of tolerances: `place` (told,) is `slope` (told, n) @ places + scatter.
+
+    `scatter` is its covariance.
+    """
+
+    place: Array
+    slope: Array
+    scatter: Array
+
+    @property
+    def information(self) -> Array:
+        """Inverse covariance of the places by this alone, (n, n)."""
+        return np.asarray(self.slope.T @ np.linalg.solve(self.scatter, self.slope))
+
+    @property
+    def pull(self) -> Array:
+        """`information` @ where they lie, (n,)."""
+        return np.asarray(self.slope.T @ np.linalg.solve(self.scatter, self.place))
+
+
+def summary_of(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Summary:
+    """What `measured` fingerprints (blocks, numbers) show, by what simulated healthy rigs do."""
+    space = space_of(rigs.features[:, 0], rigs.features[:0, 0], moments.tolerance, _DIRECTIONS)
+    shown, seen = space.scaled(rigs.features), space.scaled(moments(measured))
+    regression = regressed(shown.mean(axis=1), rigs.places)
+    response = response_of(rigs.places, regression, shown, len(seen))
+    place = regression(seen.mean(axis=0)) - response.centre
+    return Summary(place, response.slope, np.asarray(np.linalg.inv(response.precision)))
+
+
+@dataclass(frozen=True, slots=True)
 class Regression:
     """From scaled features to where the tolerances lie that they tell.
 

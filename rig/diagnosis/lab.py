@@ -1,0 +1,127 @@
+"""The tolerances of a lab's own healthy rigs, from runs of several of them (`rattle calibrate --spread`)."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from daq.errors import ConfigurationError, Problem
+from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
+from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.model_file import head_text, parse_model
+from rig.rigs import RIGS
+from rig.session.progress import Screen
+from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.diagnosis.matching import Rigs, healthy_draws, simulated_rigs
+from sim_twin.diagnosis.space import Moments
+from sim_twin.diagnosis.spread import Spread, spread_among
+from sim_twin.healthy import Tolerance
+from sim_twin.twin import AnyTwin
+
+_LONGEST_S = 20.0
+_FEWEST = 3
+_WIDE = 2.5
+"""Times as wide as usual are the rigs that a lab's are compared with."""
+_ODD = 4.0
+"""Times farther off than the others is a run that may be none of a healthy rig."""
+
+
+def spread_of(
+    paths: Sequence[Path], rigs: int, seed: int, budget_s: float, screen: Screen
+) -> tuple[list[AloneRun], Spread]:
+    """Runs, each of another rig or another day, and how far their rigs differ.
+
+    Raises ConfigurationError or LogError for what cannot be used.
+    """
+    distinct = {path.resolve() for path in paths}
+    if len(distinct) < max(_FEWEST, len(paths)):
+        told = f"{len(paths)} runs, {len(distinct)} of them different"
+        raise ConfigurationError("runs", [Problem("runs", told, f"{_FEWEST} different ones at least")])
+    with screen.busy("reading"):
+        runs = [recorded_alone(path, _LONGEST_S) for path in paths]
+    kinds = {run.scenario.rig: path.name for run, path in zip(runs, paths, strict=True)}
+    if len(kinds) > 1:
+        told = ", ".join(f"{path} is of the {rig}" for rig, path in kinds.items())
+        raise ConfigurationError("runs", [Problem("runs", told, "runs of one kind of rig")])
+    for run, path in zip(runs, paths, strict=True):
+        for remark in run.remarks:
+            screen.warn(f"{path.name}: {remark}")
+    # one scenario, one campaign: nothing of it hangs on what was measured
+    kept: dict[str, Campaign] = {repr(run.campaign): _wider(run.campaign) for run in runs}
+    known: dict[str, Rigs] = {}
+    rng = np.random.default_rng(seed)
+    work = work_of("calibrate", runs[0].campaign, rigs * len(kept))
+    total = rigs * len(kept)
+    with screen.bar("simulating", total, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
+        for number, (name, campaign) in enumerate(kept.items()):
+            report = partial(_further, bar, rigs * number)
+            deadline = time.monotonic() + budget_s / len(kept)
+            simulate = Simulated(campaign, workers.executor, deadline, report)
+            draws = healthy_draws(rigs, rng)
+            known[name] = simulated_rigs(campaign, draws, simulate(draws))
+            if simulate.cut_short:
+                screen.warn("time ran out: fewer healthy rigs were simulated than planned")
+    seen = [(known[repr(run.campaign)], Moments(run.campaign.layout), run.measured) for run in runs]
+    spread = spread_among(seen, 1 / _WIDE)
+    spread = replace(spread, widths=_WIDE * spread.widths, common=_WIDE * spread.common)
+    for path, off in zip(paths, spread.off, strict=True):
+        others = np.median(spread.off[spread.off != off]) if len(spread.off) > 1 else off
+        if off > _ODD * others:
+            screen.warn(
+                f"{path.name} lies {off / others:.2g} times farther off than the others: is it healthy?"
+            )
+    return runs, spread
+
+
+def _further(bar: Callable[[float], None], before: int, done: float) -> None:
+    bar(before + done)
+
+
+def _wider(campaign: Campaign) -> Campaign:
+    return replace(
+        campaign,
+        runs=tuple(replace(run, twin=replace(run.twin, widths=_all_wide(run.twin))) for run in campaign.runs),
+    )
+
+
+def _all_wide(twin: AnyTwin) -> dict[str, float]:
+    usual = dict.fromkeys((each.name for each in twin.model.lasting_tolerances(twin)), 1.0)
+    return {name: _WIDE * twin.widths.get(name, width) for name, width in usual.items()}
+
+
+def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> str:
+    """The model file that holds them as [tolerances]; it can be read."""
+    rig = runs[0].scenario.rig
+    before = runs[0].scenario.widths
+    known = RIGS[rig].tolerances(runs[0].scenario.model)
+    lines = [
+        "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard deviations;",
+        "# for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide as all together:",
+        f"# {spread.common:.2f} times as wide as usual.",
+        *head_text(rig, names, list(dict.fromkeys(run.scenario.name for run in runs))),
+        "",
+        "[tolerances]",
+    ]
+    for name, width in zip(spread.names, spread.widths, strict=True):
+        usual = known[name]
+        key = json.dumps(name) if "." in name else name
+        deviation = width * before.get(name, 1.0) * usual.deviation
+        lines.append(f"{key} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}")
+    text = "\n".join([*lines, ""])
+    parse_model(text, "model", rig)
+    return text
+
+
+def _written(usual: Tolerance, deviation: float) -> str:
+    plain = _plain(usual, deviation)
+    return plain if not usual.relative and not usual.unit else json.dumps(plain)
+
+
+def _plain(usual: Tolerance, deviation: float) -> str:
+    return f"{100 * deviation:.3g} %" if usual.relative else f"{deviation:.3g} {usual.unit}".strip()
