@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,6 +35,7 @@ def diagnose(
     ] = 120.0,
     machine: Json = False,
 ) -> None:
+    from rig.diagnosis.argument import argument_lines
     from rig.diagnosis.diagnose_runs import diagnose_runs
 
     if out.exists() and not out.is_dir():
@@ -56,6 +58,8 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
+    for line in argument_lines(json.loads(files["diagnosis"].read_text(encoding="utf-8"))):
+        screen.say(line)
     for what, file in files.items():
         screen.say(f"{what:<10} {file}")
 
