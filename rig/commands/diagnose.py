@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -55,6 +56,7 @@ def diagnose(
     ] = None,
     machine: Json = False,
 ) -> None:
+    from rig.diagnosis.argument import argument_lines
 
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
@@ -86,6 +88,8 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
+    for line in argument_lines(json.loads(files["diagnosis"].read_text(encoding="utf-8"))):
+        screen.say(line)
     for what, file in files.items():
         screen.say(f"{what:<10} {file}")
 

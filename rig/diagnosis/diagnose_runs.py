@@ -18,7 +18,7 @@ from daq.errors import RattleError
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
-from rig.diagnosis.report import before_and_after, causes, gap_map, verdict
+from rig.diagnosis.report import arguments, before_and_after, causes, gap_map, verdict
 from rig.diagnosis.report.case import Case, RunFacts
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.effects_file import load_effects
@@ -35,6 +35,7 @@ from sim_twin.diagnosis.judging import gap_between
 from sim_twin.diagnosis.latent_force import latent_forces
 from sim_twin.diagnosis.separability import rivals_of, told_apart
 from sim_twin.diagnosis.subject import Draw, Execute, Named
+from sim_twin.diagnosis.typical_cycle import typical_cycles
 
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
@@ -76,9 +77,15 @@ def diagnose_runs(
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
-        remarks.append(
+        cut = (
             "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
         )
+        if findings.searched < 1:
+            cut += (
+                f"; {findings.searched:.0%} of the search was done, and by as much less its evidence counts: "
+            )
+            cut += "probabilities are evener and intervals wider"
+        remarks.append(cut)
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
     columns, twin = data.campaign.runs[0].columns, data.campaign.runs[0].twin
@@ -89,11 +96,16 @@ def diagnose_runs(
     if findings.unknown >= _UNKNOWN_ENOUGH:
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
     catalogue = twin.model.effects
-    said = {
-        **provenance(seed), "budget_s": budget_s, "model": None if model is None else str(model)
-    }  # fmt: skip
+    said = {**provenance(seed), "budget_s": budget_s, "model": None if model is None else str(model)}
+    units = {name: twin.model.channel_unit(name) for name in columns.channels}
+    pairs = zip(runs, data.scenarios, strict=True)
+    facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
+    case = Case(findings, {}, facts, remarks, forces, out)
+    drawn = [(number, name) for name, number in case.drawn_channels()]
+    cycles = typical_cycles(data.campaign, data.records, data.sound, drawn, findings.effects, seed)
+    seconds = time.monotonic() - began
     content = document(
-        findings, catalogue, runs, said, reach, experiment, time.monotonic() - began, remarks, forces
+        findings, catalogue, runs, said, reach, experiment, seconds, remarks, forces, units, cycles
     )
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     files = {what: out / name for what, name in names.items()}
@@ -102,17 +114,16 @@ def diagnose_runs(
     if experiment is not None:
         files["next run"] = out / "next_experiment.toml"
         files["next run"].write_text(experiment.scenario, encoding="utf-8")
-    rig = data.campaign.runs[0].twin.model
-    units = {name: rig.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
-    pairs = zip(runs, data.scenarios, strict=True)
-    facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
-    write_report(files["report"], Case(findings, content, facts, remarks, forces, out))
+    write_report(files["report"], replace(case, diagnosis=content))
     return findings, files
 
 
 SECTIONS: Sequence[Section[Case]] = (
     Section("Verdict", verdict.parts),
+    Section("A typical cycle", arguments.typical_cycle),
     Section("Causes", causes.ranking),
+    Section("Why not the next best", arguments.why_not),
+    Section("Run by run", arguments.run_by_run),
     Section("Gap map", gap_map.parts),
     Section("Latent force", before_and_after.latent_force),
     Section("Before and after", before_and_after.parts),

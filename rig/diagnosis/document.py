@@ -6,16 +6,20 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
+from itertools import zip_longest
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rig.diagnosis.argument import argument
 from rig.diagnosis.experiments import Experiment
+from rig.files.table import NOTHING
 from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint import Cell, Layout
 from sim_twin.diagnosis.latent_force import Curve, LatentForce
+from sim_twin.diagnosis.typical_cycle import TypicalCycle
 from sim_twin.effects import Catalogue
 
 SCHEMA = "rattle.diagnosis/1"
@@ -36,14 +40,17 @@ def document(
     seconds: float,
     remarks: Sequence[str],
     forces: Sequence[LatentForce] = (),
+    units: Mapping[str, str] = NOTHING,
+    cycles: Sequence[TypicalCycle] = (),
 ) -> dict[str, Any]:
     """The diagnosis as JSON holds it; `catalogue` has all effects of the rig, `forces` what joints lack.
 
-    `said` is what was asked for, with the program's version.
+    `said` is what was asked for, with the program's version. `units` of the channels; `cycles` are those that
+    are drawn.
     """
     probabilities = {"none": findings.none, "effect": findings.effect, "unknown": findings.unknown}
     judged = {each.cause.name for each in findings.judged}
-    nothing = {"probability": 0.0, "parameters": {}, "gap_after": None, "shrink": None}
+    nothing = {"probability": 0.0, "present": 0.0, "parameters": {}, "gap_after": None, "shrink": None}
     impossible = [  # for these runs, or no recorded channel can show it
         {"name": effect.name, "location": effect.location, **nothing, "indistinguishable_from": []}
         for effect in catalogue.values()
@@ -72,8 +79,9 @@ def document(
                 }
                 for each in forces
             ],
+            **argument(findings, units, cycles),
             "next_experiment": None if experiment is None else asdict(experiment),
-            "cost": {"simulations": findings.simulations, "seconds": seconds},
+            "cost": {"simulations": findings.simulations, "seconds": seconds, "searched": findings.searched},
             "remarks": list(remarks),
             "provenance": dict(said),
         }
@@ -101,6 +109,10 @@ def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dic
         "shrink": gap.shrink,
         "shrink_ci95": gap.shrink_ci95,
         "recording": gap.recording,
+        "course": [
+            {"run": run, "before": before, "after": after}
+            for run, before, after in zip_longest(runs, gap.course_before, gap.course_after)
+        ],
         "by_channel": {name: _part(layout, gap, "channel", name) for name in channels},
         "by_run": [_part(layout, gap, "run", run) for run in runs],
         "by_band": _by(layout, gap, lambda cell: None if cell.partner else cell.band, "low_hz", "high_hz"),
@@ -141,6 +153,7 @@ def _effect(judged: Judged) -> dict[str, Any]:
         "name": judged.cause.name,
         "location": judged.cause.location,
         "probability": judged.probability,
+        "present": judged.present,
         "parameters": parameters,
         "gap_after": judged.after,
         "shrink": judged.shrink,

@@ -101,8 +101,8 @@ def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> 
     before = runs[0].scenario.widths
     known = RIGS[rig].tolerances(runs[0].scenario.model)
     lines = [
-        "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard deviations;",
-        "# for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide as all together:",
+        "# How far healthy rigs of this lab differ, learnt by rattle calibrate --spread: standard deviations;",
+        "# for --model, or [tolerances] of a scenario. What the runs do not tell is as wide as all together:",
         f"# {spread.common:.2f} times as wide as usual.",
         *head_text(rig, names, list(dict.fromkeys(run.scenario.name for run in runs))),
         "",

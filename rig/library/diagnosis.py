@@ -56,6 +56,25 @@ class Diagnosis:
         frame: pd.DataFrame = needed("pandas").DataFrame(self.document["effects"])
         return frame.set_index("name")
 
+    def contrasts(self) -> pd.DataFrame:
+        """The figures in which the runner-up predicts otherwise: measured, by what was selected, by it."""
+        frame: pd.DataFrame = needed("pandas").DataFrame(self.document["contrasts"])
+        return frame
+
+    def plot_cycle(self) -> go.Figure:
+        """A typical cycle of the channels that are furthest off: measured, and of the twins."""
+        from plotly.subplots import make_subplots
+
+        cycles = self.document["typical_cycle"]
+        titles = [f"{each['channel']}, {each['unit']}" for each in cycles]
+        figure = make_subplots(len(cycles), 1, shared_xaxes=True, subplot_titles=titles)
+        for row, each in enumerate(cycles):
+            for whose in ("measured", "nominal", "repaired"):
+                if whose in each:
+                    line = {"name": whose, "x": each[whose]["phase"], "y": each[whose]["values"]}
+                    figure.add_scatter(**line, row=row + 1, col=1)
+        return figure.update_layout(template="plotly_white")
+
     def plot(self) -> go.Figure:
         """The gap of each channel; 1 is a healthy rig's."""
         import plotly.graph_objects as go
@@ -71,12 +90,15 @@ class Diagnosis:
         return f"<Diagnosis: {names}, gap {_number(self.gap['before'])} -> {_number(self.gap['after'])}>"
 
     def _repr_html_(self) -> str:
-        shown = [each for each in self.document["effects"] if each["probability"] >= 0.005]
-        rows = [[each["name"], f"{each['probability']:.1%}", _number(each["gap_after"])] for each in shown]
-        rows += [[name, f"{self.probability[name]:.1%}", ""] for name in ("none", "unknown")]
-        return f"<p>{html.escape(repr(self))}</p>" + table_of(
-            ["cause", "probability", "gap with it in"], rows
-        )
+        shares = ("probability", "present")
+        shown = [each for each in self.document["effects"] if each["present"] >= 0.005]
+        rows = [
+            [each["name"], *(f"{each[share]:.1%}" for share in shares), _number(each["gap_after"])]
+            for each in shown
+        ]
+        rows += [[name, f"{self.probability[name]:.1%}", "", ""] for name in ("none", "unknown")]
+        headings = ["cause", "probability", "in the rig", "gap with it in"]
+        return f"<p>{html.escape(repr(self))}</p>" + table_of(headings, rows)
 
 
 def diagnosed(

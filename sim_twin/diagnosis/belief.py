@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,11 +79,15 @@ def verdict_of(none: float, effect: float, unknown: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """Probabilities that add up to 1: `none`, `unknown`, and of each effect that it is the largest cause."""
+    """Probabilities that add up to 1: `none`, `unknown`, and of each effect that it is the largest cause.
+
+    `present`, of each effect that it is there at all, alone or with another: those of a pair both count it.
+    """
 
     none: float
     unknown: float
     of_effects: Mapping[str, float]
+    present: Mapping[str, float]
 
     @property
     def effect(self) -> float:
@@ -97,14 +101,31 @@ class Belief:
 
     def refuted(self) -> Belief:
         """The same after data that were not fitted spoke against the effects: most of it is unknown then."""
-        kept = {name: _REFUTED * share for name, share in self.of_effects.items()}
-        return Belief(self.none, self.unknown + self.effect - sum(kept.values()), kept)
+        kept, present = (
+            {name: _REFUTED * share for name, share in shares.items()}
+            for shares in (self.of_effects, self.present)
+        )
+        return Belief(self.none, self.unknown + self.effect - sum(kept.values()), kept, present)
+
+    def without(self, idle: Collection[str]) -> Belief:
+        """The same after data that were not fitted showed that these effects mend nothing beside others."""
+        present = {
+            name: max(_REFUTED * share, self.of_effects.get(name, 0.0)) if name in idle else share
+            for name, share in self.present.items()
+        }
+        return replace(self, present=present)
 
 
-def belief_of(attribution: Attribution, ranked: Sequence[Ranked], left: Unexplained) -> Belief:
-    """Weigh the ranked hypotheses against what the best of them leaves unexplained."""
-    unknown = left.unknown
+def belief_of(
+    attribution: Attribution, ranked: Sequence[Ranked], left: Unexplained, done: float = 1.0
+) -> Belief:
+    """Weigh the ranked hypotheses against what the best of them leaves unexplained.
+
+    Where only the share `done` of a search was, that counts by as much too.
+    """
+    unknown = left.unknown**done / (left.unknown**done + (1 - left.unknown) ** done)
     of_effects: dict[str, float] = {}
+    present: dict[str, float] = {}
     none = 0.0
     for each in ranked:
         share = (1 - unknown) * each.probability
@@ -113,7 +134,23 @@ def belief_of(attribution: Attribution, ranked: Sequence[Ranked], left: Unexplai
             continue
         name = largest(attribution, each.hypothesis, each.best())
         of_effects[name] = of_effects.get(name, 0.0) + share
-    return Belief(none, unknown, of_effects)
+        for name in {cause.name for cause in each.hypothesis}:
+            present[name] = present.get(name, 0.0) + share
+    return Belief(none, unknown, of_effects, present)
+
+
+def of_a_part(ranked: Sequence[Ranked], done: float) -> list[Ranked]:
+    """What is believed where only the share `done` of a search was: evidence counts by as much.
+
+    Probabilities are evener and posteriors wider; all as it is where `done` is 1.
+    """
+    if done >= 1.0:
+        return list(ranked)
+    shares = np.array([each.probability for each in ranked]) ** done
+    return [
+        replace(each, probability=float(share), posterior=each.posterior.tempered(done))
+        for each, share in zip(ranked, shares / shares.sum(), strict=True)
+    ]
 
 
 def largest(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> str:

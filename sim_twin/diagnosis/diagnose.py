@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.diagnosis.arguments import alone, contrasts
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.belief import Belief, belief_of, contributions, unexplained
+from sim_twin.diagnosis.belief import Belief, belief_of, contributions, of_a_part, unexplained
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Hypothesis, named, parts_of
 from sim_twin.diagnosis.findings import Findings, Judged
@@ -19,6 +20,8 @@ from sim_twin.diagnosis.judging import (
     gap_between,
     halves,
     leads_away,
+    moved_by,
+    refitted,
     repaired_twins,
     rigs_with,
     without_idle_partner,
@@ -26,7 +29,7 @@ from sim_twin.diagnosis.judging import (
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
-from sim_twin.diagnosis.subject import Execute, Subject
+from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -72,24 +75,36 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     are fitted to all.
     """
     rng = np.random.default_rng(seed)
-    library = Library()
-    attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
+    library, counted = Library(), _Counted(execute)
+    search = Search(subject, measured, counted, rng, library, effort.search)
+    attribution, ranked = search.run()
+    searched = counted.done / max(1, counted.asked)
+    ranked = of_a_part(ranked, searched)
     measure = gap_measure(library.fingerprints(()), subject.layout)
     like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
     left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
-    belief = belief_of(attribution, ranked, left)
+    belief = belief_of(attribution, ranked, left, searched)
     fitted_to, judged_on = halves(measured)
     candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
     judging = effort.judge - effort.judge // _CONFIRMING
-    repaired = repaired_twins(candidates, attribution, fitted_to, judging, execute, rng)
+    fits = refitted(candidates, attribution, fitted_to, rng)
+    repaired = repaired_twins(fits, judging, execute, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     if chosen is not None:
+        every = {cause.name for cause in chosen.hypothesis}
         chosen = without_idle_partner(chosen, candidates, repaired, measure, judged_on)
+        belief = belief.without(every - {cause.name for cause in chosen.hypothesis})
     twins = repaired.get(chosen.hypothesis) if chosen else None
     if twins is not None and leads_away(measure, judged_on, twins):
         chosen, twins, belief = None, None, belief.refuted()
     distances = separability(attribution, ranked, rng)
-    gap = gap_between(measure, judged_on, measured, twins, rng, selected=chosen is not None)
+    moved = None
+    if chosen is not None and twins is not None:
+        moved = moved_by(fits[chosen.hypothesis], library, rng, searched)
+    gap = gap_between(measure, judged_on, measured, twins, rng, chosen is not None, moved)
+    selected = chosen.hypothesis if chosen else ()
+    runner_up = _runner_up(candidates, repaired, selected)
+    rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
     return Findings(
         layout=subject.layout,
@@ -97,7 +112,7 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         effect=belief.effect,
         unknown=belief.unknown,
         judged=tuple(inseparable(judged, distances)),
-        selected=chosen.hypothesis if chosen else (),
+        selected=selected,
         effects=named(chosen.hypothesis, chosen.best()) if chosen else (),
         gap=gap,
         by_location=_by_location(subject, ranked, attribution),
@@ -111,19 +126,36 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         + (len(like) if ranked[0].hypothesis else 0)
         + sum(len(each) for each in repaired.values()),
         left=left,
-        runner_up=_runner_up(candidates, repaired, chosen),
+        runner_up=None if runner_up is None else (runner_up, repaired[runner_up].mean(axis=0)),
+        contrasts=rival,
+        alone=alone(search, tuple(fits), selected or next(iter(fits), ()), measured, searched),
+        searched=searched,
     )
 
 
+@dataclass(slots=True)
+class _Counted:
+    """Counts what it was asked for, and what there was time for."""
+
+    execute: Execute
+    asked: int = 0
+    done: int = 0
+
+    def __call__(self, draws: Sequence[Draw]) -> Sequence[Observed]:
+        shown = self.execute(draws)
+        self.asked += len(shown)
+        self.done += sum(bool(each) for each in shown)
+        return shown
+
+
 def _runner_up(
-    candidates: Sequence[Ranked], repaired: Mapping[Hypothesis, Array], chosen: Ranked | None
-) -> tuple[Hypothesis, Array] | None:
-    """The best that was judged and has nothing of what was chosen, with its twin's mean fingerprint."""
-    taken = {cause.name for cause in chosen.hypothesis} if chosen else set[str]()
-    for each in candidates:
-        if each.hypothesis in repaired and taken.isdisjoint(cause.name for cause in each.hypothesis):
-            return each.hypothesis, repaired[each.hypothesis].mean(axis=0)
-    return None
+    candidates: Sequence[Ranked], repaired: Mapping[Hypothesis, Array], selected: Hypothesis
+) -> Hypothesis | None:
+    """The best that was judged and has nothing of what was selected; where each has, the best other one."""
+    others = [h for h in (each.hypothesis for each in candidates) if h in repaired and h != selected]
+    taken = {cause.name for cause in selected}
+    apart = [h for h in others if taken.isdisjoint(cause.name for cause in h)]
+    return next(iter(apart or others), None)
 
 
 def _like_rigs(
@@ -177,6 +209,7 @@ def _judged(
             named(told_by.hypothesis, told_by.best())[at],
             after,
             None if after is None else shrink_of(before, after),
+            present=belief.present.get(name, 0.0),
         )
     return sorted(found.values(), key=lambda each: -each.probability)
 

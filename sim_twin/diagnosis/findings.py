@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +21,9 @@ Array = NDArray[np.float64]
 class Judged:
     """An effect (on its most probable channel): its share of belief as the largest cause.
 
-    `best` is it with parameters that may go together. `after` is the gap that is left with it alone in the
-    twin, None where that was not simulated.
+    `present` is the probability that it is there at all, alone or with others. `best` is it with parameters
+    that may go together. `after` is the gap that is left with it alone in the twin, None where that was not
+    simulated.
     """
 
     cause: Cause
@@ -32,6 +33,36 @@ class Judged:
     after: float | None
     shrink: float | None
     indistinguishable_from: tuple[str, ...] = ()
+    present: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """A cell, by its number, in which two explanations differ: means of its numbers.
+
+    `chosen` is predicted by what was selected (else by the nominal twin), `rival` by the runner-up; `apart`
+    is how far these two are from each other in floors.
+    """
+
+    cell: int
+    measured: float
+    chosen: float
+    rival: float
+    apart: float
+
+
+@dataclass(frozen=True, slots=True)
+class Alone:
+    """What one run says by itself: shares of belief of what is in question, most believed first.
+
+    `estimates` are those of the parameters of `best`, cause by cause, by this run: of what was selected, else
+    of what all runs together make the most probable effects.
+    """
+
+    run: int
+    shares: tuple[tuple[Hypothesis, float], ...]
+    best: Hypothesis
+    estimates: tuple[tuple[Estimate, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +70,8 @@ class Gap:
     """Gap figures; cells are in floors, the units are what their root mean squares are divided by.
 
     `after` is None where something was selected and there was no time to simulate it. `recording` is how far
-    the recording's own blocks lie from their mean.
+    the recording's own blocks lie from their mean. `course_before` and `course_after` (runs, blocks) are the
+    gaps of a run's blocks in their order; none where there is nothing to tell.
     """
 
     before: float
@@ -51,6 +83,8 @@ class Gap:
     unit_before: float
     unit_after: float
     recording: float
+    course_before: Sequence[Sequence[float]] = ()
+    course_after: Sequence[Sequence[float]] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +94,9 @@ class Findings:
     `measured`, `nominal` and `repaired` twin are mean fingerprints (numbers,), `floor` what a healthy rig's
     block differs by from the twin in each cell (cells,). `held_out` is False where there was one block only,
     so that the gap was judged on what was fitted. `left` is what the best explanation does not explain.
-    `runner_up` is the next best effect with the twin's mean fingerprint then; None where none was simulated.
+    `runner_up` is the next best explanation with the twin's mean fingerprint then; None where none was
+    simulated. `contrasts` are the figures in which it predicts otherwise, `alone` is what each of several
+    runs says. `searched` is the share of the planned search that there was time for.
     """
 
     layout: Layout
@@ -81,6 +117,9 @@ class Findings:
     simulations: int
     left: Unexplained
     runner_up: tuple[Hypothesis, Array] | None = None
+    contrasts: tuple[Contrast, ...] = ()
+    alone: tuple[Alone, ...] = ()
+    searched: float = 1.0
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -51,6 +51,12 @@ class GapMeasure:
         kept = np.array([chosen(cell) for cell in self.layout.cells])
         return float(np.sqrt(np.mean(cells[kept] ** 2))) / self.unit if kept.any() else 0.0
 
+    def course(self, blocks: NDArray[np.floating]) -> list[list[float]]:
+        """Gap of each run's cells in each of its blocks (n, numbers), (runs, n)."""
+        runs = sorted({cell.run for cell in self.layout.cells})
+        each = [self.cells(block[None]) for block in blocks]
+        return [[self.total(cells, lambda cell, run=run: cell.run == run) for cells in each] for run in runs]  # type: ignore[misc]
+
 
 def _by_cell(apart: Array, layout: Layout) -> Array:
     """Mean over the numbers of each cell, from shape (n, numbers) to (n, cells)."""

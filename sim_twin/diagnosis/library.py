@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -60,6 +60,12 @@ class Library:
                 self.observations += 1
                 self._values.setdefault(hypothesis, []).append(values)
                 self._fingerprints.setdefault(hypothesis, []).append(blocks)
+
+    def of(self, hypotheses: Iterable[Hypothesis], numbers: NDArray[np.intp]) -> Library:
+        """Only these hypotheses, only these numbers of their fingerprints."""
+        kept = [h for h in hypotheses if h in self._values]
+        fingerprints = {h: [each[:, numbers] for each in self._fingerprints[h]] for h in kept}
+        return Library({h: self._values[h] for h in kept}, fingerprints)
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:

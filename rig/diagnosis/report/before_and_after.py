@@ -15,7 +15,6 @@ from rig.pages.words import estimate, listed
 from sim_twin.diagnosis.fingerprint import SLICES, Cell
 from sim_twin.diagnosis.latent_force import Curve
 
-_SHOWN = 3
 _ROW_PX = 210
 _DECIBELS = 10 / log(10)
 _CAPTION = (
@@ -35,8 +34,7 @@ _TITLES = ("spectrum", "course over the cycle", "peaks")
 
 def parts(case: Case) -> list[Part]:
     """A row of plots for each channel: spectrum, course over the cycle, peaks."""
-    largest = case.largest_channels()
-    shown = [(name, run) for name, run, _ in largest if _cells(case, name, run, "energy")][:_SHOWN]
+    shown = case.drawn_channels()
     if not shown:
         return [
             Sentence("These fingerprints hold no spectra; the table of the largest gaps says what differs.")

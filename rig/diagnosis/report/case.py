@@ -93,6 +93,7 @@ Span = tuple[float, float]
 _OPEN = 0.6
 """Share of its plausible range, plain or by its logarithm, beyond which an interval says nothing."""
 _REACHED = 1 - 1e-6
+_DRAWN = 3
 _ALIKE = 0.7
 """Share of the largest gap from which on its neighbours are named with it."""
 
@@ -187,6 +188,11 @@ class Case:
             for name in self.channels
         ]
         return sorted(found, key=lambda each: -each[2])
+
+    def drawn_channels(self) -> list[tuple[str, int]]:
+        """The channels with the largest gaps that hold more than an angle, each with the run."""
+        spectra = {(cell.channel, cell.run) for cell in self.cells if cell.what == "energy"}
+        return [(name, run) for name, run, _ in self.largest_channels() if (name, run) in spectra][:_DRAWN]
 
     def largest_span(self, channel: str, run: int, spans: Callable[[Cell], Span | None]) -> Span | None:
         """Where a channel's gap is largest over its bands or phases (`spans` tells which), and around.

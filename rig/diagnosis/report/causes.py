@@ -10,9 +10,10 @@ from rig.pages.content import Bar, BarTable, Listing, Part, Sentence, Table
 from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Judged
 
-_RANKING = ("", "probability", "where", "gap with it alone", "shrink", "not told apart from")
+_RANKING = ("", "probability", "where", "in the rig", "gap with it alone", "shrink", "not told apart from")
 _HOW = (
-    "Of an effect: that it is the largest cause. Nothing missing, all effects and unknown add up to 100 %. "
+    "Probability of an effect: that it is the largest cause. Nothing missing, all effects and unknown add up "
+    "to 100 %. In the rig: that it is there at all, alone or with others; of two that act together each is. "
     "Gap and shrink are those of a twin with that effect alone."
 )
 _BELIEVED = 0.02
@@ -30,11 +31,12 @@ def ranking(case: Case) -> list[Part]:
     """Bars, "nothing" and "unknown" among them."""
     found = case.findings
     bars = []
-    rejected = [each for each in case.judged if each.probability < _REJECTED and each.after is None]
+    rejected = [each for each in case.judged if each.present < _REJECTED and each.after is None]
     if len(rejected) > _FEW:
         names = listed([plain(each.cause.name) for each in rejected])
-        share = sum(each.probability for each in rejected)
-        bars.append(Bar(f"{len(rejected)} others", share, probability(share), (names, "", "", "")))
+        share, most = sum(each.probability for each in rejected), max(each.present for each in rejected)
+        more = (names, f"each {probability(most)}", "", "", "")
+        bars.append(Bar(f"{len(rejected)} others", share, probability(share), more))
     else:
         rejected = []
     for each in case.judged:
@@ -44,13 +46,13 @@ def ranking(case: Case) -> list[Part]:
         where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
         shrink = DASH if each.shrink is None else "grows" if each.shrink < 0 else f"{100 * each.shrink:.0f} %"
         alike = ", ".join(plain(name) for name in each.indistinguishable_from)
-        more = (where, floors(each.after), shrink, alike)
+        more = (where, probability(each.present), floors(each.after), shrink, alike)
         bars.append(Bar(plain(cause.name), each.probability, probability(each.probability), more))
     for label, share, gap in (
         ("nothing missing", found.none, floors(found.gap.before)),
         ("unknown to the catalogue", found.unknown, ""),
     ):
-        bars.append(Bar(label, share, probability(share), ("", gap, "", ""), apart=True))
+        bars.append(Bar(label, share, probability(share), ("", "", gap, "", ""), apart=True))
     return [BarTable(_RANKING, sorted(bars, key=lambda bar: -bar.share)), Sentence(_HOW)]
 
 
@@ -72,18 +74,18 @@ def parameters(case: Case) -> list[Part]:
 
 def _table(case: Case, judged: Sequence[Judged], caption: str) -> Table:
     written = dict(case.findings.effects)
-    headings = ["effect", "parameter", "value", "95 % interval", "plausible range", "largest cause"]
+    headings = ["effect", "in the rig", "parameter", "value", "95 % interval", "plausible range"]
     headings += ["in effects.json"] if any(each.cause.name in written for each in judged) else []
     rows = []
     for each in judged:
         cause = each.cause
         effect = f"{plain(cause.name)} ({cause.channel})" if cause.channel else plain(cause.name)
-        share = probability(each.probability)
+        share = probability(each.present)
         for parameter in cause.parameters:
             found, unit = each.parameters[parameter.name], parameter.unit
-            row = [effect, parameter_words(parameter), estimate(found.value, unit)]
+            row = [effect, share, parameter_words(parameter), estimate(found.value, unit)]
             told = "" if identified(parameter, found) else " (not identified)"
-            row += [span(found.low, found.high, unit) + told, plausible(parameter), share]
+            row += [span(found.low, found.high, unit) + told, plausible(parameter)]
             if len(headings) > len(row):
                 value = written.get(cause.name, {}).get(parameter.name)
                 row.append("" if value is None else estimate(float(value), unit))

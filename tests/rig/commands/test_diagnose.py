@@ -92,12 +92,14 @@ def test_the_diagnosis_holds_to_the_interface(campaign: Campaign) -> None:
     assert each == sorted(each, reverse=True)
     assert sum(each) + shares["none"] + shares["unknown"] == pytest.approx(1.0)
     for effect in effects:
+        assert effect["probability"] <= effect["present"] <= 1
         known = MODEL.effects[effect["name"]]
         assert effect["location"] == known.location
         wanted = {p.name for p in known.parameters} | ({"channel"} if known.channels else set())
         assert set(effect["parameters"]) == wanted
         assert set(effect["indistinguishable_from"]) <= possible - {effect["name"]}
     assert content["horizon_s"] >= 0
+    assert content["cost"]["searched"] == 1.0
     assert content["cost"]["simulations"] > 100
     assert all(isfinite(number) for number in _numbers(content))
 
@@ -115,6 +117,24 @@ def test_the_gap_is_told_by_channel_run_band_phase_and_location(campaign: Campai
     assert sum(block["by_location"].values()) == pytest.approx(1.0)
     assert set(block["by_location"]) <= LOCATIONS
     assert max(block["by_location"], key=lambda one: block["by_location"][one]) == "contact joint"
+
+
+def test_it_says_what_one_can_argue_with(campaign: Campaign) -> None:
+    content = campaign.content
+    assert content["runner_up"]
+    assert len(content["contrasts"]) == 5
+    assert {each["channel"] for each in content["contrasts"]} <= set(MODEL_CHANNELS)
+    assert content["runs_alone"] == []  # of one run
+    (course,) = content["gap"]["course"]
+    assert min(course["before"]) > 1.5 * max(course["after"])
+    assert len(content["typical_cycle"]) == 3
+    for cycle in content["typical_cycle"]:
+        for whose in ("measured", "nominal", "repaired"):
+            phase = cycle[whose]["phase"]
+            assert phase == sorted(phase)
+            assert (phase[0] < 0.01, phase[-1] > 0.98) == (True, True)
+    for word in ("in the rig clearance", "why not"):
+        assert word in campaign.answer.out
 
 
 def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -> None:

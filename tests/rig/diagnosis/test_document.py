@@ -52,8 +52,8 @@ def findings() -> Findings:
     best = ("base_flexibility", {name: estimate.value for name, estimate in base.items()})
     gain = ("sensor_gain", {"channel": UPPER, "gain": 1.2})
     judged = (
-        Judged(BASE, 0.7, base, best, 1.1, 0.95, ("pivot_compliance",)),
-        Judged(GAIN, 0.1, {"gain": Estimate(1.2, 1.1, 1.3)}, gain, None, None),
+        Judged(BASE, 0.7, base, best, 1.1, 0.95, ("pivot_compliance",), 0.75),
+        Judged(GAIN, 0.1, {"gain": Estimate(1.2, 1.1, 1.3)}, gain, None, None, present=0.2),
     )
     numbers = np.zeros(LAYOUT.size)
     return Findings(
@@ -82,7 +82,7 @@ def test_a_diagnosis_has_every_key_of_the_interface() -> None:
     assert content["verdict_probability"] == {"none": 0.05, "effect": 0.8, "unknown": 0.15}
     assert content["selected"] == ["base_flexibility"]
     assert content["next_experiment"]["expected_probability"] == 0.9
-    assert content["cost"] == {"simulations": 500, "seconds": 12.5}
+    assert content["cost"] == {"simulations": 500, "seconds": 12.5, "searched": 1.0}
     assert content["remarks"] == ["odd"]
 
 
@@ -93,12 +93,14 @@ def test_parameters_have_values_and_intervals_and_a_channel_is_one_of_them() -> 
     assert all(each["probability"] == 0 and each["gap_after"] is None for each in others)
     assert first["parameters"]["frequency_hz"] == {"value": 431.0, "ci95": [419.0, 444.0]}
     assert (first["location"], first["indistinguishable_from"]) == ("base", ["pivot_compliance"])
+    assert (first["present"], second["present"], others[0]["present"]) == (0.75, 0.2, 0.0)
     assert second["parameters"] == {"channel": {"value": UPPER}, "gain": {"value": 1.2, "ci95": [1.1, 1.3]}}
     assert (second["gap_after"], second["shrink"]) == (None, None)
 
 
 def test_gaps_by_channel_and_run_are_parts_of_the_whole() -> None:
-    block = gap_block(LAYOUT, gap(), {"base": 1.0})
+    told_over_time = replace(gap(), course_before=((2.0, 3.0), (3.0, 4.0)), course_after=((1.0, 1.2),))
+    block = gap_block(LAYOUT, told_over_time, {"base": 1.0})
     whole = np.sqrt(np.mean(floors() ** 2)) / UNIT_BEFORE
     assert (block["before"], block["after"], block["shrink"]) == (3.0, 1.1, 0.95)
     # cells are as many in one run as in the other
@@ -107,6 +109,10 @@ def test_gaps_by_channel_and_run_are_parts_of_the_whole() -> None:
     assert counts[0] == counts[1]
     assert np.sqrt(np.mean(np.square(list(block["by_channel"].values())))) == pytest.approx(whole)
     assert block["by_location"] == {"base": 1.0}
+    assert block["course"] == [
+        {"run": 0, "before": (2.0, 3.0), "after": (1.0, 1.2)},
+        {"run": 1, "before": (3.0, 4.0), "after": None},
+    ]
 
 
 def test_gaps_by_band_and_phase_are_once_a_channel_and_place_over_all_runs() -> None:

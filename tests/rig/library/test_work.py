@@ -171,8 +171,13 @@ def test_a_diagnosis_is_shown_and_handed_on(tmp_path: Path) -> None:
         "verdict": "effect",
         "verdict_probability": {"none": 0.01, "effect": 0.98, "unknown": 0.01},
         "gap": {"before": 7.0, "after": 1.5, "by_channel": {"yoke.force": 9.0, "drive.force": None}},
-        "effects": [{"name": "sensor_gain", "probability": 0.98, "gap_after": 1.5}],
+        "effects": [{"name": "sensor_gain", "probability": 0.96, "present": 0.98, "gap_after": 1.5}],
         "selected": ["sensor_gain"],
+        "contrasts": [{"channel": "yoke.force", "what": "peak", "measured": 9.0, "runner_up": 7.0}],
+        "typical_cycle": [
+            {"channel": "yoke.force", "unit": "N"}
+            | {whose: {"phase": [0.0, 0.5], "values": [1.0, 2.0]} for whose in ("measured", "nominal")}
+        ],
     }
     found = Diagnosis(document, tmp_path / "report.html", [GAIN], None)
     assert repr(found) == "<Diagnosis: sensor_gain, gap 7 -> 1.5>"
@@ -180,3 +185,5 @@ def test_a_diagnosis_is_shown_and_handed_on(tmp_path: Path) -> None:
     assert (found.verdict, found.probability["none"], found.effects) == ("effect", 0.01, [GAIN])
     assert found.to_pandas().loc["sensor_gain", "gap_after"] == 1.5
     assert list(found.plot().data[0].y) == ["yoke.force"]
+    assert found.contrasts().loc[0, "runner_up"] == 7.0
+    assert [line.name for line in found.plot_cycle().data] == ["measured", "nominal"]

@@ -11,19 +11,21 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.belief import Belief, Unexplained
+from sim_twin.diagnosis.belief import Belief, Unexplained, belief_of, of_a_part
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import (
     gap_between,
     halves,
     leads_away,
+    moved_by,
+    refitted,
     repaired_twins,
     without_idle_partner,
 )
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
-from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, DIRECTIONS, LEFT, RIGHT, Toy, recording
 
 TOY = Toy()
 RIG = 10**6
@@ -79,7 +81,8 @@ def test_repaired_twins_are_new_rigs_at_what_fits_the_given_blocks() -> None:
     candidates = [each for each in ranked if each.hypothesis][:2]
     assert candidates[0].hypothesis == (LEFT,)
     other = recording((("left", {"size": 3.0}),), RIG + 1)
-    repaired = repaired_twins(candidates, attribution, other, 40, kept, np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    repaired = repaired_twins(refitted(candidates, attribution, other, rng), 40, kept, rng)
     assert {h: twins.shape for h, twins in repaired.items()} == {
         each.hypothesis: (20, TOY.layout.size) for each in candidates
     }
@@ -93,14 +96,9 @@ def test_repaired_twins_are_new_rigs_at_what_fits_the_given_blocks() -> None:
 
 def test_what_could_not_be_simulated_is_not_judged() -> None:
     attribution, ranked, _ = searched()
-    repaired = repaired_twins(
-        [each for each in ranked if each.hypothesis][:2],
-        attribution,
-        recording(LEFT_2, RIG),
-        20,
-        lambda draws: [(None,) for _ in draws],
-        np.random.default_rng(1),
-    )
+    rng, candidates = np.random.default_rng(1), [each for each in ranked if each.hypothesis][:2]
+    fits = refitted(candidates, attribution, recording(LEFT_2, RIG), rng)
+    repaired = repaired_twins(fits, 20, lambda draws: [(None,) for _ in draws], rng)
     assert repaired == {}
 
 
@@ -115,6 +113,37 @@ def test_the_right_repair_closes_the_gap_and_the_interval_holds_that() -> None:
     assert gap.shrink_ci95 is not None
     assert gap.shrink_ci95[0] <= gap.shrink <= gap.shrink_ci95[1] <= 1
     assert len(gap.cells_before) == len(gap.cells_after) == len(TOY.layout.cells)
+
+
+def test_what_is_left_open_of_a_parameter_widens_the_interval_of_the_shrink() -> None:
+    _, ranked, library = searched()
+    fit = next(each for each in ranked if each.hypothesis == (LEFT,))
+    low, high = np.quantile(fit.values()[:, 0], (0.1, 0.9))
+    assert low < 1.5 < 2.6 < high  # places far from the posterior are among its places, with no weight
+    flat = replace(
+        fit,
+        posterior=replace(fit.posterior, weights=np.full_like(fit.posterior.weights, 1 / len(fit.values()))),
+    )
+    moved = {
+        name: moved_by(one, library, np.random.default_rng(6))
+        for name, one in (("sure", fit), ("open", flat))
+    }
+    # the slope of size and a tenth of its square over the logarithm of size, in which it is searched
+    best = fit.best()[0]
+    size = (
+        np.log(fit.values()[:, 0]).std() * (best + 0.2 * best**2) * np.sqrt(np.mean(DIRECTIONS["left"] ** 2))
+    )
+    assert np.sqrt(np.mean(moved["open"].var(axis=0))) == pytest.approx(size, rel=0.25)
+    measured = recording(LEFT_2, RIG, 6)
+    widths = [
+        np.ptp(
+            gap_between(
+                measure(), measured, measured, twins(2.0), np.random.default_rng(2), moved=each
+            ).shrink_ci95
+        )
+        for each in (None, moved["sure"], moved["open"])
+    ]
+    assert widths[0] < widths[1] < 0.5 * widths[2]
 
 
 def test_half_a_repair_shrinks_the_gap_by_less() -> None:
@@ -172,10 +201,19 @@ def test_a_repair_that_leads_away_is_refuted_and_one_that_closes_the_gap_is_not(
 
 
 def test_what_is_refuted_is_mostly_unknown() -> None:
-    refuted = Belief(0.05, 0.05, {"left": 0.8, "right": 0.1}).refuted()
+    refuted = Belief(0.05, 0.05, {"left": 0.8, "right": 0.1}, {"left": 0.8, "right": 0.6}).refuted()
     assert refuted.verdict == "unknown"
     assert refuted.none == 0.05
     assert refuted.none + refuted.effect + refuted.unknown == pytest.approx(1.0)
+    assert all(refuted.of_effects[name] <= share < 0.1 for name, share in refuted.present.items())
+
+
+def test_what_mends_nothing_beside_another_is_hardly_there() -> None:
+    belief = Belief(0.05, 0.05, {"left": 0.8, "right": 0.1}, {"left": 0.85, "right": 0.6})
+    found = belief.without({"right"})
+    assert found.present == {"left": 0.85, "right": 0.1}  # never less than that it is the largest cause
+    assert (found.none, found.of_effects) == (belief.none, belief.of_effects)
+    assert belief.without(set()) == belief
 
 
 def test_the_unknown_grows_with_what_is_left_and_is_never_ruled_out() -> None:
@@ -183,3 +221,24 @@ def test_the_unknown_grows_with_what_is_left_and_is_never_ruled_out() -> None:
     assert 0.0 < usual.unknown < 0.05 < 0.9 < beyond.unknown <= 1.0
     # very good figures do not outweigh a bad one
     assert Unexplained(1e-3, 1e-3, 5.0).unknown == pytest.approx(Unexplained(0.1, 0.1, 5.0).unknown)
+
+
+def test_evidence_of_a_part_of_a_search_counts_by_as_much() -> None:
+    _, ranked, _ = searched()
+    assert of_a_part(ranked, 1.0) == ranked
+    part = of_a_part(ranked, 0.5)
+    assert sum(each.probability for each in part) == pytest.approx(1.0)
+    for one, other in zip(ranked[1:4], part[1:4], strict=True):
+        before, after = (r.probability / of[0].probability for r, of in ((one, ranked), (other, part)))
+        assert after == pytest.approx(np.sqrt(before))
+    (whole,), (wider,) = ranked[0].estimates(), part[0].estimates()
+    assert wider.high - wider.low > 1.2 * (whole.high - whole.low)
+    # nor is what nobody knows of ruled out by as much
+    attribution = searched()[0]
+    odds = [
+        belief.unknown / (1 - belief.unknown)
+        for belief in (
+            belief_of(attribution, ranked, Unexplained(0.4, 0.9, 0.85), done) for done in (1.0, 0.5)
+        )
+    ]
+    assert odds[1] == pytest.approx(np.sqrt(odds[0]))

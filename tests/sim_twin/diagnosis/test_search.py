@@ -80,6 +80,10 @@ def test_a_pair_is_found_with_both_sizes(seed: int) -> None:
     assert sizes["right"] == pytest.approx(4.0, abs=0.8)
     assert findings.gap.shrink is not None
     assert findings.gap.shrink > 0.8
+    # each of them is there, and one only is the largest
+    present = {each.cause.name: each.present for each in findings.judged}
+    assert min(present["left"], present["right"]) > 0.8
+    assert findings.judged[1].probability < 0.5
 
 
 def test_a_pair_that_is_not_the_sum_of_both_is_found_since_it_is_simulated() -> None:
@@ -138,6 +142,7 @@ def test_probabilities_add_up_and_every_effect_is_judged_once(
     assert sorted(each.cause.name for each in findings.judged) == sorted(cause.name for cause in CAUSES)
     shares = [each.probability for each in findings.judged]
     assert shares == sorted(shares, reverse=True)
+    assert all(each.probability <= each.present + 1e-12 <= 1 for each in findings.judged)
     assert set(findings.by_location) == {cause.location for cause in CAUSES}
     assert sum(findings.by_location.values()) == pytest.approx(1.0)
     assert findings.measured.shape == findings.nominal.shape == (TOY.layout.size,)

@@ -1,0 +1,138 @@
+"""What speaks for an answer and against it, in units that people read, for the file and the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import exp, log
+from typing import Any
+
+import numpy as np
+
+from daq.signals.envelope import envelope
+from rig.pages.words import estimate, probability, span
+from sim_twin.diagnosis.cause import Hypothesis
+from sim_twin.diagnosis.findings import Findings
+from sim_twin.diagnosis.fingerprint import Cell
+from sim_twin.diagnosis.typical_cycle import TypicalCycle
+
+_DECIBELS = 10 / log(10)
+_POINTS = 400
+_DIGITS = 5
+_BELIEVED = 0.01
+
+
+def in_unit(cell: Cell, unit: str, number: float, nominal: float) -> tuple[float, str]:
+    """The mean of a cell's numbers as people read it; `unit` is the channel's.
+
+    Energies are told against the `nominal` twin's; without a unit a number is told as it is.
+    """
+    if not unit:
+        return number, ""
+    if cell.what == "energy":
+        return _DECIBELS * (number - nominal), "dB"
+    if cell.what in ("rms", "peak"):
+        return exp(number / 2 if cell.what == "rms" else number), unit
+    if cell.what == "share of time":
+        return 100 * number, "%"
+    return (
+        (exp(number), "")
+        if cell.what == "crest"
+        else (number, unit if cell.what in ("mean", "swing") else "")
+    )
+
+
+def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[TypicalCycle]) -> dict[str, Any]:
+    """The blocks of a diagnosis that one can argue with; `units` of the channels."""
+    return {
+        "runner_up": None if findings.runner_up is None else _names(findings.runner_up[0]),
+        "contrasts": _contrasts(findings, units),
+        "runs_alone": [
+            {
+                "run": each.run,
+                "believed": [
+                    {"effects": _names(hypothesis), "share": share}
+                    for hypothesis, share in each.shares
+                    if share >= _BELIEVED
+                ],
+                "parameters": [
+                    {
+                        "effect": cause.name, "channel": cause.channel, "parameter": parameter.name,
+                        "unit": parameter.unit, "value": one.value, "ci95": [one.low, one.high],
+                    }
+                    for cause, estimates in zip(each.best, each.estimates, strict=False)
+                    for parameter, one in zip(cause.parameters, estimates, strict=True)
+                ],
+            }
+            for each in findings.alone
+        ],
+        "typical_cycle": [
+            {
+                "run": each.run, "channel": each.channel, "unit": units.get(each.channel, ""),
+                **{whose: _points(line) for whose, line in each.lines.items()},
+            }
+            for each in cycles
+        ],
+    }  # fmt: skip
+
+
+def _names(hypothesis: Hypothesis) -> list[str]:
+    return [cause.name for cause in hypothesis]
+
+
+def _contrasts(findings: Findings, units: Mapping[str, str]) -> list[dict[str, Any]]:
+    starts, rows = findings.layout.starts, []
+    for each in findings.contrasts:
+        cell = findings.layout.cells[each.cell]
+        nominal = float(findings.nominal[starts[each.cell] : starts[each.cell + 1]].mean())
+        unit = units.get(cell.channel, "")
+        values = [
+            in_unit(cell, unit, number, nominal)[0] for number in (each.measured, each.chosen, each.rival)
+        ]
+        rows.append(
+            {
+                "run": cell.run, "channel": cell.channel, "with": cell.partner, "what": cell.what,
+                "band_hz": cell.band, "phase": cell.phase, "unit": in_unit(cell, unit, 0.0, 0.0)[1],
+                "measured": values[0], "selected": values[1], "runner_up": values[2], "apart": each.apart,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _points(line: np.ndarray[Any, Any]) -> dict[str, list[float]]:
+    """A cycle by its extremes: where in it, and the value there."""
+    chosen = envelope(np.asarray(line, np.float64), _POINTS)
+    phase = np.round(chosen.indices / len(line), _DIGITS)
+    return {"phase": phase.tolist(), "values": [float(f"{value:.{_DIGITS}g}") for value in chosen.values]}
+
+
+def argument_lines(content: Mapping[str, Any]) -> list[str]:
+    """A diagnosis as its file holds it, in a few lines for a terminal: what one would ask next."""
+    told = []
+    for each in content["effects"]:
+        if each["name"] in content["selected"]:
+            sizes = [
+                f"{name} {estimate(one['value'])} ({span(*one['ci95'], '')})"
+                for name, one in each["parameters"].items()
+                if "ci95" in one
+            ]
+            told.append(f"in the rig {each['name']} {probability(each['present'])}: {', '.join(sizes)}")
+    shrink, interval = content["gap"]["shrink"], content["gap"]["shrink_ci95"]
+    if content["selected"] and shrink is not None and interval is not None:
+        low, high = (f"{100 * end:.0f}" for end in interval)
+        told.append(f"shrink     {100 * shrink:.0f} % (95 % interval {low} to {high} %)")
+    for run in content["runs_alone"]:
+        first = run["believed"][0]
+        whose = " and ".join(first["effects"]) or "nothing missing"
+        said = [f"{whose} {probability(first['share'])}"]
+        said += [
+            f"{one['parameter']} {estimate(one['value'])} ({span(*one['ci95'], '')})"
+            for one in run["parameters"]
+        ]
+        told.append(f"run {run['run'] + 1} alone {'; '.join(said)}")
+    for one in content["contrasts"][:1]:
+        measured, ours, other = (
+            estimate(one[whose], one["unit"]) for whose in ("measured", "selected", "runner_up")
+        )
+        rival, figure = " and ".join(content["runner_up"]), f"{one['channel']}, {one['what']}"
+        told.append(f"why not    {rival}: {figure} is {measured}; the answer predicts {ours}, that {other}")
+    return told
