@@ -96,8 +96,8 @@ def test_a_band_that_time_cut_short_is_not_kept(
 
 def test_a_band_hangs_on_the_code_of_a_rig_from_another_package(tmp_path: Path) -> None:
     def digest(file: Path) -> str:
-        health._sources.cache_clear()
-        return health._sources(str(file))
+        health.sources_digest.cache_clear()
+        return health.sources_digest(str(file))
 
     (tmp_path / "pendulum").mkdir()
     rig, physics, lone = (tmp_path / name for name in ("pendulum/rig.py", "pendulum/physics.py", "lone.py"))
