@@ -437,13 +437,15 @@ def _figure(rows: Sequence[Sequence[Series]]) -> go.Figure:
     import plotly.graph_objects as go
 
     from rig.pages.plots import BLUE, Plots, Style
+    from rig.pages.words import as_written
 
     plots = Plots(max(len(rows), 1), 1, _ROW_PX, legend=True)
     for cell, row in enumerate(rows):
         last = cell == len(rows) - 1
-        plots.axes(cell, row[0].name, "time / s" if last else "", row[0].unit, share_x_with=0)
+        factor, unit = as_written(row[0].unit)
+        plots.axes(cell, row[0].name, "time / s" if last else "", unit, share_x_with=0)
         for each in row:
             style = Style(BLUE) if each.origin == "derived" else None
-            plots.outline(cell, each.origin, each.time, each.values, style, points=_POINTS)
+            plots.outline(cell, each.origin, each.time, factor * each.values, style, points=_POINTS)
     drawn = plots.figure("log")
     return go.Figure({"data": drawn.traces, "layout": {**drawn.layout, "height": drawn.height_px}})

@@ -65,7 +65,7 @@ class Frame:
     width: float = 16.0
     height: float = 5.4
     left: float = 2.2
-    bottom: float = 1.3
+    bottom: float = 2.5
     top: float = 0.3
 
     def view(self, origin: str, name: str) -> rrb.Spatial2DView:

@@ -18,7 +18,7 @@ from rig.derived.turns import KEPT_S, Turns, turns_from
 from rig.live import mechanism, paths
 from rig.live.crank_plots import IMPACT_FRAME, ORDER_FRAME, ImpactPicture, OrderPicture, SpeedPlot, speed_view
 from rig.live.mechanism import Body, Joint, JointPicture, MovingMechanism, Pose, Solid, joints_view
-from rig.live.picture import Layout, OwnViews, Point, Stage, looking
+from rig.live.picture import Layout, OwnViews, Point, Stage, in_plot, looking
 from rig.live.sketch import Line, sketched
 from rig.stream import Block, LastSeconds, Record, Shape
 from sim_twin.rigs.channel_table import ChannelTable
@@ -67,10 +67,10 @@ class CrankPicture(ABC):
         """Mechanism, joints, impacts and speed at the side, orders beside the traces."""
         both = shown.origins.get("measured") and shown.origins.get("predicted")
         whose = "measured" if shown.origins.get("measured") else "predicted"
-        line = "; line: the predicted" if both else ""
+        line = "; line: predicted" if both else ""
         moving = rrb.Spatial3DView(
             origin=mechanism.PATH,
-            name=f"Mechanism at the {whose} crank angle, ideal joints{line}",
+            name=f"Mechanism, {whose}{line}",
             line_grid=False,
             eye_controls=self.eye(),
         )
@@ -78,14 +78,14 @@ class CrankPicture(ABC):
         if shown.origins.get("predicted"):
             side.append((joints_view(self.joints()), 1.9))
         impacts = [
-            IMPACT_FRAME.view(paths.impacts(group), f"Impacts, {group} [{shown.units[names[0]] or '-'}]")
+            IMPACT_FRAME.view(paths.impacts(group), f"Impacts, {group} [{in_plot(shown.units[names[0]])}]")
             for group, names in self.heard(shown).items()
         ]
         if impacts:
             side.append((rrb.Tabs(*impacts) if len(impacts) > 1 else impacts[0], 2.6))
         side.append((speed_view(self.speed_rad_s, shown.window_s), 1.7))
         orders = tuple(
-            ORDER_FRAME.view(paths.orders(name), f"{name} over orders [{shown.units[name] or '-'}]")
+            ORDER_FRAME.view(paths.orders(name), f"{name} over orders [{in_plot(shown.units[name])}]")
             for name in self.turning(shown)
         )
         return OwnViews(tuple(side), orders, self.channels.plain)

@@ -19,15 +19,15 @@ from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades, from_ze
 from rig.live.picture import Stage
 from rig.live.series import line_style, over_time
 
-IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
+IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.6, top=0.85)
 _ANGLES = Axis(0.0, 360.0, tuple((float(at), f"{at}°") for at in range(0, 361, 45)))
 _HEADROOM = 1.1
 _DOTS = 600
 _DRAWS_EVERY_S = 1.0
 
-ORDER_FRAME = Frame(height=10.0, left=2.4, bottom=1.6)
+ORDER_FRAME = Frame(height=10.0, left=2.4, bottom=3.0)
 _DECADES = 5
-_TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200)
+_TICKS = (0.5, 1, 2, 5, 10, 20, 50, 200)
 _ORDERS = Axis(LOWEST_ORDER, HIGHEST_ORDER, tuple((at, f"{at:g}") for at in _TICKS), logarithmic=True)
 _SPEED_PATH = "/speed"
 _BAND = 0.01

@@ -173,8 +173,8 @@ def joints_view(joints: Sequence[Joint]) -> rrb.Spatial2DView:
     """A view of them side by side."""
     return rrb.Spatial2DView(
         origin=JOINTS_PATH,
-        name="Predicted: where journals are within their clearances, ten times a second",
-        visual_bounds=rrb.VisualBounds2D(x_range=(-1.6, _APART * len(joints) - 1.6), y_range=(-1.3, 1.3)),
+        name="Predicted: where journals are",
+        visual_bounds=rrb.VisualBounds2D(x_range=(-1.6, _APART * len(joints) - 0.7), y_range=(-1.3, 1.3)),
     )
 
 

@@ -21,6 +21,7 @@ from daq.log.reader import SURROGATE, Origin
 from rig.derived.settings import role_of
 from rig.live import paths
 from rig.live.sketch import Sketch
+from rig.pages.words import as_written
 from rig.rigs import RIGS
 from rig.stream import Record
 from sim_twin.rigs.channel_table import Role
@@ -41,6 +42,12 @@ class OwnViews:
     side: tuple[tuple[rrb.View | rrb.Container, float], ...]
     beside: tuple[rrb.View | rrb.Container, ...] = ()
     plain: frozenset[str] = frozenset()
+
+
+def in_plot(unit: str) -> str:
+    """A unit as people write it, of values that are drawn as they are."""
+    factor, written = as_written(unit)
+    return (written if factor == 1.0 else unit) or "-"
 
 
 Point = tuple[float, float, float]

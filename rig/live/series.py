@@ -11,7 +11,7 @@ from rerun.components import AggregationPolicy, MarkerShape
 from daq.block import SampleBlock
 from daq.log.reader import CYCLE_PEAK, CYCLE_RMS, Origin, derived_name
 from rig.live import paths
-from rig.live.picture import Layout, Stage
+from rig.live.picture import Layout, Stage, in_plot
 
 _QUERIED = 8
 """A view queries this many times the stretch that it shows. Rerun 0.41 draws with the last frame's axis,
@@ -96,7 +96,7 @@ def figure_views(shown: Layout) -> list[rrb.TimeSeriesView]:
     for channel, unit in shown.units.items():
         drawn = [paths.derived(series.name) for series in _series(shown, channel)]
         if drawn:
-            title = f"{channel}, each cycle [{unit or '-'}]"
+            title = f"{channel}, each cycle [{in_plot(unit)}]"
             traces = [f"+ {path}" for path in drawn]
             views.append(over_time("/", title, shown.window_s, not views, traces))
     return views

@@ -56,7 +56,7 @@ class BeamPicture:
     def views(self, shown: Layout) -> OwnViews:
         """The beam, and where its contact forces are among the channels, their impacts."""
         eye = looking(self.length_m, (0.42, -0.95, 0.3), (0.52, 0.0, 0.0))
-        name = f"Predicted beam, stops ±{1000 * self.clearance_m:.3f} mm, drawn {self.magnification:.0f} x"
+        name = f"Predicted beam, {self.magnification:.0f} x"
         view = rrb.Spatial3DView(origin=paths.BEAM, name=name, line_grid=False, eye_controls=eye)
         beam: tuple[rrb.View, float] = (view, 3.0)
         if not any(side in shown.units for side in _SIDES):

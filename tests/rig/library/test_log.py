@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
+from base64 import b64decode
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
 from tests.daq.formats import runs
 from tests.daq.log.logs import write_ramp
-from tests.rig.synthetic_run import write_log
+from tests.rig.synthetic_run import START_NS, write_log
 
 
 @pytest.fixture
@@ -213,6 +214,15 @@ def test_a_figure_has_measured_over_predicted_and_units(tmp_path: Path) -> None:
     assert max(len(trace.x) for trace in figure.data) <= 4001
     assert len(log.plot().data) == 10
     assert len(log["yoke.force"].plot().data) == 1
+    assert log["base.acceleration"].plot().layout.yaxis.title.text == "m/s²"
+    with LogWriter(tmp_path / "turning.mcap") as turning:
+        turning.declare("derived", Channel("crank.speed", "rad/s"))
+        turns = np.full(9, 2 * np.pi, np.float32)
+        turning.add_block("derived", SampleBlock("crank.speed", 0, START_NS, 50.0, turns), START_NS)
+    speed = rattle.open(tmp_path / "turning.mcap").plot()
+    assert speed.layout.yaxis.title.text == "rpm"
+    packed = speed.data[0].y
+    assert np.frombuffer(b64decode(packed["bdata"]), packed["dtype"]) == pytest.approx(60.0)
     with pytest.raises(rattle.RattleError, match=r"did you mean yoke\.force"):
         log.plot("yoke.forc")
 

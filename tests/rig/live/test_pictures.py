@@ -9,8 +9,9 @@ from math import pi
 import numpy as np
 import pytest
 
+from daq.channel import Channel
 from rig.files.scenario import parse_scenario
-from rig.live.blueprint import channel_view
+from rig.live.blueprint import blueprint, channel_view
 from rig.live.crank_picture import CrankPicture
 from rig.live.picture import layout_of, picture_of
 from rig.live.rigs.impact_beam import BeamPicture
@@ -56,6 +57,18 @@ def test_beside_a_nominal_twin_the_prediction_is_called_repaired() -> None:
     alone, both = layout_of("run", CHANNELS, CHANNELS), layout_of("run", CHANNELS, CHANNELS, nominal=CHANNELS)
     assert [layout.whose("predicted") for layout in (alone, both)] == ["predicted", "repaired"]
     assert list(both.origins) == ["measured", "nominal", "predicted"]  # drawn in this order, the last on top
+
+
+@pytest.mark.parametrize("count", [16, 64])
+def test_a_page_of_reruns_holds_what_can_be_told_apart(count: int) -> None:
+    channels = [Channel(f"beam.acceleration_{number:02d}", "m/s2") for number in range(count)]
+    upright, _ = blueprint(layout_of("run", channels, channels, None)).root_container.contents
+    traces, spectra = upright.contents
+    for each, unit in ((traces, "m/s²"), (spectra, "(m/s²)²/Hz")):
+        views = [view for page in each.contents for view in page.contents]
+        assert [view.name for view in views] == [f"{channel.name} [{unit}]" for channel in channels]
+        assert max(len(page.contents) for page in each.contents) <= 12
+        assert {page.grid_columns for page in each.contents} == {3}
 
 
 def test_a_surrogate_is_drawn_in_the_view_of_its_channel() -> None:
