@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daq.errors import SimulationFailed
@@ -17,9 +18,10 @@ from rig.reproduce.beam_runs import beam
 from rig.reproduce.figure import Effort, Outcome, Statement, Verdict
 from rig.reproduce.figures import ibs_rigid
 from rig.reproduce.page import FIGURES, Reproduced, compute, compute_all
-from rig.surrogates.recordings import PAPER, QUICK_SECONDS
+from rig.surrogates.recordings import PAPER, QUICK_SECONDS, Setting
+from sim_twin.rigs.planar_slider_crank.channels import ANGLE
 from tests.rig.browser import browser_page, needs_chromium
-from tests.rig.surrogates.crank_logs import write_recordings
+from tests.rig.surrogates.crank_logs import shown, write_recordings
 
 # On a cold cache every kernel of three rigs is compiled first.
 pytestmark = pytest.mark.timeout(400)
@@ -114,6 +116,22 @@ def test_a_crank_that_can_be_learnt_is_learnt(quick_figures: list[Reproduced], n
     subject = "variance of the test points that the GRNN explains"
     # six widths are tried, a factor of four apart; of the smallest channel noise is 0.5 %
     assert statement(quick_figures, f"psc-{number}", subject).ours > 90
+
+
+def scatter(setting: Setting, seconds: float) -> dict[str, np.ndarray]:
+    """A frame of which no point tells anything of the next."""
+    rows, random = shown(setting, seconds), np.random.default_rng(0)
+    return {name: row if name == ANGLE else random.normal(size=len(row)) for name, row in rows.items()}
+
+
+@pytest.mark.parametrize(("show", "least", "most"), [(shown, 0, 15), (scatter, 15, 1000)])
+def test_how_wide_a_grnn_is_follows_from_the_recordings(show, least: int, most: int, tmp_path: Path) -> None:
+    settings = [each for each in PAPER if (each.clearance_1, each.clearance_2) == (1, 1)]
+    write_recordings(tmp_path, settings, QUICK_SECONDS, show)
+    outcome = compute("psc-5", replace(QUICK, recordings=tmp_path))
+    remark = outcome.statements[0].remark
+    points = float(remark.removeprefix("Width by cross-validation: ").split()[0])
+    assert least < points < most, remark
 
 
 @pytest.mark.parametrize(

@@ -61,10 +61,15 @@ def write_log(
     return path
 
 
-def write_recordings(folder: Path, settings: Iterable[Setting], seconds: float) -> list[Path]:
+def write_recordings(
+    folder: Path,
+    settings: Iterable[Setting],
+    seconds: float,
+    show: Callable[[Setting, float], dict[str, np.ndarray]] = shown,
+) -> list[Path]:
     """As the emulated bench would have left them."""
     paths = []
     for each in settings:
         (folder / each.name).mkdir(parents=True)
-        paths.append(write_log(folder / each.name / "run.mcap", each, seconds))
+        paths.append(write_log(folder / each.name / "run.mcap", each, seconds, show=show))
     return paths
