@@ -416,6 +416,7 @@ def test_each_angle_tells_how_far_it_lies_from_where_it_is_predicted(run: RunRec
     channels = {**run.channels, "encoder.angle": crank_run.ENCODER}
     traces = {("measured", "encoder.angle"): seen, ("predicted", "encoder.angle"): twin}
     both = replace(run, channels=channels, traces={**run.traces, **traces})  # type: ignore[dict-item]
-    rows = next(part for part in speed_parts(both) if isinstance(part, Table) and part.caption == "Angles").rows
+    tables = [part for part in speed_parts(both) if isinstance(part, Table)]
+    (rows,) = (each.rows for each in tables if each.caption == "Angles")
     assert [row[0] for row in rows] == ["crank.angle", "encoder.angle"]
     assert rows[1][1:] == ["-0.60°", "0.00°"]
