@@ -156,14 +156,13 @@ def _table(shown: list[Shown]) -> Table:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for head in ("channel", "input", "level", "noise", "mains", "drift", ""):
-        table.add_column(head, overflow="fold")
+    for head in ("channel", "level", "noise", "mains", "drift", ""):
+        table.add_column(head, overflow="fold", no_wrap=head in ("channel", "level", "noise", "drift"))
     for each in shown:
-        words = each.words
+        words, says = each.words, each.state or each.sheet
         told = (words[key] for key in ("level", "noise", "mains", "drift"))
-        table.add_row(
-            each.name, each.physical, *told, each.state or each.sheet, style="red" if each.state else ""
-        )
+        where = ", ".join(filter(None, (each.physical, says)))
+        table.add_row(each.name, *told, where, style="red" if each.state else "")
     return table
 
 

@@ -88,8 +88,9 @@ def _put(lines: list[str], change: Change) -> None:
                 return
         last = max(at for at in range(begin, end) if lines[at].split("#")[0].strip())
         indent = re.match(r"\s*", lines[last])
-        lines[last] = lines[last].rstrip("\r\n") + "\n"
-        lines.insert(last + 1, f"{indent[0] if indent else ''}{line}\n")
+        ends = "\r\n" if lines[last].endswith("\r\n") else "\n"
+        lines[last] = lines[last].rstrip("\r\n") + ends
+        lines.insert(last + 1, f"{indent[0] if indent else ''}{line}{ends}")
         return
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock, sample_time_ns, values_of
+from daq.block import NS_PER_S, Flag, SampleBlock, sample_time_ns, values_of
 from daq.channel import Channel
 from daq.errors import ConfigurationError, RattleError
 from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
@@ -113,10 +113,14 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One channel of one origin: samples from index 0 on, shape (n,), NaN where missing."""
+    """One channel of one origin: samples from index 0 on, shape (n,), NaN where missing.
+
+    That one lies `begins_s` after sample 0 of the card, where it is of an instrument beside it.
+    """
 
     values: NDArray[np.float32]
     sample_rate: float
+    begins_s: float = 0.0
 
     def window(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Times in s since sample 0 and samples between two times, both of shape (m,)."""
@@ -287,6 +291,7 @@ class RunCollector:
 
     def record(self) -> RunRecord:
         reader, measured = self._reader, self._declared["measured"]
+        begins_ns = self._begins_ns or 0
         return RunRecord(
             path=reader.path,
             complete=reader.complete,
@@ -295,13 +300,17 @@ class RunCollector:
             scenario=reader.scenario,
             metadata=reader.metadata | self._settled,
             channels=measured | self._declared["predicted"] | measured,  # the measured first, and as they are
-            traces={key: _joined(kept.blocks) for key, kept in self._blocks.items() if kept.blocks},
+            traces={
+                key: _joined(each.blocks, begins_ns) for key, each in self._blocks.items() if each.blocks
+            },
             tallies=dict(self._tallies),
             events=reader.events(),
             gaps=reader.gaps(),
             until_stop_s=reader.until_stop_s,
             impacts=list(self._impacts),
-            speeds={origin: _joined(kept.blocks) for origin, kept in self._speeds.items() if kept.blocks},
+            speeds={
+                key: _joined(each.blocks, begins_ns) for key, each in self._speeds.items() if each.blocks
+            },
             begins_ns=self._begins_ns,
         )
 
@@ -346,9 +355,10 @@ def _keep(kept: _Kept, block: SampleBlock, limit: int) -> None:
         kept.samples += len(block)
 
 
-def _joined(blocks: list[SampleBlock]) -> Trace:
-    end = max(block.end_sample for block in blocks)
-    return Trace(values_of(blocks, 0, end, np.float32), blocks[0].sample_rate)
+def _joined(blocks: list[SampleBlock], begins_ns: int) -> Trace:
+    end, first = max(block.end_sample for block in blocks), blocks[0]
+    zero_ns = sample_time_ns(first.time_ns, -first.first_sample, first.sample_rate)
+    return Trace(values_of(blocks, 0, end, np.float32), first.sample_rate, (zero_ns - begins_ns) / NS_PER_S)
 
 
 @dataclass(frozen=True, slots=True)

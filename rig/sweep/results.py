@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import nan
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from daq.log.writer import write_whole
 from rig.files.scenario import Scenario
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import Axis, numbers_of
-from rig.live.view import Swept
 from rig.pages.content import Link, Part, Sentence, Table, page
 from rig.pages.plots import BLUE, FROM_ZERO, ORANGE, Plots, Style
 from rig.pages.words import as_written, spread
@@ -28,6 +27,9 @@ from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
 from rig.session.frequency import OFF, UNKNOWN, FrequencyCheck
 from rig.sweep.state import PointState, SweepState
+
+if TYPE_CHECKING:
+    from rig.live.view import Swept
 
 TABLE: Final = "points.csv"
 
@@ -181,6 +183,8 @@ def headings_of(sweep: Sweep) -> list[str]:
 
 def swept_so_far(sweep: Sweep, state: SweepState, point: Point) -> Swept | None:
     """What the points with the same other settings as this one came to; None where there is none yet."""
+    from rig.live.view import Swept  # what nobody watches need not load Rerun
+
     swept, numbers, unit = _swept_axis(sweep)
     others = [axis.key for axis in sweep.axes if axis is not swept]
     row = [each for each in sweep.points if all(each.settings[key] == point.settings[key] for key in others)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +11,13 @@ import pytest
 
 from daq.channel import Channel
 from daq.errors import ConfigurationError
-from rig.app import check_names
+from rig.app import check_names, sensing
+from rig.files.bench import parse_bench
+from rig.files.scenario import load_scenario
+from rig.instruments import Instrument
+from rig.rigs import RIGS
+from tests.end_to_end.files import SCENARIOS
+from tests.rig.session.fakes import silent_screen
 
 
 def test_two_instruments_do_not_record_one_name() -> None:
@@ -19,3 +27,44 @@ def test_two_instruments_do_not_record_one_name() -> None:
         check_names(devices, "bench.toml")
     devices.logged = (Channel("room.damp", "V"),)
     check_names(devices, "bench.toml")
+
+
+REAL: dict[str, tuple[str, str]] = {
+    "signal_generator": (
+        "impact_beam",
+        'resource = "TCPIP::127.0.0.1::1::SOCKET"\nforce_per_volt = "3 N/V"\nmaximum_amplitude = "9 N"\n',
+    ),
+    "inverter": (
+        "planar_slider_crank",
+        'port = "socket://127.0.0.1:1"\nrpm_per_hz = 5.0\nmaximum_speed = "300 rpm"\n',
+    ),
+    "dc_supply": (
+        "spatial_slider_crank",
+        'resource = "TCPIP::127.0.0.1::1::SOCKET"\nrpm_per_volt = 5.0\nmaximum_speed = "300 rpm"\n'
+        'maximum_current = "3 A"\n',
+    ),
+    "manual_motor": ("planar_slider_crank", 'driver = "manual"\nmaximum_speed = "300 rpm"\n'),
+    "manual_shaker": ("impact_beam", 'driver = "manual"\nmaximum_amplitude = "9 N"\n'),
+}
+
+
+@pytest.mark.parametrize("table", REAL)
+def test_what_measures_is_made_and_what_moves_the_rig_is_not(
+    table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, settings = REAL[table]
+    card = RIGS[rig].bench[RIGS[rig].bench.index("[daq_card]") :]
+    card = card.replace("emulated = true", 'grpc = "127.0.0.1:1"').replace("_until = 2036", "_until = 2096")
+    bus = '[encoder]\ninterface = "socketcand"\nhost = "127.0.0.1"\nport = 1\nchannel = "can0"\nnode = 7\n'
+    text = f"[{table}]\n{settings}{card}\n{bus if RIGS[rig].extras else ''}"
+    bench = parse_bench(text, "bench", tmp_path, rig)
+    made = list[str]()
+
+    def noted(instrument: Instrument, settings: Any) -> Any:
+        return lambda settings: made.append(instrument.word)
+
+    monkeypatch.setattr(Instrument, "driver_of", noted)
+    scenario = load_scenario(SCENARIOS / f"{rig}.toml")
+    with ExitStack() as stack:
+        sensing(scenario, bench, stack, silent_screen())
+    assert made == ["card", "encoder"][: 1 + bool(RIGS[rig].extras)]

@@ -6,11 +6,13 @@ from math import isfinite, nan
 
 import numpy as np
 
+from rig.derived.settings import role_of
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots, points_each
 from rig.pages.words import DASH, difference, number
 from rig.report.crank_figures import counted_by, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Trace
+from sim_twin.rigs.channel_table import Role
 
 _ROW_PX = 240
 _LEAST_BAND = 0.01
@@ -60,7 +62,27 @@ def parts(run: RunRecord) -> list[Part]:
         *together,
         Table(headings, rows, "Speed of the crank"),
         _figure(run, found),
+        *_angles(run),
     ]
+
+
+def _angles(run: RunRecord) -> list[Part]:
+    """How far each encoder lies from where it is predicted."""
+    rows = []
+    for name in run.channels:
+        seen, twin = (run.traces.get((origin, name)) for origin in ("measured", "predicted"))
+        if role_of(name) is not Role.ANGLE or seen is None or twin is None:
+            continue
+        after_s = np.arange(len(seen.values)) / seen.sample_rate + seen.begins_s - twin.begins_s
+        turned = np.interp(
+            after_s, np.arange(len(twin.values)) / twin.sample_rate, twin.values.astype(np.float64), nan, nan
+        )
+        apart = np.exp(1j * (seen.values - turned))[np.isfinite(turned) & np.isfinite(seen.values)]
+        if len(apart):
+            mean = np.angle(apart.mean())
+            spread = float(np.degrees(np.std(np.angle(apart * np.exp(-1j * mean)))))
+            rows.append([name, f"{np.degrees(mean):+.2f}°", f"{spread:.2f}°"])
+    return [Table(("channel", "measured less predicted", "scatter"), rows, "Angles")] if rows else []
 
 
 def _ripple(value: float, unit: str) -> str:

@@ -405,3 +405,18 @@ def test_every_plot_holds_both(run: RunRecord, spatial: RunRecord, tmp_path: Pat
             assert {"measured", "predicted"} <= names, plot
         assert complaints == []
         assert fetched == [html.as_uri()]
+
+
+def test_each_angle_tells_how_far_it_lies_from_where_it_is_predicted(run: RunRecord) -> None:
+    """An encoder beside the card, 0.5 ms late, whose first position comes 0.7 ms after the card's first."""
+    angle = tau * 200.0 / 60.0
+    at_s = np.arange(6000) / 1000.0 + 0.7e-3
+    seen = Trace((angle * (at_s - 0.5e-3)).astype(np.float32), 1000.0, 0.7e-3)
+    twin = Trace((angle * np.arange(6 * RATE) / RATE + tau).astype(np.float32), RATE)
+    channels = {**run.channels, "encoder.angle": crank_run.ENCODER}
+    traces = {("measured", "encoder.angle"): seen, ("predicted", "encoder.angle"): twin}
+    both = replace(run, channels=channels, traces={**run.traces, **traces})  # type: ignore[dict-item]
+    tables = [part for part in speed_parts(both) if isinstance(part, Table)]
+    (rows,) = (each.rows for each in tables if each.caption == "Angles")
+    assert [row[0] for row in rows] == ["crank.angle", "encoder.angle"]
+    assert rows[1][1:] == ["-0.60°", "0.00°"]
