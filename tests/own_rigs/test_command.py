@@ -83,7 +83,8 @@ def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path)
     assert [each["name"] for each in effects] == ["drag"]
     with browser_page() as page:
         page.goto((folder / "answer" / "report.html").as_uri())
-        page.wait_for_selector("#curves .plot-container")
+        page.wait_for_function("[...document.querySelectorAll('.plot')].every(plot => plot.calcdata)")
+        assert page.locator(".plot").count() == 2  # the numbers, and where the gap lies
         text = page.inner_text("body")
     assert "comes from drag at the air" in text
     assert f"rattle diagnose --subject {rig} {drops}" in text
