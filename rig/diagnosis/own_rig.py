@@ -93,14 +93,14 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
                 shown = Simulated(subject, workers().executor, began + _NO_DEADLINE, bar)
                 each = [diagnose(subject, measured, effort, shown, seed) for seed in seeds]
             widths = {}
-            if isinstance(subject, Widening):
-                for times in _WIDTHS:
-                    with screen.bar(
-                        f"with healthy rigs {times:g} times as wide", effort.motions, "rigs"
-                    ) as bar:
-                        other = subject.wider(times)
-                        shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
-                        widths[times] = diagnose(other, measured, effort, shown, request.seed)
+            others = (
+                {times: subject.wider(times) for times in _WIDTHS} if isinstance(subject, Widening) else {}
+            )
+            for times, other in others.items():
+                told = f"with healthy rigs {times:g} times as wide"
+                with screen.bar(told, effort.motions, "rigs") as bar:
+                    shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
+                    widths[times] = diagnose(other, measured, effort, shown, request.seed)
     except RattleError:
         raise
     except Exception as error:  # whatever a simulator raises
@@ -141,19 +141,13 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
 def _tell(name: str, checked: Check, screen: Screen) -> None:
     """What the check found; raises RattleError where no answer could be believed."""
     if checked.faults:
-        raise RattleError(
-            "\n".join(
-                [
-                    f"{name} cannot be believed, nothing was diagnosed:",
-                    *(f"  {each}" for each in checked.faults),
-                ]
-            )
-        )
+        told = "".join(f"\n  {each}" for each in checked.faults)
+        raise RattleError(f"{name} cannot be believed, nothing was diagnosed:{told}")
     for remark in checked.remarks:
         screen.warn(remark)
-    right, of = (sum(each[k] for each in checked.found_again.values()) for k in range(2))
+    right, of, _ = zip(*checked.found_again.values(), strict=True)
     screen.say(
-        f"{right} of {of} simulated rigs, most with a cause hidden, were at once taken for what they are"
+        f"{sum(right)} of {sum(of)} simulated rigs, most with a cause hidden, were taken for what they are"
     )
 
 
@@ -194,7 +188,7 @@ def _read(request: OwnRequest) -> tuple[Subject, Blocks]:
         raise _failed(request.subject, error) from error
 
 
-def _failed(name: str, error: Exception) -> RattleError:
+def _failed(name: str, error: BaseException) -> RattleError:
     """In words, with the last place in the user's own file where there is one."""
     frames = [
         each
@@ -234,9 +228,7 @@ def _loaded(path: Path) -> object:
     try:
         module = import_module(path.stem)
     except (Exception, SystemExit) as error:  # it may do anything as it is imported
-        raise _failed(
-            str(path), error if isinstance(error, Exception) else RuntimeError("it ends")
-        ) from error
+        raise _failed(str(path), error) from error
     if Path(str(module.__file__)).resolve() != path.resolve():
         raise RattleError(f"{path}: another module has its name ({module.__file__}); give it another one")
     return getattr(module, "SUBJECT", module)
@@ -266,11 +258,8 @@ def _of_log(path: Path) -> Columns:
     with LogReader(path) as log:
         table = log.table("measured")
     first, *others = table.values()
-    if any(
-        (each.sample_rate, each.first_sample, len(each.values))
-        != (first.sample_rate, first.first_sample, len(first.values))
-        for each in others
-    ):
+    side = (first.sample_rate, first.first_sample, first.end_sample)
+    if any((each.sample_rate, each.first_sample, each.end_sample) != side for each in others):
         raise LogError(
             f"{path}: its channels are not side by side; rattle export --to csv makes tables of them"
         )
