@@ -25,6 +25,7 @@ from rig.diagnosis.diagnose_runs import write_report
 from rig.diagnosis.document import document, effects_file, provenance, write_json
 from rig.diagnosis.report import causes, gap_map, own_rig, verdict
 from rig.diagnosis.report.case import Case, RunFacts
+from rig.diagnosis.report.verdict import LEFT_OPEN
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.out_folder import check_out
 from rig.pages.content import Section
@@ -106,7 +107,7 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     except Exception as error:  # whatever a simulator raises
         raise _failed(request.subject, error) from error
     findings = pooled(each)
-    remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings)]
+    remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings), *_left(findings)]
     for remark in remarks[len(checked.remarks) :]:
         screen.warn(remark)
     asked = {"subject": request.subject, "seeds": len(seeds), "rigs": rigs}
@@ -169,6 +170,15 @@ def _widths(widths: Mapping[float, Findings], findings: Findings) -> list[str]:
         for times, one in widths.items()
         if _said(one) != usual
     ]
+
+
+def _left(findings: Findings) -> list[str]:
+    """A remark where what was named does not close the gap."""
+    after = findings.gap.after
+    if not findings.names or after is None or after < LEFT_OPEN:
+        return []
+    names = " and ".join(findings.names)
+    return [f"a gap of {after:.2g} is left: more is missing than {names}, whose sizes are then wrong"]
 
 
 def _said(findings: Findings) -> str:
