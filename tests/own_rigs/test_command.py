@@ -116,7 +116,7 @@ WRONG = {
     "is none": ("X = 1", "has neither a SUBJECT nor a function `measured`"),
     "tables": (CODE.replace('number("drag"', 'number("drg"'), r"line \d+: ValueError: drag sets drg; the"),
     "simulate": (CODE.replace("p.drag *", "p.drga *"), r"no attribute 'drga' \(my_ball.py, line \d+\)"),
-    "channel": (CODE.replace('{"height": np', '{"heights": np'), "simulate gives no height; it gives heights"),
+    "channel": (CODE.replace('{"height": np', '{"heights": np'), "simulate gives no height; it gives"),
     "column": (CODE.replace('block="drop"', 'block="dorp"'), "no column dorp; there are drop, time, height"),
 }  # fmt: skip
 
