@@ -181,6 +181,8 @@ class Simulator:
             given = self.given[order[k % len(order)]]
             p = SimpleNamespace(**{**numbers, **_drawn(self.start, rng), **effects})
             seen = {name: np.asarray(values, np.float64) for name, values in self.simulate(p, given).items()}
+            if absent := self.channels.keys() - seen.keys():
+                raise ValueError(f"simulate gives no {', '.join(absent)}; it gives {', '.join(seen)}")
             for name in self.channels:
                 noise = self.noise.get(name, 0.0) * rng.standard_normal(seen[name].shape)
                 seen[name] = seen[name] + noise

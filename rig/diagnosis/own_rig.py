@@ -25,6 +25,7 @@ from rig.diagnosis.diagnose_runs import write_report
 from rig.diagnosis.document import document, effects_file, provenance, write_json
 from rig.diagnosis.report import causes, gap_map, own_rig, verdict
 from rig.diagnosis.report.case import Case, RunFacts
+from rig.diagnosis.report.verdict import LEFT_OPEN
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.out_folder import check_out
 from rig.pages.content import Section
@@ -93,20 +94,20 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
                 shown = Simulated(subject, workers().executor, began + _NO_DEADLINE, bar)
                 each = [diagnose(subject, measured, effort, shown, seed) for seed in seeds]
             widths = {}
-            if isinstance(subject, Widening):
-                for times in _WIDTHS:
-                    with screen.bar(
-                        f"with healthy rigs {times:g} times as wide", effort.motions, "rigs"
-                    ) as bar:
-                        other = subject.wider(times)
-                        shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
-                        widths[times] = diagnose(other, measured, effort, shown, request.seed)
+            others = (
+                {times: subject.wider(times) for times in _WIDTHS} if isinstance(subject, Widening) else {}
+            )
+            for times, other in others.items():
+                told = f"with healthy rigs {times:g} times as wide"
+                with screen.bar(told, effort.motions, "rigs") as bar:
+                    shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
+                    widths[times] = diagnose(other, measured, effort, shown, request.seed)
     except RattleError:
         raise
     except Exception as error:  # whatever a simulator raises
         raise _failed(request.subject, error) from error
     findings = pooled(each)
-    remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings)]
+    remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings), *_left(findings)]
     for remark in remarks[len(checked.remarks) :]:
         screen.warn(remark)
     asked = {"subject": request.subject, "seeds": len(seeds), "rigs": rigs}
@@ -141,19 +142,13 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
 def _tell(name: str, checked: Check, screen: Screen) -> None:
     """What the check found; raises RattleError where no answer could be believed."""
     if checked.faults:
-        raise RattleError(
-            "\n".join(
-                [
-                    f"{name} cannot be believed, nothing was diagnosed:",
-                    *(f"  {each}" for each in checked.faults),
-                ]
-            )
-        )
+        told = "".join(f"\n  {each}" for each in checked.faults)
+        raise RattleError(f"{name} cannot be believed, nothing was diagnosed:{told}")
     for remark in checked.remarks:
         screen.warn(remark)
-    right, of = (sum(each[k] for each in checked.found_again.values()) for k in range(2))
+    right, of, _ = zip(*checked.found_again.values(), strict=True)
     screen.say(
-        f"{right} of {of} simulated rigs, most with a cause hidden, were at once taken for what they are"
+        f"{sum(right)} of {sum(of)} simulated rigs, most with a cause hidden, were taken for what they are"
     )
 
 
@@ -177,6 +172,15 @@ def _widths(widths: Mapping[float, Findings], findings: Findings) -> list[str]:
     ]
 
 
+def _left(findings: Findings) -> list[str]:
+    """A remark where what was named does not close the gap."""
+    after = findings.gap.after
+    if not findings.names or after is None or after < LEFT_OPEN:
+        return []
+    names = " and ".join(findings.names)
+    return [f"a gap of {after:.2g} is left: more is missing than {names}, whose sizes are then wrong"]
+
+
 def _said(findings: Findings) -> str:
     return " and ".join(findings.names) or findings.verdict
 
@@ -194,7 +198,7 @@ def _read(request: OwnRequest) -> tuple[Subject, Blocks]:
         raise _failed(request.subject, error) from error
 
 
-def _failed(name: str, error: Exception) -> RattleError:
+def _failed(name: str, error: BaseException) -> RattleError:
     """In words, with the last place in the user's own file where there is one."""
     frames = [
         each
@@ -234,9 +238,7 @@ def _loaded(path: Path) -> object:
     try:
         module = import_module(path.stem)
     except (Exception, SystemExit) as error:  # it may do anything as it is imported
-        raise _failed(
-            str(path), error if isinstance(error, Exception) else RuntimeError("it ends")
-        ) from error
+        raise _failed(str(path), error) from error
     if Path(str(module.__file__)).resolve() != path.resolve():
         raise RattleError(f"{path}: another module has its name ({module.__file__}); give it another one")
     return getattr(module, "SUBJECT", module)
@@ -266,11 +268,8 @@ def _of_log(path: Path) -> Columns:
     with LogReader(path) as log:
         table = log.table("measured")
     first, *others = table.values()
-    if any(
-        (each.sample_rate, each.first_sample, len(each.values))
-        != (first.sample_rate, first.first_sample, len(first.values))
-        for each in others
-    ):
+    side = (first.sample_rate, first.first_sample, first.end_sample)
+    if any((each.sample_rate, each.first_sample, each.end_sample) != side for each in others):
         raise LogError(
             f"{path}: its channels are not side by side; rattle export --to csv makes tables of them"
         )

@@ -33,6 +33,7 @@ _FIRST_LOOK = 0.8
 _HIDDEN = 3
 """Rigs with each cause hidden."""
 _NAMED = 4
+_OURS = __file__.rpartition("diagnosis")[0]
 _RANDOM = "the same draw gives other numbers: everything random has to come from draw.seed"
 
 
@@ -317,5 +318,10 @@ def _names(cause: Cause) -> str:
 
 
 def _where(error: BaseException) -> str:
-    place = traceback.extract_tb(error.__traceback__)[-1]
+    """The last place that is the user's own."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [
+        each for each in frames if not each.filename.startswith(_OURS) and "-packages" not in each.filename
+    ]
+    place = (own or frames)[-1]
     return f" ({place.filename.rpartition('/')[2]}, line {place.lineno})"

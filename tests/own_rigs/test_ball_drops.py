@@ -52,6 +52,7 @@ def test_blocks_are_drops_of_the_same_ball() -> None:
 
 
 @needs_measured_sets
+@pytest.mark.timeout(1200)
 def test_drag_is_found_on_at_least_six_of_eight_light_balls(answer: Answer) -> None:
     found = {name: answer(name) for name in LIGHT}
     right = [name for name, given in found.items() if len(given.selected) == 1 and set(given.alike) in RIGHT]

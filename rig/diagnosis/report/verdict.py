@@ -24,7 +24,7 @@ _UNIT = (
     "its noise and the same amount of data. It compares distributions over the cycles, never waveforms."
 )
 _SURE, _LIKELY = 0.9, 0.6
-_LEFT_OPEN = 1.5
+LEFT_OPEN = 1.5
 """A gap that is left from which on the repaired twin is not the rig."""
 
 _LEFT = (
@@ -109,7 +109,7 @@ def _shrinks(case: Case, count: int) -> str:
         f"{within} in the twin the gap falls from {floors(gap.before)} to {floors(gap.after)}, where 1.0 is "
         f"a healthy rig: {100 * gap.shrink:.0f} % of it is gone{between}."
     )
-    return told if gap.after is None or gap.after < _LEFT_OPEN else f"{told} {_LEFT}"
+    return told if gap.after is None or gap.after < LEFT_OPEN else f"{told} {_LEFT}"
 
 
 def interval(gap: Gap) -> str:
