@@ -26,13 +26,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.blind.campaigns import PointOfRun
 from benchmarks.blind.catalogue import BEAM, CRANK
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y
 from benchmarks.blind.engines import engine_of
 from benchmarks.blind.intervals import wilson
 from benchmarks.blind.logs import write_log
-from benchmarks.blind.operating_points import beam_points, crank_points, scenario_text
+from benchmarks.blind.operating_points import PointOfRun, beam_points, crank_points, scenario_text
 from rig.diagnosis.identify import wide_of
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario

@@ -101,9 +101,9 @@ def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> 
     before = runs[0].scenario.widths
     known = RIGS[rig].tolerances(runs[0].scenario.model)
     lines = [
-        "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard deviations;",
-        "# for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide as all together:",
-        f"# {spread.common:.2f} times as wide as usual.",
+        "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard",
+        "# deviations; for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide",
+        f"# as all together, {spread.common:.2f} times as wide as usual.",
         *head_text(rig, names, list(dict.fromkeys(run.scenario.name for run in runs))),
         "",
         "[tolerances]",

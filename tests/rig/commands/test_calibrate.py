@@ -45,14 +45,14 @@ def record(path: Path, seed: int) -> Path:
     stream = model.stream(healthy, RATE, rng)
     stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
     stream.advance(round(RATE))
-    _write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)))
+    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)))
     return path
 
 
-def _write(path: Path, channels: tuple[Channel, ...], samples: np.ndarray) -> None:
+def write(path: Path, channels: tuple[Channel, ...], samples: np.ndarray, scenario: str = SCENARIO) -> None:
     step = round(0.1 * RATE)
     with LogWriter(path) as log:
-        log.add_metadata("scenario", {"toml": SCENARIO})
+        log.add_metadata("scenario", {"toml": scenario})
         for channel in channels:
             log.declare("measured", channel)
         for first in range(0, samples.shape[1], step):
