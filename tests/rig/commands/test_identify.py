@@ -53,9 +53,7 @@ def record(path: Path, seed: int, scenario: str = SCENARIO, **values: float) -> 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(
-        tmp_path_factory.mktemp("run") / "run.mcap", 3, contact_stiffness=2.4e7, yoke_frequency=600.0
-    )
+    return record(tmp_path_factory.mktemp("run") / "run.mcap", 3, **TRUTH)
 
 
 @pytest.mark.long
@@ -104,7 +102,8 @@ def test_what_cannot_be_looked_for_is_told_first(
 
 
 def test_a_rig_that_hardly_strikes_is_refused(call: Call, tmp_path: Path) -> None:
-    scenario = SCENARIO.replace('frequency = "20 Hz"', 'frequency = "20 Hz"\namplitude = "10 mN"')
+    wide = SCENARIO.replace('frequency = "20 Hz"', 'frequency = "20 Hz"\namplitude = "0.2 N"')
+    scenario = f'{wide}\n[model]\nclearance = "10 mm"\n'
     quiet = record(tmp_path / "quiet.mcap", 1, scenario)
     answer = call("identify", quiet, "--free", "contact_stiffness", "-o", tmp_path / "model.toml")
     assert answer.code == 1
