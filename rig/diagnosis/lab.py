@@ -14,6 +14,7 @@ import numpy as np
 from daq.errors import ConfigurationError, Problem
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.faults import toml_key
 from rig.files.model_file import head_text, parse_model
 from rig.rigs import RIGS
 from rig.session.progress import Screen
@@ -110,9 +111,10 @@ def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> 
     ]
     for name, width in zip(spread.names, spread.widths, strict=True):
         usual = known[name]
-        key = json.dumps(name) if "." in name else name
         deviation = width * before.get(name, 1.0) * usual.deviation
-        lines.append(f"{key} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}")
+        lines.append(
+            f"{toml_key(name)} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}"
+        )
     text = "\n".join([*lines, ""])
     parse_model(text, "model", rig)
     return text

@@ -37,15 +37,15 @@ duration = "1.2 s"
 """
 
 
-def record(path: Path, seed: int) -> Path:
-    """A run of a healthy rig by the exact solver."""
-    twin = twin_of(parse_scenario(SCENARIO))
+def record(path: Path, seed: int, scenario: str = SCENARIO, told: str = SCENARIO) -> Path:
+    """A run of a healthy rig of a scenario by the exact solver; the log holds what was `told` of it."""
+    twin = twin_of(parse_scenario(scenario))
     model, rng = twin.model, np.random.default_rng(seed)
     healthy = model.draw_healthy(twin, rng, rng)
     stream = model.stream(healthy, RATE, rng)
     stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
     stream.advance(round(RATE))
-    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)))
+    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)), told)
     return path
 
 
