@@ -228,7 +228,7 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int) -> None:
         (path,) = recorded_runs(folder / f"rig{number:02d}", rig, point, 8000 + number, wider=WIDER)
         plain, known = recorded_alone(path, LONGEST_S), load_model(lab, rig)
         campaign = campaign_with_model(plain.campaign, known, [plain.scenario], print)
-        found = {"rig": rig}
+        found: dict[str, Any] = {"rig": rig}
         for name, run, text in (("usual", plain, ""), ("own", replace(plain, campaign=campaign), known.text)):
             band = band_of(run, text, HEALTHY, screen)
             if band is None:
