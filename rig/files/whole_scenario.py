@@ -53,7 +53,7 @@ def whole_scenario(kind: RigKind) -> str:
     lines += ["", _TOLERANCES]
     for name, each in kind.tolerances({}).items():
         size = f"{100 * each.deviation:g} %" if each.relative else f"{each.deviation:g} {each.unit}".strip()
-        lines.append(f"# {toml_key(name)} = {as_written(size) if each.relative or each.unit else size}")
+        lines.append(f"#   {toml_key(name)} = {as_written(size) if each.relative or each.unit else size}")
     return "\n".join([*lines, "", _LIMITS.format(channel=told[0], channels=", ".join(told))])
 
 
