@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import time
@@ -142,11 +143,17 @@ def drawn_values(rig: str, point: PointOfRun, rng: np.random.Generator) -> dict[
     return values
 
 
-def rattle(*arguments: object) -> tuple[int, str]:
-    """Exit code and what a command said, as a user calls it."""
-    command = [sys.executable, "-m", "rig.start", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own
-    return done.returncode, done.stdout + done.stderr
+def rattle(said: Path, *arguments: object) -> tuple[int, str]:
+    """Exit code and what a command said, as a user calls it; the file `said` holds it as it comes."""
+    command = [sys.executable, "-u", "-m", "rig.start", *map(str, arguments)]
+    with said.open("w") as file:
+        done = subprocess.run(command, stdout=file, stderr=subprocess.STDOUT, check=False)  # noqa: S603 - our own
+    return done.returncode, said.read_text()
+
+
+def _children_s() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
 
 
 def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
@@ -158,12 +165,13 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
     points = points_of(rig, RUNS, rng)
     values = drawn_values(rig, points[0], rng)
     paths = recorded_runs(folder, rig, points, 1000 * seed + number, partial(BUILT[rig], values))
-    model, began = folder / "model.toml", time.monotonic()
-    before = time.process_time()
+    model, began, cpu_s = folder / "model.toml", time.monotonic(), _children_s()
     free = ",".join(FREE[rig])
-    code, told = rattle("identify", *paths, "--free", free, "-o", model, "--budget", BUDGET_S)
+    code, told = rattle(
+        folder / "identify.txt", "identify", *paths, "--free", free, "-o", model, "--budget", BUDGET_S
+    )
     found: dict[str, Any] = {"rig": rig, "truth": values, "code": code, "told": told[-2000:]}
-    found |= {"wall_s": time.monotonic() - began, "own_cpu_s": time.process_time() - before}
+    found |= {"wall_s": time.monotonic() - began, "cpu_s": _children_s() - cpu_s}
     if code == 0:
         known = load_model(model, rig)
         found["identified"] = {
@@ -171,7 +179,7 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
             for key, each in known.identified.items()
         }
         for name, more in (("gap", ("--model", model)), ("gap_before", ())):
-            code, told = rattle("gap", *paths, *more, "--json")
+            code, told = rattle(folder / f"{name}.txt", "gap", *paths, *more, "--json")
             found[name] = json.loads(told[told.index("{") :])["before"] if code == 0 else None
     result.write_text(json.dumps(found, indent=1))
     print(f"{folder.name}: exit code {found['code']}, {found['wall_s']:.0f} s", flush=True)
@@ -193,7 +201,9 @@ def diagnose_effect(folder: Path, rig: str, number: int, seed: int, budget_s: fl
         logs = folder / name
         paths = recorded_runs(logs, rig, points, 1000 * seed + number, built, (entry,))
         out = logs / "answer"
-        code, told = rattle("diagnose", *paths, *more, "--out", out, "--budget", budget_s)
+        code, told = rattle(
+            logs / "diagnose.txt", "diagnose", *paths, *more, "--out", out, "--budget", budget_s
+        )
         first = None
         if code == 0:
             answer = answer_of(json.loads((out / "diagnosis.json").read_text()))
@@ -217,7 +227,7 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int) -> None:
     ]
     lab, screen = folder / "lab.toml", Screen(Terminal(stderr=True))
     if not lab.exists():
-        code, told = rattle("calibrate", "--spread", *learn, "-o", lab)
+        code, told = rattle(folder / "calibrate.txt", "calibrate", "--spread", *learn, "-o", lab)
         if code:
             raise SystemExit(told)
         print(told, flush=True)
@@ -276,7 +286,8 @@ def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> None:
     if gaps:
         before = np.median([each["gap_before"] for each in done if each["gap_before"] is not None])
         print(f"  gap before {before:.2f}, after {np.median(gaps):.2f}, largest {max(gaps):.2f}")
-        print(f"  seconds: median {np.median([each['wall_s'] for each in done]):.0f}")
+        wall_s, cpu_s = (np.median([each[what] for each in done]) for what in ("wall_s", "cpu_s"))
+        print(f"  seconds, medians: {wall_s:.0f} of wall time, {cpu_s:.0f} of processors")
 
 
 def main(arguments: list[str] | None = None) -> int:

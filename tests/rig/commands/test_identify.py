@@ -20,6 +20,7 @@ from rig.files.table import NOTHING, FieldError
 from rig.rigs import RIGS
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.diagnosis import identification
 from sim_twin.diagnosis.identification import nothing_known
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
@@ -57,7 +58,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.long
-def test_values_far_off_are_found_and_used(call: Call, run: Path, tmp_path: Path) -> None:
+def test_values_far_off_are_found_and_used(
+    call: Call, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identification, "_FEWEST_OF_ALL", 60)  # two values need fewer rigs than ten
     other = record(tmp_path / "again.mcap", 5, values=TRUTH)
     path = tmp_path / "model.toml"
     keys = "contact_stiffness, yoke_frequency = 400 Hz..1 kHz"
