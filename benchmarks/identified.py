@@ -15,28 +15,34 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.blind.campaigns import PointOfRun
-from benchmarks.blind.catalogue import BEAM, CRANK
+from benchmarks.blind.cases import answer_of
+from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, EffectEntry
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y
 from benchmarks.blind.engines import engine_of
 from benchmarks.blind.intervals import wilson
 from benchmarks.blind.logs import write_log
-from benchmarks.blind.operating_points import beam_points, crank_points, scenario_text
+from benchmarks.blind.operating_points import PointOfRun, beam_points, crank_points, scenario_text
+from rig.diagnosis.health import band_of
 from rig.diagnosis.identify import wide_of
+from rig.diagnosis.recordings import recorded_alone
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
+from rig.session.progress import Screen, Terminal
+from rig.twin.logged import campaign_with_model
 from rig.twin.scenario_twin import twin_of
 
 FREE: Final = {
@@ -53,6 +59,7 @@ FREE: Final = {
     ),
 }  # fmt: skip
 RUNS, BUDGET_S = 2, 3600
+LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
 FARTHEST: Final = 2.0
 """Of ten healthy deviations: farther no rig lies."""
 _FRAMES: Final = {"crank_y": CRANK_Y, "crank_x": CRANK_X, "piston_y": PISTON_Y}
@@ -99,16 +106,23 @@ def points_of(rig: str, runs: int, rng: np.random.Generator) -> tuple[PointOfRun
     return (first, *({**each, "clearance": first["clearance"]} for each in others))
 
 
-def record_truth(
-    folder: Path, rig: str, points: tuple[PointOfRun, ...], values: Mapping[str, float], seed: int
+def recorded_runs(
+    folder: Path,
+    rig: str,
+    points: Sequence[PointOfRun],
+    seed: int,
+    built: Callable[[Any], Any] = lambda rig: rig,
+    effects: Sequence[EffectEntry] = (),
+    wider: float = 1.0,
 ) -> list[Path]:
+    """Logs of runs of one rig by the truth's engine; what is recorded already stays."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"run{number + 1}.mcap" for number in range(len(points))]
     engine: Any = engine_of(rig)
     for number, (path, point) in enumerate(zip(paths, points, strict=True)):
         if path.exists():
             continue
-        recording = engine.record(point, (), seed, number, built=partial(BUILT[rig], values))
+        recording = engine.record(point, effects, seed, number, built=built, wider=wider)
         part = path.with_suffix(".part")
         part.unlink(missing_ok=True)
         write_log(part, recording, scenario_text(f"rig {seed}, run {number + 1}", point), path.stem, number)
@@ -129,11 +143,17 @@ def drawn_values(rig: str, point: PointOfRun, rng: np.random.Generator) -> dict[
     return values
 
 
-def rattle(*arguments: object) -> tuple[int, str]:
-    """Exit code and what a command said, as a user calls it."""
-    command = [sys.executable, "-m", "rig.start", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own
-    return done.returncode, done.stdout + done.stderr
+def rattle(said: Path, *arguments: object) -> tuple[int, str]:
+    """Exit code and what a command said, as a user calls it; the file `said` holds it as it comes."""
+    command = [sys.executable, "-u", "-m", "rig.start", *map(str, arguments)]
+    with said.open("w") as file:
+        done = subprocess.run(command, stdout=file, stderr=subprocess.STDOUT, check=False)  # noqa: S603 - our own
+    return done.returncode, said.read_text()
+
+
+def _children_s() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
 
 
 def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
@@ -144,13 +164,14 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
     rng = np.random.default_rng([seed, number, rig == CRANK])
     points = points_of(rig, RUNS, rng)
     values = drawn_values(rig, points[0], rng)
-    paths = record_truth(folder, rig, points, values, 1000 * seed + number)
-    model, began = folder / "model.toml", time.monotonic()
-    before = time.process_time()
+    paths = recorded_runs(folder, rig, points, 1000 * seed + number, partial(BUILT[rig], values))
+    model, began, cpu_s = folder / "model.toml", time.monotonic(), _children_s()
     free = ",".join(FREE[rig])
-    code, told = rattle("identify", *paths, "--free", free, "-o", model, "--budget", BUDGET_S)
+    code, told = rattle(
+        folder / "identify.txt", "identify", *paths, "--free", free, "-o", model, "--budget", BUDGET_S
+    )
     found: dict[str, Any] = {"rig": rig, "truth": values, "code": code, "told": told[-2000:]}
-    found |= {"wall_s": time.monotonic() - began, "own_cpu_s": time.process_time() - before}
+    found |= {"wall_s": time.monotonic() - began, "cpu_s": _children_s() - cpu_s}
     if code == 0:
         known = load_model(model, rig)
         found["identified"] = {
@@ -158,48 +179,137 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
             for key, each in known.identified.items()
         }
         for name, more in (("gap", ("--model", model)), ("gap_before", ())):
-            code, told = rattle("gap", *paths, *more, "--json")
+            code, told = rattle(folder / f"{name}.txt", "gap", *paths, *more, "--json")
             found[name] = json.loads(told[told.index("{") :])["before"] if code == 0 else None
     result.write_text(json.dumps(found, indent=1))
     print(f"{folder.name}: exit code {found['code']}, {found['wall_s']:.0f} s", flush=True)
 
 
+def diagnose_effect(folder: Path, rig: str, number: int, seed: int, budget_s: float) -> None:
+    """Hide one effect in the identified rig, and the same in a nominal one; effect.json says who named it."""
+    result, model = folder / "effect.json", folder / "model.toml"
+    if result.exists() or not model.exists():
+        return
+    truth = json.loads((folder / "result.json").read_text())["truth"]
+    rng = np.random.default_rng([seed, number, rig == CRANK, 1])
+    causes = list(CATALOGUE[rig].values())
+    entry = causes[number % len(causes)].draw(rng)
+    points = points_of(rig, RUNS, np.random.default_rng([seed, number, rig == CRANK]))
+    found: dict[str, Any] = {"rig": rig, "effect": entry}
+    own: Callable[[Any], Any] = partial(BUILT[rig], truth)
+    for name, built, more in (("identified", own, ("--model", model)), ("nominal", _as_it_is, ())):
+        logs = folder / name
+        paths = recorded_runs(logs, rig, points, 1000 * seed + number, built, (entry,))
+        out = logs / "answer"
+        code, told = rattle(
+            logs / "diagnose.txt", "diagnose", *paths, *more, "--out", out, "--budget", budget_s
+        )
+        first = None
+        if code == 0:
+            answer = answer_of(json.loads((out / "diagnosis.json").read_text()))
+            first = answer.ranking()[0][0]
+        found[name] = {"code": code, "first": first, "right": first == entry["name"], "told": told[-500:]}
+    result.write_text(json.dumps(found, indent=1))
+    print(f"{folder.name}: {entry['name']}, {[found[each]['first'] for each in ('identified', 'nominal')]}")
+
+
+def _as_it_is(rig: Any) -> Any:
+    return rig
+
+
+def judge_healthy(folder: Path, rig: str, count: int, seed: int) -> None:
+    """Rigs of tolerances twice as wide: five to learn from, and others that are judged; healthy.json."""
+    point = points_of(rig, 1, np.random.default_rng([seed, rig == CRANK, 2]))
+    learn = [
+        path
+        for number in range(LEARN)
+        for path in recorded_runs(folder / f"learn{number}", rig, point, 7000 + number, wider=WIDER)
+    ]
+    lab, screen = folder / "lab.toml", Screen(Terminal(stderr=True))
+    if not lab.exists():
+        code, told = rattle(folder / "calibrate.txt", "calibrate", "--spread", *learn, "-o", lab)
+        if code:
+            raise SystemExit(told)
+        print(told, flush=True)
+    for number in range(count):
+        result = folder / f"healthy{number:02d}.json"
+        if result.exists():
+            continue
+        (path,) = recorded_runs(folder / f"rig{number:02d}", rig, point, 8000 + number, wider=WIDER)
+        plain, known = recorded_alone(path, LONGEST_S), load_model(lab, rig)
+        campaign = campaign_with_model(plain.campaign, known, [plain.scenario], print)
+        found: dict[str, Any] = {"rig": rig}
+        for name, run, text in (("usual", plain, ""), ("own", replace(plain, campaign=campaign), known.text)):
+            band = band_of(run, text, HEALTHY, screen)
+            if band is None:
+                raise SystemExit("no healthy band")
+            found[name] = any(place.beyond for place in band.places(run.measured))
+        result.write_text(json.dumps(found))
+        print(
+            f"{result.stem}: beyond the usual band {found['usual']}, beyond the lab's {found['own']}",
+            flush=True,
+        )
+
+
 def score(folder: Path) -> None:
-    """Print how often intervals hold the truth, and how far the rigs lie from their twins afterwards."""
-    results = [json.loads(file.read_text()) for file in sorted(folder.glob("*/result.json"))]
+    """Print what the rigs' results come to."""
     for rig in (BEAM, CRANK):
-        of_rig = [each for each in results if each["rig"] == rig]
-        done = [each for each in of_rig if each["code"] == 0]
-        held = [
-            interval["low"] <= each["truth"][key] <= interval["high"]
-            for each in done
-            for key, interval in each["identified"].items()
-            if interval["told"]
-        ]
-        gaps = [each["gap"] for each in done if each["gap"] is not None]
-        print(f"{rig}: {len(of_rig)} rigs, {len(done)} identified")
-        if held:
-            share, (low, high) = np.mean(held), wilson(sum(held), len(held))
-            print(f"  95 % intervals hold {share:.3f} ({low:.2f} to {high:.2f}) of {len(held)} values told")
-        if gaps:
-            before = np.median([each["gap_before"] for each in done if each["gap_before"] is not None])
-            print(f"  gap before {before:.2f}, after {np.median(gaps):.2f}, largest {max(gaps):.2f}")
-            print(f"  seconds: median {np.median([each['wall_s'] for each in done]):.0f}")
+        _score_values(rig, _results(folder, "*/result.json", rig))
+        effects = _results(folder, "*/effect.json", rig)
+        for name in ("identified", "nominal") if effects else ():
+            right = sum(each[name]["right"] for each in effects)
+            print(f"  single effects on {name} rigs: first right in {right} of {len(effects)}")
+        healthy = _results(folder, "*/healthy*.json", rig)
+        for name, words in (("usual", "as shipped"), ("own", "as learnt of five")) if healthy else ():
+            beyond = sum(each[name] for each in healthy)
+            print(f"  healthy rigs twice as wide, tolerances {words}: {beyond} of {len(healthy)} called off")
+
+
+def _results(folder: Path, pattern: str, rig: str) -> list[dict[str, Any]]:
+    found = [json.loads(file.read_text()) for file in sorted(folder.glob(pattern))]
+    return [each for each in found if each["rig"] == rig]
+
+
+def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> None:
+    done = [each for each in results if each["code"] == 0]
+    print(f"{rig}: {len(results)} rigs, {len(done)} identified")
+    held = [
+        interval["low"] <= each["truth"][key] <= interval["high"]
+        for each in done
+        for key, interval in each["identified"].items()
+        if interval["told"]
+    ]
+    if held:
+        share, (low, high) = np.mean(held), wilson(sum(held), len(held))
+        print(f"  95 % intervals hold {share:.3f} ({low:.2f} to {high:.2f}) of {len(held)} values told")
+    gaps = [each["gap"] for each in done if each["gap"] is not None]
+    if gaps:
+        before = np.median([each["gap_before"] for each in done if each["gap_before"] is not None])
+        print(f"  gap before {before:.2f}, after {np.median(gaps):.2f}, largest {max(gaps):.2f}")
+        wall_s, cpu_s = (np.median([each[what] for each in done]) for what in ("wall_s", "cpu_s"))
+        print(f"  seconds, medians: {wall_s:.0f} of wall time, {cpu_s:.0f} of processors")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Do what the command line says."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identified", description=__doc__)
-    parser.add_argument("step", choices=("rigs", "score"))
+    parser.add_argument("step", choices=("rigs", "effects", "healthy", "score"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=20, help="rigs a kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=(BEAM, CRANK))
+    parser.add_argument("--budget", type=float, default=60.0, help="seconds for each diagnosis")
     asked = parser.parse_args(arguments)
-    if asked.step == "rigs":
-        for number in range(asked.count):
-            for rig in (asked.only,) if asked.only else (BEAM, CRANK):
-                identify_rig(asked.folder / f"{rig}_{number:02d}", rig, number, asked.seed)
+    rigs = (asked.only,) if asked.only else (BEAM, CRANK)
+    if asked.step == "healthy":
+        for rig in rigs:
+            judge_healthy(asked.folder / f"{rig}_healthy", rig, asked.count, asked.seed)
+    for number, rig in product(range(asked.count), rigs):
+        folder = asked.folder / f"{rig}_{number:02d}"
+        if asked.step == "rigs":
+            identify_rig(folder, rig, number, asked.seed)
+        elif asked.step == "effects":
+            diagnose_effect(folder, rig, number, asked.seed, asked.budget)
     score(asked.folder)
     return 0
 

@@ -38,6 +38,7 @@ def identify(
     budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 1200,
 ) -> None:
     from rig.diagnosis import identify as work
+    from rig.diagnosis.recordings import recorded
     from rig.files.scenario import parse_scenario
 
     require_new(out, "identified")
@@ -53,7 +54,7 @@ def identify(
     data, wides, campaign = work.read_for(runs, others, keys, screen)
     folder = out.with_name(f".{out.name}.rigs")
     try:
-        found = work.identify(data, wides, campaign, folder, seed, budget, screen)
+        found = work.identify(data, wides, campaign, recorded(runs), folder, seed, budget, screen)
     except KeyboardInterrupt:
         screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
         raise

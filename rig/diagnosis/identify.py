@@ -306,12 +306,15 @@ def identify(
     data: RecordedCampaign,
     wides: Sequence[Wide],
     campaign: Identifying,
+    plain: RecordedCampaign,
     folder: Path,
     seed: int,
     budget_s: float,
     screen: Screen,
 ) -> Identification:
     """Find the values; what is simulated is kept in `folder` until it is done.
+
+    `plain` are the runs as `rattle gap` looks at them.
 
     Raises RattleError where time ran out, nothing is told, or the runs are of no such rig.
     """
@@ -354,7 +357,7 @@ def identify(
         kind = RIGS[campaign.rig]
         scenarios = [parse_scenario(text) for text in data.scenarios]
         was = {name: kind.value(name, scenarios[0].model) for name in best}
-        repaired = _with_best(data, scenarios, best, was)
+        repaired = _with_best(plain, scenarios, best)
         healthy = [
             each[0]
             for each in kept(repaired, report=False)([Draw((), seed + k, blocks=2) for k in range(_HEALTHY)])
@@ -363,7 +366,7 @@ def identify(
         if len(healthy) < _FEWEST:
             raise RattleError("too few rigs with the values found could be simulated; nothing was written")
         measure = gap_measure(healthy, repaired.layout)
-        gap = measure.total(measure.cells(data.measured))
+        gap = measure.total(measure.cells(plain.measured))
         if gap > _NOT_THIS_RIG:
             raise RattleError(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
@@ -373,16 +376,14 @@ def identify(
     return Identification(known, was, gap, converged, more)
 
 
-def _with_best(
-    data: RecordedCampaign, scenarios: Sequence[Scenario], best: Mapping[str, float], was: Mapping[str, Any]
-) -> Campaign:
+def _with_best(plain: RecordedCampaign, scenarios: Sequence[Scenario], best: Mapping[str, float]) -> Campaign:
     """The same runs as a model file with the best values has them."""
     kind = RIGS[scenarios[0].rig]
     runs = [
         replace(run, twin=replace(run.twin, rig=kind.changed(run.twin.rig, scenario.model, best)))
-        for run, scenario in zip(data.campaign.runs, scenarios, strict=True)
+        for run, scenario in zip(plain.campaign.runs, scenarios, strict=False)  # the others are responses
     ]
-    return replace(data.campaign, runs=tuple(runs))
+    return replace(plain.campaign, runs=tuple(runs))
 
 
 def _next_run(

@@ -14,6 +14,7 @@ import numpy as np
 from daq.errors import ConfigurationError, Problem
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
+from rig.files.faults import toml_key
 from rig.files.model_file import head_text, parse_model
 from rig.rigs import RIGS
 from rig.session.progress import Screen
@@ -101,18 +102,19 @@ def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> 
     before = runs[0].scenario.widths
     known = RIGS[rig].tolerances(runs[0].scenario.model)
     lines = [
-        "# How far healthy rigs of this lab differ, learnt by rattle calibrate --spread: standard deviations;",
-        "# for --model, or [tolerances] of a scenario. What the runs do not tell is as wide as all together:",
-        f"# {spread.common:.2f} times as wide as usual.",
+        "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard",
+        "# deviations; for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide",
+        f"# as all together, {spread.common:.2f} times as wide as usual.",
         *head_text(rig, names, list(dict.fromkeys(run.scenario.name for run in runs))),
         "",
         "[tolerances]",
     ]
     for name, width in zip(spread.names, spread.widths, strict=True):
         usual = known[name]
-        key = json.dumps(name) if "." in name else name
         deviation = width * before.get(name, 1.0) * usual.deviation
-        lines.append(f"{key} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}")
+        lines.append(
+            f"{toml_key(name)} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}"
+        )
     text = "\n".join([*lines, ""])
     parse_model(text, "model", rig)
     return text

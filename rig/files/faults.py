@@ -167,12 +167,12 @@ def toml_of(table: Mapping[str, Any]) -> str:
 def _plain(table: Mapping[str, Any]) -> Iterator[str]:
     for key, value in table.items():
         if not isinstance(value, Mapping) and not _are_tables(value):
-            yield f"{_key(key)} = {_value(value)}"
+            yield f"{toml_key(key)} = {_value(value)}"
 
 
 def _nested(before: str, table: Mapping[str, Any]) -> Iterator[str]:
     for key, value in table.items():
-        path = f"{before}{_key(key)}"
+        path = f"{before}{toml_key(key)}"
         if isinstance(value, Mapping):
             plain, nested = list(_plain(value)), list(_nested(f"{path}.", value))
             if plain or not nested:
@@ -188,7 +188,8 @@ def _are_tables(value: object) -> bool:
     return bool(tables) and all(isinstance(each, Mapping) for each in tables)
 
 
-def _key(key: str) -> str:
+def toml_key(key: str) -> str:
+    """A key as TOML has it."""
     return key if key.isascii() and key.replace("_", "").replace("-", "").isalnum() else _text(key)
 
 

@@ -113,7 +113,7 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     for row, each in enumerate(sections):
         correlation[row, :row] = correlation[:row, row] = each.correlations
     # Three digits of each number leave eigenvalues right to about their sum.
-    if np.linalg.eigvalsh(correlation)[0] < -1e-3 * count:
+    if count and np.linalg.eigvalsh(correlation)[0] < -1e-3 * count:
         faults.add("tolerances", [], "correlations that can be at the same time")
     deviation = np.array([each.deviation for each in sections])
     mean = np.array([each.mean for each in sections])

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal, get_args, get_origin
 
 from daq.errors import UnphysicalParameter
 from daq.quantity import REQUIRED, Quantity, Setting, members, settings_of
-from rig.files.faults import as_written
+from rig.files.faults import as_written, toml_key
 from rig.files.quantity import si_factor, si_value
 from rig.files.scenario import AcquisitionSection
 from rig.files.table import field_of
@@ -25,6 +25,9 @@ _HEAD: Final = """\
 # only what is to be otherwise. Behind each: what may stand there; where the default is from. A key that
 # another one decides is commented out, with what decides it; give it, and it stands whatever the other says.
 """
+_TOLERANCES: Final = """\
+# How far healthy rigs differ, as standard deviations, where this lab's do so by more or less than these.
+# [tolerances]"""
 _LIMITS: Final = """\
 # Limits, for each of its channels that shall have some: {channels}
 # [limits."{channel}"]
@@ -47,6 +50,10 @@ def whole_scenario(kind: RigKind) -> str:
     for section, settings in sections.items():
         lines += ["", f"[{section}]", *(_line(each, _usual(each)) for each in settings.values())]
     told = kind.channels.told
+    lines += ["", _TOLERANCES]
+    for name, each in kind.tolerances({}).items():
+        size = f"{100 * each.deviation:g} %" if each.relative else f"{each.deviation:g} {each.unit}".strip()
+        lines.append(f"#   {toml_key(name)} = {as_written(size) if each.relative or each.unit else size}")
     return "\n".join([*lines, "", _LIMITS.format(channel=told[0], channels=", ".join(told))])
 
 

@@ -98,7 +98,7 @@ def as_model_text(
     scenarios: Sequence[str],
     before: ModelFile | None = None,
 ) -> str:
-    """The model file that says how the rig of the nominal `twin` was found, beside what was known `before`."""
+    """The model file that says how the rig of the nominal `twin` was found, and what was known `before`."""
     known = [each for each in twin.model.lasting_tolerances(twin) if each.name in matched.names]
     nominals = {each.name: each.value(twin) for each in known}
     remarks = {each.name: found(each, twin, matched) for each in known}

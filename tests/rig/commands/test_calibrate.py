@@ -37,22 +37,22 @@ duration = "1.2 s"
 """
 
 
-def record(path: Path, seed: int) -> Path:
-    """A run of a healthy rig by the exact solver."""
-    twin = twin_of(parse_scenario(SCENARIO))
+def record(path: Path, seed: int, scenario: str = SCENARIO, told: str = SCENARIO) -> Path:
+    """A run of a healthy rig of a scenario by the exact solver; the log holds what was `told` of it."""
+    twin = twin_of(parse_scenario(scenario))
     model, rng = twin.model, np.random.default_rng(seed)
     healthy = model.draw_healthy(twin, rng, rng)
     stream = model.stream(healthy, RATE, rng)
     stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
     stream.advance(round(RATE))
-    _write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)))
+    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)), told)
     return path
 
 
-def _write(path: Path, channels: tuple[Channel, ...], samples: np.ndarray) -> None:
+def write(path: Path, channels: tuple[Channel, ...], samples: np.ndarray, scenario: str = SCENARIO) -> None:
     step = round(0.1 * RATE)
     with LogWriter(path) as log:
-        log.add_metadata("scenario", {"toml": SCENARIO})
+        log.add_metadata("scenario", {"toml": scenario})
         for channel in channels:
             log.declare("measured", channel)
         for first in range(0, samples.shape[1], step):

@@ -6,6 +6,7 @@ import pickle
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from daq.errors import ConfigurationError
 from rig.files.scenario import Limit, Scenario, load_scenario, parse_scenario
 from rig.rigs import unit_of
+from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.impact_beam.channels import stations_of
 from tests.rig.files.faulty import only_problem, problems_of
 
@@ -348,3 +350,33 @@ def test_notes_are_free_keys_that_say_what_a_run_was() -> None:
 )
 def test_a_note_is_one_line_under_a_plain_key(line: str, key: str) -> None:
     only_problem(lambda: parse_scenario(f"{SOUND}[notes]\n{line}\n"), key)
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "allowed"),
+    [
+        ('contact_stifness = "8 %"', "contact_stifness", "did you mean contact_stiffness"),
+        ('contact_stiffness = "8 N/m"', "contact_stiffness", "a standard deviation, 0 to 2.5"),
+        ("contact_stiffness = 3", "contact_stiffness", "a standard deviation, 0 to 2.5"),
+        ('"yoke.force.time" = "8 %"', '"yoke.force.time"', "a standard deviation, 0 s to 0.0001 s"),
+    ],
+)
+def test_a_labs_tolerances_are_checked(line: str, key: str, allowed: str) -> None:
+    text = f"{with_model('')}\n[tolerances]\n{line}\n"
+    problem = only_problem(lambda: parse_scenario(text), f"tolerances.{key}")
+    assert allowed in problem.allowed
+
+
+def test_a_labs_tolerances_are_those_of_its_healthy_rigs() -> None:
+    lines = 'contact_stiffness = "10 %"\n"yoke.force.gain" = 0.0\n"yoke.force.time" = "4e-6 s"'
+    scenario = parse_scenario(f"{with_model('')}\n[tolerances]\n{lines}\n")
+    assert scenario.widths == pytest.approx(
+        {"contact_stiffness": 2.0, "yoke.force.gain": 0.0, "yoke.force.time": 2.0}
+    )
+    twin = twin_of(scenario)
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in range(400)]
+    # 400 draws know a deviation to 3.5 %; four of them
+    stiffness = np.array([each.rig.contact_stiffness for each in drawn])
+    assert stiffness.std() / 1.5e7 == pytest.approx(0.1, rel=0.15)
+    assert {each.sensors["yoke.force"].gain for each in drawn} == {1.0}
+    assert np.array([each.rig.beam.E for each in drawn]).std() / 207e9 == pytest.approx(0.01, rel=0.15)

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_limits
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.cause import Cause

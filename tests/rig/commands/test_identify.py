@@ -1,0 +1,254 @@
+"""`rattle identify`: values of a rig from a recording of it; what it refuses before any long work."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.errors import ConfigurationError
+from rig.diagnosis.identify import Kept, identifying, require_moves, tolerance_of, wide_of
+from rig.diagnosis.recordings import setting_of
+from rig.files.model_file import load_model
+from rig.files.scenario import parse_scenario
+from rig.files.table import NOTHING, FieldError
+from rig.rigs import RIGS
+from rig.twin.logged import with_model
+from rig.twin.scenario_twin import predicted_channels, twin_of
+from sim_twin.diagnosis import identification
+from sim_twin.diagnosis.identification import nothing_known
+from sim_twin.diagnosis.subject import Draw, Observed
+from tests.rig.commands.cli import Call
+from tests.rig.commands.test_calibrate import RATE, SCENARIO, SECONDS, write
+
+TRUTH = {"contact_stiffness": 2.4e7, "yoke_frequency": 600.0}
+CRANK = """
+name = "crank"
+rig = "planar_slider_crank"
+
+[drive]
+speed = "200 rpm"
+
+[acquisition]
+sample_rate = "25.6 kHz"
+duration = "5 s"
+"""
+
+
+def record(path: Path, seed: int, scenario: str = SCENARIO, values: Mapping[str, float] = NOTHING) -> Path:
+    """A run of a healthy rig with other values than its scenario says."""
+    twin = twin_of(parse_scenario(scenario))
+    model, rng = twin.model, np.random.default_rng(seed)
+    healthy = model.draw_healthy(replace(twin, rig=replace(twin.rig, **values)), rng, rng)
+    stream = model.stream(healthy, RATE, rng)
+    stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
+    stream.advance(round(RATE))
+    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)), scenario)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("run") / "run.mcap", 3, values=TRUTH)
+
+
+@pytest.mark.long
+def test_values_far_off_are_found_and_used(
+    call: Call, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identification, "_FEWEST_OF_ALL", 60)  # two values need fewer rigs than ten
+    other = record(tmp_path / "again.mcap", 5, values=TRUTH)
+    path = tmp_path / "model.toml"
+    keys = "contact_stiffness, yoke_frequency = 400 Hz..1 kHz"
+    answer = call("identify", run, "--frf", other, "--free", keys, "-o", path)
+    assert answer.code == 0, answer.err
+    assert "round 3" in answer.out
+    assert not list(tmp_path.glob(".model*"))
+    model = load_model(path, "impact_beam")
+    assert model.runs == ("run.mcap", "again.mcap")
+    for key, truth in TRUTH.items():
+        found = model.identified[key]
+        # of the rig as drawn: 5 and 2 % off by its tolerances
+        assert found.low * 0.9 < truth < found.high * 1.1
+        assert found.high < 1.5 * found.low
+    gaps = [json.loads(call("gap", run, *more, "--json").out)["before"] for more in ((), ("--model", path))]
+    assert gaps[1] < 1.5 < gaps[0]
+
+
+@pytest.mark.parametrize(
+    ("free", "told"),
+    [
+        ("contact_stifness", "did you mean contact_stiffness"),
+        ("beam", "a key of one number that is no count"),
+        ("modes", "a key of one number that is no count"),
+        ("shaker_mass", "a range, such as shaker_mass=LOW..HIGH"),
+        ("pivot_stiffness", "it has none as it stands"),
+        ("yoke_frequency=5 m..3 Hz", "m is not a unit of this kind"),
+        ("yoke_frequency=1 Hz..3 Hz", "10 Hz to 20000 Hz"),
+        ("yoke_frequency=700 Hz", "a range, such as"),
+        ("yoke_frequency=900 Hz..700 Hz", "from its lower end to its higher"),
+        ("yoke_frequency,yoke_frequency", "comes twice"),
+        (",", "keys of [model]"),
+    ],
+)
+def test_what_cannot_be_looked_for_is_told_first(
+    call: Call, run: Path, tmp_path: Path, free: str, told: str
+) -> None:
+    answer = call("identify", run, "--free", free, "-o", tmp_path / "model.toml")
+    assert answer.code == 2
+    assert told in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_rig_that_hardly_strikes_is_refused(call: Call, tmp_path: Path) -> None:
+    wide = SCENARIO.replace('frequency = "20 Hz"', 'frequency = "20 Hz"\namplitude = "0.2 N"')
+    scenario = f'{wide}\n[model]\nclearance = "10 mm"\n'
+    quiet = record(tmp_path / "quiet.mcap", 1, scenario)
+    answer = call("identify", quiet, "--free", "contact_stiffness", "-o", tmp_path / "model.toml")
+    assert answer.code == 1
+    assert "it chatters in 0% of its cycles" in answer.err
+
+
+def test_runs_of_two_specimens_are_refused(call: Call, run: Path, tmp_path: Path) -> None:
+    other = record(tmp_path / "other.mcap", 4, SCENARIO + '\n[notes]\nspecimen = "beam 7"\n')
+    answer = call("identify", run, other, "--free", "contact_stiffness", "-o", tmp_path / "model.toml")
+    assert answer.code == 2
+    assert "runs of one rig" in answer.err
+    assert "beam 7" in answer.err
+
+
+def crank() -> tuple[Any, Any]:
+    scenario = parse_scenario(CRANK)
+    twin = twin_of(scenario)
+    return scenario, setting_of(twin, twin.channels, RATE, 10)
+
+
+def test_a_value_that_nothing_depends_on_is_told_before_any_long_work() -> None:
+    scenario, setting = crank()
+    keys = ("crank_inertia", "piston_mass")
+    kind, twin = RIGS["planar_slider_crank"], setting.twin
+    campaign = identifying([setting], [scenario], keys)
+    wides = [wide_of(kind, key, scenario.model, twin) for key in keys]
+    with pytest.raises(ConfigurationError, match="nothing that these runs show depends on it") as raised:
+        require_moves(wides, campaign, campaign.observe)
+    assert [each.key for each in raised.value.problems] == ["crank_inertia"]
+
+
+def test_the_values_of_a_draw_are_those_of_its_rig() -> None:
+    scenario, setting = crank()
+    keys = ("piston_mass", "frame_crank_y_frequency")
+    campaign = identifying([setting], [scenario], keys)
+    values = {"piston_mass": 3.0, "frame_crank_y_frequency": 250.0}
+    twin = campaign.changed(0, (("values", values),))
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in range(3)]
+    assert [each.rig.piston_mass for each in drawn] == [3.0] * 3
+    assert {each.rig.frames["crank_frame.acceleration_y"].frequency for each in drawn} == {250.0}
+    assert len({each.rig.rod_mass for each in drawn}) == 3
+
+
+def test_values_are_looked_for_ten_times_as_far_as_healthy_rigs_lie() -> None:
+    kind, scenario = RIGS["planar_slider_crank"], parse_scenario(CRANK)
+    twin = twin_of(scenario)
+    friction = wide_of(kind, "friction", scenario.model, twin)
+    assert (friction.centre, friction.deviation, friction.low, friction.by_ratio) == (0.01, 0.03, 0, False)
+    assert wide_of(kind, "piston_mass", scenario.model, twin).deviation == pytest.approx(0.03)
+    assert wide_of(kind, "crank_inertia", scenario.model, twin).deviation == 0.5
+    assert tolerance_of(kind, "crank_inertia", twin) is None
+    with pytest.raises(FieldError, match="it is 0"):
+        wide_of(kind, "guide_friction", scenario.model, twin)
+    asked = wide_of(kind, "guide_friction", scenario.model, twin, "0.1..0.2")
+    assert (asked.centre, asked.low, asked.high) == pytest.approx((0.15, 0.1, 0.2))
+
+
+MODEL = """
+rig = "impact_beam"
+runs = ["run.mcap"]
+scenarios = ["reference"]
+
+[model]
+contact_stiffness = "2.4e7 N/m"
+modal_damping = 0.02
+
+[[identified]]
+key = "contact_stiffness"
+low = 2.3e7
+high = 2.5e7
+was = 1.5e7
+
+[[identified]]
+key = "modal_damping"
+low = 0.01
+high = 0.03
+was = 0.01
+told = false
+"""
+
+
+def test_a_model_file_gives_the_values(tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    scenario, told = parse_scenario(SCENARIO), list[str]()
+    model = load_model(tmp_path / "model.toml", "impact_beam")
+    twin = with_model(twin_of(scenario), model, scenario, told.append)
+    assert twin.rig.contact_stiffness == 2.4e7
+    assert set(twin.rig.modal_damping) == {0.02}
+    other = parse_scenario(SCENARIO + "\n[model]\ncontact_stiffness = 1e7\n")
+    twin = with_model(twin_of(other), model, other, told.append)
+    assert twin.rig.contact_stiffness == 1e7
+    assert told == ["not as the runs of the model had it, so the scenario's value holds: contact_stiffness"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('contact_stiffness = "2.4e7 N/m"', 'contact_stiffness = "2 N"', "model.contact_stiffness"),
+        ("modal_damping = 0.02\n", "", "identified[2].key"),
+        ("low = 2.3e7\n", "", "identified[1].low"),
+        ("told = false", 'told = "no"', "identified[2].told"),
+    ],
+)
+def test_faults_of_a_model_file_are_told(tmp_path: Path, old: str, new: str, key: str) -> None:
+    assert old in MODEL
+    (tmp_path / "model.toml").write_text(MODEL.replace(old, new))
+    with pytest.raises(ConfigurationError) as raised:
+        load_model(tmp_path / "model.toml", "impact_beam")
+    assert key in [each.key for each in raised.value.problems]
+
+
+def test_what_was_simulated_is_not_simulated_again(tmp_path: Path) -> None:
+    asked: list[int] = []
+
+    def simulate(draws: Sequence[Draw]) -> list[Observed]:
+        asked.append(len(draws))
+        return [(None if each.seed == 3 else np.full((2, 3), each.seed, np.float32),) for each in draws]
+
+    draws = [Draw((), seed) for seed in range(10)]
+    first = Kept(tmp_path / "kept", "a", simulate, 4)(draws)
+    assert asked == [4, 4, 2]
+    again = Kept(tmp_path / "kept", "a", simulate, 4)
+    assert [each[0] is None for each in again(draws)] == [seed == 3 for seed in range(10)]
+    for one, other in zip(first, again(draws), strict=True):
+        assert (one[0] is None) is (other[0] is None)
+        assert np.array_equal(np.array(one[0]), np.array(other[0]))
+    assert asked == [4, 4, 2]
+    next((tmp_path / "kept").iterdir()).write_bytes(b"damaged")
+    Kept(tmp_path / "kept", "a", simulate, 4)(draws)
+    Kept(tmp_path / "kept", "of another rig", simulate, 4)(draws)
+    assert sum(asked[3:]) in (12, 14)
+
+
+def test_what_there_was_no_time_for_is_not_kept(tmp_path: Path) -> None:
+    kept = Kept(tmp_path / "kept", "a", lambda draws: [() for _ in draws], 4)
+    assert kept([Draw((), 1)]) == [()]
+    assert kept.cut_short
+    assert not (tmp_path / "kept").exists()
+
+
+def test_nothing_is_known_beforehand() -> None:
+    kind, scenario = RIGS["planar_slider_crank"], parse_scenario(CRANK)
+    wide = wide_of(kind, "piston_mass", scenario.model, twin_of(scenario))
+    assert nothing_known([wide]).told() == (False,)

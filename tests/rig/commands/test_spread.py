@@ -1,0 +1,67 @@
+"""`rattle calibrate --spread`: tolerances of a lab from runs of several healthy rigs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.diagnosis.lab import lab_text
+from rig.diagnosis.recordings import recorded_alone
+from rig.files.model_file import load_model
+from rig.files.scenario import parse_scenario
+from rig.twin.logged import with_model
+from rig.twin.scenario_twin import twin_of
+from sim_twin.diagnosis.spread import Spread
+from tests.rig.commands.cli import Call
+from tests.rig.commands.test_calibrate import SCENARIO, record
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    wide = SCENARIO + '\n[tolerances]\nyoke_frequency = "8 %"\ncontact_stiffness = "20 %"\n'
+    return [record(folder / f"rig{seed}.mcap", seed, wide) for seed in range(3)]
+
+
+def test_what_was_learnt_is_used_as_it_is_written(runs: list[Path], tmp_path: Path) -> None:
+    alone = [recorded_alone(run, 20.0) for run in runs]
+    names = ("contact_stiffness", "yoke.force.gain", "yoke.force.time", "beam.E")
+    widths = np.array([2.0, 1.5, 1.2, 1.8])
+    text = lab_text(alone, Spread(names, widths, 1.8, np.ones(4), np.ones(3)), ["a.mcap"])
+    assert 'contact_stiffness = "10 %"  # usual 5 %' in text
+    (tmp_path / "lab.toml").write_text(text)
+    scenario = parse_scenario(SCENARIO)
+    model = load_model(tmp_path / "lab.toml", "impact_beam")
+    twin = with_model(twin_of(scenario), model, scenario, pytest.fail)
+    assert twin.widths == pytest.approx(dict(zip(names, widths, strict=True)), rel=0.01)
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in range(200)]
+    # 200 draws know a deviation to 5 %; four of them
+    assert np.std([each.rig.contact_stiffness for each in drawn]) / 1.5e7 == pytest.approx(0.1, rel=0.2)
+    # and as a scenario's own
+    table = text[text.index("\n[tolerances]") :]
+    assert parse_scenario(f"{SCENARIO}\n{table}").widths == pytest.approx(twin.widths)
+
+
+def test_too_few_or_the_same_runs_are_refused(call: Call, runs: list[Path], tmp_path: Path) -> None:
+    for given in (runs[:2], [*runs[:2], runs[0]]):
+        answer = call("calibrate", "--spread", *given, "-o", tmp_path / "lab.toml")
+        assert answer.code == 2
+        assert "3 different ones at least" in answer.err
+    model = tmp_path / "model.toml"
+    answer = call("calibrate", "--spread", *runs, "--model", model, "-o", tmp_path / "lab.toml")
+    assert answer.code == 2
+    assert "do not go together" in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.long
+def test_rigs_that_differ_by_more_make_wider_tolerances(call: Call, runs: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    answer = call("calibrate", "--spread", *runs, "-o", path, "--rigs", 100)
+    assert answer.code == 0, answer.err
+    scenario = parse_scenario(SCENARIO)
+    twin = with_model(twin_of(scenario), load_model(path, "impact_beam"), scenario, pytest.fail)
+    # drawn four times as wide, of which three rigs tell little
+    assert twin.widths["yoke_frequency"] > 1.3
