@@ -16,7 +16,7 @@ from sim_twin.diagnosis.fingerprint import Cell
 from sim_twin.diagnosis.typical_cycle import TypicalCycle
 
 _DECIBELS = 10 / log(10)
-_POINTS = 400
+_POINTS = 600
 _DIGITS = 5
 _BELIEVED = 0.01
 
