@@ -29,7 +29,7 @@ def in_unit(cell: Cell, unit: str, number: float, nominal: float) -> tuple[float
     if not unit:
         return number, ""
     if cell.what == "energy":
-        return _DECIBELS * (number - nominal), "dB"
+        return round(_DECIBELS * (number - nominal), _DIGITS), "dB"
     if cell.what in ("rms", "peak"):
         return exp(number / 2 if cell.what == "rms" else number), unit
     if cell.what == "share of time":
@@ -124,7 +124,10 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
         first = run["believed"][0]
         whose = " and ".join(first["effects"]) or "nothing missing"
         said = [f"{whose} {probability(first['share'])}"]
-        said += [f"{one['parameter']} {estimate(one['value'])} ({_span(one)})" for one in run["parameters"]]
+        if content["verdict"] != "none":
+            said += [
+                f"{one['parameter']} {estimate(one['value'])} ({_span(one)})" for one in run["parameters"]
+            ]
         told.append(f"run {run['run'] + 1} alone {'; '.join(said)}")
     for one in content["contrasts"][:1]:
         measured, ours, other = (

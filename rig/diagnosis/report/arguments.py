@@ -96,10 +96,11 @@ def _alone(case: Case) -> list[Part]:
     rows = case.diagnosis.get("runs_alone", [])
     if not rows:
         return []
-    sizes = [[_size(one) for one in each["parameters"]] for each in rows]
+    best = case.findings.alone[0].best if case.findings.verdict != "none" else ()
+    sizes = [[_size(one) for one in each["parameters"]] for each in rows] if best else [[] for _ in rows]
     parameters = [
         f"{plain(cause.name)}, {parameter_words(parameter)}"
-        for cause in case.findings.alone[0].best
+        for cause in best
         for parameter in cause.parameters
     ]
     table = []

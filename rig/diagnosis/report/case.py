@@ -70,6 +70,8 @@ def plausible(parameter: Parameter) -> str:
 def identified(parameter: Parameter, found: Estimate) -> bool:
     """Whether the runs narrow down what a parameter may be at all."""
     for low, high in parameter.intervals:
+        if high - low < _NARROW * abs(high + low) / 2:  # to lie in it says it all
+            continue
         inside, outside = (max(found.low, low), min(found.high, high)), (low, high)
         shares = [np.ptp(inside) / np.ptp(outside)] if inside[1] > inside[0] else []
         if shares and low > 0:  # a scale over decades
@@ -93,6 +95,7 @@ Array = NDArray[np.float64]
 Span = tuple[float, float]
 _OPEN = 0.6
 """Share of its plausible range, plain or by its logarithm, beyond which an interval says nothing."""
+_NARROW = 0.2
 _REACHED = 1 - 1e-6
 _DRAWN = 3
 _ALIKE = 0.7

@@ -156,7 +156,13 @@ def test_the_terminal_says_it_in_a_few_lines() -> None:
         "parameters": {"frequency_hz": {"value": 431.0, "ci95": [419.0, 444.0]}},
     }  # fmt: skip
     gap = {"shrink": 0.98, "shrink_ci95": [0.91, 0.99]}
-    document = {"effects": [selected], "selected": ["base_flexibility"], "gap": gap, **content(argued())}
+    document = {
+        "verdict": "effect",
+        "effects": [selected],
+        "selected": ["base_flexibility"],
+        "gap": gap,
+        **content(argued()),
+    }
     assert argument_lines(document) == [
         "in the rig base_flexibility 97 %: frequency_hz 431 (419 to 444)",
         "shrink     98 % (95 % interval 91 to 99 %)",

@@ -17,7 +17,7 @@ from rig.diagnosis.diagnose_runs import SECTIONS, write_report
 from rig.diagnosis.report import verdict as verdicts
 from rig.diagnosis.report.before_and_after import latent_force
 from rig.diagnosis.report.before_and_after import parts as before_and_after
-from rig.diagnosis.report.case import Case, RunFacts
+from rig.diagnosis.report.case import Case, RunFacts, identified
 from rig.diagnosis.report.causes import parameters, ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
 from rig.pages.content import BarTable, Figure, Sentence, Table
@@ -249,6 +249,12 @@ def test_a_parameter_whose_interval_is_as_wide_as_its_range_is_not_called_found(
     assert table.rows[0][4] == "155 to 900 Hz (not identified)"
     narrow = next(part for part in parameters(reported(found)) if isinstance(part, Table))
     assert narrow.rows[0][4] == "419 to 444 Hz"
+
+
+def test_a_sensor_the_wrong_way_round_is_found_whatever_is_left_of_its_narrow_range() -> None:
+    factor = Parameter("factor", "", ((-1.05, -0.95), (9.5, 10.5)))
+    assert identified(factor, Estimate(-1.0, -1.04, -0.96))
+    assert not identified(Parameter("scale", "", ((0.5, 0.9), (1.1, 2.0))), Estimate(1.5, 1.1, 2.0))
 
 
 def test_the_largest_gaps_are_of_as_many_quantities_and_say_where_the_measure_ends() -> None:
